@@ -1,0 +1,31 @@
+"""A slipping torque converter clutch driveline, in real time on ROS 2 and offline.
+
+config/*.yaml (a scene) -> scene.Scene -> model + solvers, holding only what the scene needs
+    -> Trajectory (offline), or nodes.driveline -> topics -> nodes.recorder -> MCAP -> recording -> Trajectory
+    -> analysis (maxima, sections, periods, damping) -> views (Rerun, pictures), JSON, reports.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tcc_sim.model.parameters import System
+    from tcc_sim.scene import Scene, load_scene
+    from tcc_sim.solvers import solve
+    from tcc_sim.solvers.trajectory import Trajectory
+
+__version__ = "0.1.0"
+
+_PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
+           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.solvers.trajectory"}
+
+__all__ = ["Scene", "System", "Trajectory", "__version__", "load_scene", "solve"]
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used, so that `import tcc_sim` stays light."""
+    if name in _PUBLIC:
+        return getattr(import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module 'tcc_sim' has no attribute {name!r}")

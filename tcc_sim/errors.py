@@ -1,0 +1,23 @@
+"""Every exception of the package. Wrong input ends a command with status 2, anything else with status 1."""
+
+from __future__ import annotations
+
+
+class TccError(Exception):
+    """Base of every exception that this package raises on purpose."""
+
+
+class InputError(TccError, ValueError):
+    """Wrong input: the sentence names the value, its unit and the allowed range."""
+
+
+class RecordingError(InputError):
+    """A recording that cannot be read, or an output that must not be written."""
+
+
+class NumericalFailure(TccError, ArithmeticError):
+    """A solver stopped before the end; `status` says why in a sentence."""
+
+
+class MissingPackage(TccError, ImportError):
+    """An optional package is not installed; the sentence names the extra that brings it."""

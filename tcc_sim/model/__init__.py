@@ -1,0 +1,1 @@
+"""The paper's physics: parameters, friction laws, equations of motion, closed forms. No time stepping, files or ROS."""

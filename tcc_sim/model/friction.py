@@ -1,0 +1,83 @@
+"""Friction laws (6) and (7) of the paper, normalised by mu_k, their slope (20b), and where they peak.
+
+The functions take plain floats or arrays and are compiled for the solvers from this same text. `stribeck` is
+(mu_s/mu_k - 1, alpha), or None where mu_k = mu_s: then there is no exponential.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+Stribeck = tuple[float, float] | None
+
+
+def smoothed(v: Any, sigma: float, stribeck: Stribeck) -> Any:
+    """Smoothed coefficient mubar of (7): [1 + (r - 1) exp(-alpha |v|)] tanh(sigma v), r = mu_s/mu_k.
+
+    Parameters
+    ----------
+    v : float or (n,) array, slip speed, rad/s
+    sigma : smoothing factor, s/rad
+    stribeck : (r - 1, alpha in s/rad), or None where mu_k = mu_s
+
+    Returns
+    -------
+    float or (n,) array, dimensionless
+    """
+    if stribeck is None:
+        return np.tanh(sigma * v)
+    else:
+        return (1.0 + stribeck[0] * np.exp(-stribeck[1] * np.abs(v))) * np.tanh(sigma * v)
+
+
+def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck) -> Any:
+    """mubar of (7) and its slope d(mubar)/dv of (20b), s/rad, from one tanh and at most one exponential."""
+    tanh = np.tanh(sigma * v)
+    if stribeck is None:
+        return tanh, sigma * (1.0 - tanh * tanh)
+    else:
+        falling = stribeck[0] * np.exp(-stribeck[1] * np.abs(v))
+        slope = sigma * (1.0 + falling) * (1.0 - tanh * tanh) - stribeck[1] * falling * np.sign(v) * tanh
+        return (1.0 + falling) * tanh, slope
+
+
+def sliding(v: Any, sign: float, stribeck: Stribeck) -> Any:
+    """Set-valued coefficient of (6) while slipping in direction `sign` (+1 or -1); at v = 0 it is sign * mu_s/mu_k."""
+    if stribeck is None:
+        return sign
+    else:
+        return sign * (1.0 + stribeck[0] * np.exp(-stribeck[1] * sign * v))
+
+
+def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
+    """Slip speed (rad/s) and value of the maximum of the smoothed mubar (7), the root of the slope (20b).
+
+    Where mu_k = mu_s the law has no maximum: (inf, 1). The peak lies below mu_s/mu_k and falls with it (Fig. 3).
+    """
+    if stribeck is None:
+        return math.inf, 1.0
+    low, high = 0.0, 20.0 / sigma + math.log1p(sigma / max(stribeck[1], 1e-300)) / sigma
+    if smoothed_and_slope(high, sigma, stribeck)[1] > 0.0 or stribeck[1] == 0.0:
+        return math.inf, 1.0 + (stribeck[0] if stribeck[1] == 0.0 else 0.0)
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if smoothed_and_slope(middle, sigma, stribeck)[1] > 0.0:
+            low = middle
+        else:
+            high = middle
+        if high - low <= 1e-16 * high:
+            break
+    v = 0.5 * (low + high)
+    return v, float(smoothed(v, sigma, stribeck))
+
+
+def stick_speed(sigma: float, stribeck: Stribeck) -> float:
+    """Slip speed, rad/s, at or below which the smoothed law counts as stick.
+
+    It is where mubar peaks; where there is no peak (mu_k = mu_s), where tanh(sigma |v|) = 0.99.
+    """
+    v, _ = peak(sigma, stribeck)
+    return v if math.isfinite(v) else math.atanh(0.99) / sigma

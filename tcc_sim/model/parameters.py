@@ -1,0 +1,289 @@
+"""The parameters of the driveline: Table 1 of Duan and Singh, with units and allowed ranges.
+
+Every field of a group is a scene key, `group.field`. SI units, angles in rad. The sign convention of the whole package:
+slip speed is flywheel speed minus clutch plate speed, and a positive friction torque slows the flywheel and drives the plate.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from tcc_sim.errors import InputError
+
+Value = float | str | tuple[float, ...]
+
+PRESSURE_MAXIMUM = 1e7
+TORQUE_MAXIMUM = 1e5
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a key means: its unit, its allowed range or choices, and whether a running node may change it."""
+
+    description: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+    def interval(self) -> str:
+        """The allowed values in words, for error messages and parameter descriptions."""
+        if self.choices:
+            return " or ".join(self.choices)
+        low = f"above {self.low:g}" if self.above else f"{self.low:g}"
+        return f"{low} to {self.high:g}" + (f" {self.unit}" if self.unit else "")
+
+    def check(self, key: str, value: object) -> None:
+        """Raise InputError unless `value` is of the right kind and within the range."""
+        if self.choices:
+            if value not in self.choices:
+                raise InputError(f"{key} is {value!r}; it must be {self.interval()}")
+            return
+        for x in value if isinstance(value, tuple) else (value,):
+            if isinstance(x, bool) or not isinstance(x, (int, float)):
+                raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
+            if not (self.low <= x <= self.high) or (self.above and x == self.low):
+                raise InputError(f"{key} is {x:g}{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
+
+
+def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,
+             *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False) -> Any:
+    """A dataclass field that carries its Quantity."""
+    meta = Quantity(description, unit, low, high, above, choices, live)
+    return field(default=default, metadata={"quantity": meta})
+
+
+@dataclass(frozen=True)
+class Group:
+    """A checked group of parameters; subclasses list the fields."""
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__.lower()
+        for item in dataclasses.fields(self):
+            key, value = f"{name}.{item.name}", getattr(self, item.name)
+            item.metadata["quantity"].check(key, value)
+            if isinstance(value, int) and not isinstance(value, bool):
+                object.__setattr__(self, item.name, float(value))
+
+
+@dataclass(frozen=True)
+class Driveline(Group):
+    """The linear part of equations (1): two inertias, and the spring and damper that hold the plate."""
+
+    flywheel_inertia: float = quantity(0.20, "flywheel inertia I1", "kg m^2", 1e-6, 1e3)
+    plate_inertia: float = quantity(0.02, "clutch plate inertia I2 (friction shoe and pressure plate)", "kg m^2", 1e-6, 1e3)
+    damping: float = quantity(0.6, "driveline viscous damping C23", "N m s/rad", 0.0, 1e4)
+    stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 0.0, 1e8, above=True)
+
+
+@dataclass(frozen=True)
+class Friction(Group):
+    """The friction law: (6) set-valued, (7) smoothed."""
+
+    law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"))
+    static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True)
+    kinetic_coefficient: float = quantity(0.3, "kinetic friction coefficient mu_k, at most mu_s", "", 0.0, 2.0,
+                                          above=True, live=True)
+    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
+    smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kinetic_coefficient > self.static_coefficient:
+            raise InputError(f"friction.kinetic_coefficient is {self.kinetic_coefficient:g}; it must be at most "
+                             f"friction.static_coefficient, {self.static_coefficient:g}")
+        if self.static_coefficient > 20.0 * self.kinetic_coefficient:
+            raise InputError(f"friction.kinetic_coefficient is {self.kinetic_coefficient:g}; it must be at least one "
+                             f"twentieth of friction.static_coefficient, {self.static_coefficient:g}")
+
+
+@dataclass(frozen=True)
+class Clutch(Group):
+    """The geometry that turns pressure into torque."""
+
+    area: float = quantity(0.08, "pressure area A", "m^2", 0.0, 10.0, above=True)
+    radius: float = quantity(0.1, "friction moment arm R", "m", 0.0, 10.0, above=True)
+
+
+@dataclass(frozen=True)
+class Engine(Group):
+    """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2 of the paper."""
+
+    source: str = quantity("harmonic", "where the engine torque comes from", choices=("harmonic", "topic"))
+    mean_torque: float = quantity(300.0, "mean engine torque Tm; with source topic the torque until the first command "
+                                  "and after a time-out", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
+    torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM, live=True)
+    frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
+                                "rad/s", 1e-3, 1e5)
+    harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
+                                                      0.0, TORQUE_MAXIMUM)
+    harmonic_phases: tuple[float, ...] = quantity((), "phases of harmonics 2, 3, ... of omega", "rad", -100.0, 100.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.harmonic_amplitudes) != len(self.harmonic_phases):
+            raise InputError(f"engine.harmonic_phases has {len(self.harmonic_phases)} values; it must have as many as "
+                             f"engine.harmonic_amplitudes, {len(self.harmonic_amplitudes)}")
+        if len(self.harmonic_amplitudes) > 32:
+            raise InputError(f"engine.harmonic_amplitudes has {len(self.harmonic_amplitudes)} values; at most 32 are allowed")
+
+
+@dataclass(frozen=True)
+class Pressure(Group):
+    """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
+
+    source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
+    mean: float = quantity(225e3, "mean pressure Pm; with source topic the pressure until the first command and after "
+                           "a time-out", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
+    amplitude: float = quantity(0.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
+    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True)
+    phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)
+
+
+@dataclass(frozen=True)
+class Initial(Group):
+    """Initial state; the default is (13) with Omega_e = 150 rad/s. The flywheel angle starts at the plate angle."""
+
+    slip_speed: float = quantity(150.0, "initial slip speed", "rad/s", -1e5, 1e5)
+    plate_angle: float = quantity(0.0, "initial plate angle theta2", "rad", -1e3, 1e3)
+    plate_speed: float = quantity(0.0, "initial plate speed", "rad/s", -1e5, 1e5)
+
+
+@dataclass(frozen=True)
+class System:
+    """One driveline with its friction law, excitation and initial state. Frozen; every group is checked."""
+
+    driveline: Driveline = Driveline()
+    friction: Friction = Friction()
+    clutch: Clutch = Clutch()
+    engine: Engine = Engine()
+    pressure: Pressure = Pressure()
+    initial: Initial = Initial()
+
+    @property
+    def friction_ratio(self) -> float:
+        """mu_s/mu_k, at least 1."""
+        return self.friction.static_coefficient / self.friction.kinetic_coefficient
+
+    @property
+    def torque_per_pressure(self) -> float:
+        """mu_k A R of (5b), N m/Pa: saturation torque per pressure."""
+        return self.friction.kinetic_coefficient * self.clutch.area * self.clutch.radius
+
+    @property
+    def saturation_mean(self) -> float:
+        """Tsm of (5b), N m."""
+        return self.torque_per_pressure * self.pressure.mean
+
+    @property
+    def saturation_amplitude(self) -> float:
+        """Tsp of (5b), N m; 0 where the pressure comes from a topic."""
+        return self.torque_per_pressure * self.pressure.amplitude if self.pressure.source == "harmonic" else 0.0
+
+    @property
+    def inverse_inertia(self) -> float:
+        """beta = 1/I1 + 1/I2, 1/(kg m^2)."""
+        return 1.0 / self.driveline.flywheel_inertia + 1.0 / self.driveline.plate_inertia
+
+    @property
+    def natural_frequency(self) -> float:
+        """omega_n = sqrt(K23/I2), rad/s (17c)."""
+        return math.sqrt(self.driveline.stiffness / self.driveline.plate_inertia)
+
+    @property
+    def stuck_natural_frequency(self) -> float:
+        """omega_sn = sqrt(K23/(I1 + I2)), rad/s: (27) as (28) then uses it (the print misplaces the root)."""
+        return math.sqrt(self.driveline.stiffness / (self.driveline.flywheel_inertia + self.driveline.plate_inertia))
+
+    @property
+    def cycle(self) -> float:
+        """One engine cycle 2 pi/omega, s."""
+        return 2.0 * math.pi / self.engine.frequency
+
+
+GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "friction": Friction, "clutch": Clutch, "engine": Engine,
+                                  "pressure": Pressure, "initial": Initial}
+
+QUANTITIES: dict[str, Quantity] = {
+    f"{name}.{item.name}": item.metadata["quantity"] for name, group in GROUPS.items() for item in dataclasses.fields(group)}
+"""Every scene key of the model with its meaning."""
+
+DEFAULTS: dict[str, Value] = {
+    f"{name}.{item.name}": getattr(group, item.name) for name, group in GROUPS.items() for item in dataclasses.fields(group)}
+
+
+def values_of(system: System) -> Iterator[tuple[str, Value]]:
+    """Every scene key of `system` with its value, in the order of QUANTITIES."""
+    for key in QUANTITIES:
+        group, name = key.split(".")
+        yield key, getattr(getattr(system, group), name)
+
+
+def unknown_key(key: str, known: Mapping[str, object] | list[str]) -> InputError:
+    """The error for a key that does not exist, with the nearest one that does."""
+    near = difflib.get_close_matches(key, list(known), n=1, cutoff=0.4)
+    return InputError(f"{key} is not a scene key" + (f"; did you mean {near[0]}?" if near else ""))
+
+
+def coerce(key: str, value: object) -> Value:
+    """A value as read from a file or a command line, as the type of `key`; an integer serves as a float."""
+    if key not in QUANTITIES:
+        raise unknown_key(key, QUANTITIES)
+    quantity_, default = QUANTITIES[key], DEFAULTS[key]
+    if isinstance(default, tuple):
+        if not isinstance(value, (list, tuple)):
+            raise InputError(f"{key} is {value!r}; it must be a list of numbers, each {quantity_.interval()}")
+        try:
+            out: Value = tuple(_number(x) for x in value)
+        except TypeError:
+            raise InputError(f"{key} is {value!r}; it must be a list of numbers, each {quantity_.interval()}") from None
+    elif isinstance(default, str):
+        out = value if isinstance(value, str) else repr(value)
+    else:
+        try:
+            out = _number(value)
+        except TypeError:
+            raise InputError(f"{key} is {value!r}; it must be a number, {quantity_.interval()}") from None
+    quantity_.check(key, out)
+    return out
+
+
+def replace(system: System, values: Mapping[str, object]) -> System:
+    """`system` with the given scene keys changed, checked together.
+
+    Raises
+    ------
+    InputError
+        An unknown key (with the nearest valid one), a wrong type, or a value out of its range.
+    """
+    changes: dict[str, dict[str, Value]] = {}
+    for key, value in values.items():
+        checked = coerce(key, value)
+        group, name = key.split(".")
+        changes.setdefault(group, {})[name] = checked
+    groups: dict[str, Any] = {g: dataclasses.replace(getattr(system, g), **fields) for g, fields in changes.items()}
+    return dataclasses.replace(system, **groups)
+
+
+def _number(value: object) -> float:
+    """A finite or infinite number as float; TypeError for anything else (YAML reads 1e3 as text)."""
+    if isinstance(value, bool):
+        raise TypeError
+    if isinstance(value, (int, float)):
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            raise TypeError from None
+    raise TypeError

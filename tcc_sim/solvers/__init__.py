@@ -1,0 +1,115 @@
+"""Solvers by name. Every solver turns a Problem into a Trajectory; its module is imported when it is used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.trajectory import Problem, State, Status, Trajectory
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One registered solver: where it lives, what it is, which laws it solves, and which setting it takes."""
+
+    module: str
+    function: str
+    description: str
+    laws: tuple[str, ...]
+    setting: str
+    """'rtol' for adaptive solvers, 'step' for fixed-step ones, '' for exact ones."""
+    default: float = 0.0
+
+    def load(self) -> Callable[[Problem], Trajectory]:
+        """The solver's function."""
+        found: Callable[[Problem], Trajectory] = getattr(import_module(self.module), self.function)
+        return found
+
+
+SMOOTHED = ("smoothed",)
+SET_VALUED = ("set_valued",)
+
+SOLVERS: dict[str, Entry] = {
+    "fixed_step": Entry("tcc_sim.solvers.fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
+                        SMOOTHED, "step", 1e-3),
+    "smoothed": Entry("tcc_sim.solvers.smoothed", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
+                      SMOOTHED, "rtol", 1e-8),
+    "event_driven": Entry("tcc_sim.solvers.event_driven", "solve", "exact: closed forms between located events",
+                          SET_VALUED, "rtol", 1e-10),
+    "rk45": Entry("tcc_sim.solvers.reference", "rk45", "SciPy, Dormand and Prince 5(4)", SMOOTHED, "rtol", 1e-6),
+    "dop853": Entry("tcc_sim.solvers.reference", "dop853", "SciPy, Dormand and Prince 8(5,3)", SMOOTHED, "rtol", 1e-6),
+    "radau": Entry("tcc_sim.solvers.reference", "radau", "SciPy, Radau IIA of order 5", SMOOTHED, "rtol", 1e-6),
+    "bdf": Entry("tcc_sim.solvers.reference", "bdf", "SciPy, backward differentiation (Gear's method)", SMOOTHED, "rtol", 1e-6),
+    "lsoda": Entry("tcc_sim.solvers.reference", "lsoda", "SciPy, LSODA of ODEPACK", SMOOTHED, "rtol", 1e-6),
+    "rk4": Entry("tcc_sim.solvers.classical", "rk4", "classical Runge-Kutta of order 4, fixed step", SMOOTHED, "step", 1e-6),
+}
+
+
+def solve(system: System, *, cycles: int | None = None, duration: float | None = None, samples_per_cycle: int = 0,
+          solver: str = "auto", rtol: float | None = None, step: float | None = None, start_cycle: int = 0,
+          state: State | None = None, flywheel_angle: bool = False) -> Trajectory:
+    """Solve `system` over whole engine cycles or a duration in seconds.
+
+    Parameters
+    ----------
+    cycles, duration : one of the two; engine cycles, or s
+    samples_per_cycle : uniform samples kept per engine cycle; 0 keeps the two ends and the per-cycle results
+    solver : a name of SOLVERS, or auto: event_driven for the set-valued law, smoothed for the smoothed one
+    rtol, step : tolerance of an adaptive solver, or step in s of a fixed-step one
+    start_cycle : the engine cycle at which the run starts, which sets the phase of the excitation
+    state : initial state; the system's own by default
+    flywheel_angle : integrate theta1 too
+
+    Returns
+    -------
+    Trajectory; a numerical failure is its `status`, not an exception: call `raise_for_status` on it.
+
+    Raises
+    ------
+    InputError
+        An unknown solver, a solver that does not do this friction law, or a setting out of its range.
+    """
+    name = choose(system, solver)
+    entry = SOLVERS[name]
+    if (cycles is None) == (duration is None):
+        raise InputError("give either a number of cycles or a duration in s")
+    if cycles is not None and not 1 <= cycles <= 10_000_000:
+        raise InputError(f"cycles is {cycles}; it must be 1 to 10000000")
+    if duration is not None and not 0.0 < duration <= 1e6:
+        raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
+    if not 0 <= samples_per_cycle <= 1_000_000:
+        raise InputError(f"samples per cycle is {samples_per_cycle}; it must be 0 to 1000000")
+    if rtol is not None:
+        if entry.setting != "rtol":
+            raise InputError(f"rtol is not a setting of solver {name}")
+        if not 1e-14 <= rtol <= 1e-1:
+            raise InputError(f"rtol is {rtol:g}; it must be 1e-14 to 0.1")
+    if step is not None:
+        if entry.setting != "step":
+            raise InputError(f"step is not a setting of solver {name}")
+        if not (math.isfinite(step) and 1e-9 <= step <= 1.0):
+            raise InputError(f"step is {step:g} s; it must be 1e-9 to 1 s")
+    if state is None:
+        i = system.initial
+        state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
+    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step, flywheel_angle))
+
+
+def choose(system: System, solver: str) -> str:
+    """The registered name behind `solver`, checked against the system's friction law."""
+    law = system.friction.law
+    if solver == "auto":
+        solver = "event_driven" if law == "set_valued" else "smoothed"
+    if solver not in SOLVERS:
+        raise InputError(f"solver {solver!r} is unknown; the solvers are auto, {', '.join(SOLVERS)}")
+    if law not in SOLVERS[solver].laws:
+        raise InputError(f"solver {solver} does not solve friction.law {law}; "
+                         f"those that do are {', '.join(n for n, e in SOLVERS.items() if law in e.laws)}")
+    return solver
+
+
+__all__ = ["SOLVERS", "Entry", "Problem", "State", "Status", "Trajectory", "choose", "solve"]

@@ -1,0 +1,219 @@
+"""Trajectory: the one currency. Every solver and a replayed recording give this type, and every analysis takes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.model import equations, friction
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.terms import Terms, terms_of
+
+Floats = NDArray[np.float64]
+Modes = NDArray[np.int8]
+
+
+class Status(Enum):
+    """How a solve ended; the value is the sentence shown to people."""
+
+    DONE = "reached the end"
+    STEP_LIMIT = "stopped: the number of steps passed its limit before the end time"
+    STEP_TOO_SMALL = "stopped: the step fell below the resolution of time"
+    NOT_FINITE = "stopped: the state is no longer finite"
+    NO_CONVERGENCE = "stopped: the implicit equations did not converge at the smallest step"
+    EVENT_LIMIT = "stopped: stick and slip alternate faster than the event limit (chattering)"
+    REFUSED = "not started: the solver cannot do this case"
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of the driveline: slip speed (rad/s), plate angle (rad), plate speed (rad/s), flywheel angle (rad)."""
+
+    slip_speed: float
+    plate_angle: float
+    plate_speed: float
+    flywheel_angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What to solve: a system from a start to an end, and what to keep.
+
+    Time 0 is where the engine sine starts; a solve starts at a whole engine cycle, so section points fall on
+    t = 2 pi n/omega exactly.
+    """
+
+    system: System
+    state: State
+    start_cycle: int = 0
+    cycles: int | None = None
+    duration: float | None = None
+    samples_per_cycle: int = 0
+    """Samples kept per engine cycle, uniform in time, besides the start and the end; 0 keeps none of them."""
+    rtol: float | None = None
+    """Relative tolerance of an adaptive solver; None takes the solver's default."""
+    step: float | None = None
+    """Step of a fixed-step solver, s; None takes the solver's default."""
+    flywheel_angle: bool = False
+    """Integrate theta1 as well."""
+
+    @property
+    def start(self) -> float:
+        """Start time, s."""
+        return self.start_cycle * self.system.cycle
+
+    @property
+    def end(self) -> float:
+        """End time, s, exact to rounding for a number of cycles."""
+        if self.cycles is not None:
+            return (self.start_cycle + self.cycles) * self.system.cycle
+        assert self.duration is not None
+        return self.start + self.duration
+
+    @property
+    def whole_cycles(self) -> int:
+        """Complete engine cycles between start and end."""
+        if self.cycles is not None:
+            return self.cycles
+        assert self.duration is not None
+        return int(np.floor(self.duration / self.system.cycle * (1.0 + 1e-12)))
+
+    def sample_times(self) -> Floats:
+        """The times to keep, s: multiples of the cycle over `samples_per_cycle`, from start to end, both included."""
+        if self.samples_per_cycle < 1:
+            return np.array([self.start, self.end])
+        first = self.start_cycle * self.samples_per_cycle
+        period = self.system.cycle
+        last = int(np.ceil(self.end / period * self.samples_per_cycle * (1.0 - 1e-12)))
+        times: Floats = np.arange(first, last + 1, dtype=np.float64) * (period / self.samples_per_cycle)
+        times[-1] = self.end
+        return times
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """What an engine cycle comes to, for N whole cycles, as exact as the solver makes it.
+
+    section : (N + 1, 3) array, states (slip speed, plate angle, plate speed) at t = 2 pi n/omega, both ends included
+    highest, lowest : (N,) arrays, largest and smallest (signed) slip speed within each cycle, rad/s
+    stick_time : (N,) array, time in stick within each cycle, s
+    """
+
+    section: Floats
+    highest: Floats
+    lowest: Floats
+    stick_time: Floats
+
+    def __len__(self) -> int:
+        return len(self.highest)
+
+    def __getitem__(self, kept: slice) -> Cycles:
+        """A run of consecutive cycles."""
+        first, last, stride = kept.indices(len(self))
+        if stride != 1:
+            raise ValueError("cycles are taken consecutively")
+        return Cycles(self.section[first:max(first, last) + 1], self.highest[first:last], self.lowest[first:last],
+                      self.stick_time[first:last])
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """Changes of mode as data: time (s), mode before and after (-1 negative slip, 0 stick, 1 positive slip, 2 free)."""
+
+    time: Floats
+    before: Modes
+    after: Modes
+
+    @staticmethod
+    def none() -> Transitions:
+        """No transition."""
+        return Transitions(np.empty(0), np.empty(0, np.int8), np.empty(0, np.int8))
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a solve cost: steps taken, steps refused, scalar or stage iterations in all and at most in one, and its bound."""
+
+    steps: int = 0
+    rejected: int = 0
+    iterations: int = 0
+    iterations_max: int = 0
+    iterations_bound: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A solved or recorded run.
+
+    Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque, saturation_torque,
+    friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad) is there for those
+    who asked. `cycles` comes from solvers that work it out on the way; `analysis.cycles` derives it from samples otherwise.
+    """
+
+    t: Floats
+    slip_speed: Floats
+    plate_angle: Floats
+    plate_speed: Floats
+    engine_torque: Floats
+    saturation_torque: Floats
+    friction_torque: Floats
+    state: Modes
+    cycle: float
+    solver: str
+    system: System | None = None
+    flywheel_angle: Floats | None = None
+    cycles: Cycles | None = None
+    transitions: Transitions = field(default_factory=Transitions.none)
+    status: Status = Status.DONE
+    detail: str = ""
+    statistics: Statistics = Statistics()
+
+    @property
+    def final(self) -> State:
+        """The last state."""
+        angle = float(self.flywheel_angle[-1]) if self.flywheel_angle is not None else 0.0
+        return State(float(self.slip_speed[-1]), float(self.plate_angle[-1]), float(self.plate_speed[-1]), angle)
+
+    def raise_for_status(self) -> Trajectory:
+        """This trajectory, or NumericalFailure with the sentence of its status."""
+        if self.status is not Status.DONE:
+            reached = f" at t = {self.t[-1]:.6g} s" if len(self.t) else ""
+            raise NumericalFailure(f"{self.solver}: {self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
+        return self
+
+
+def stick_speed_of(terms: Terms) -> float:
+    """The slip speed at or below which this package says stick; 0 for the set-valued law."""
+    return friction.stick_speed(terms.smoothing, terms.stribeck) if terms.smoothing is not None else 0.0
+
+
+def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
+    """-1, 0, 1 for negative slip, stick and positive slip."""
+    return np.where(np.abs(slip_speed) <= stick_speed, 0, np.sign(slip_speed)).astype(np.int8)
+
+
+def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, friction_torque: Floats | None = None,
+             cycles: Cycles | None = None, transitions: Transitions | None = None, status: Status = Status.DONE,
+             detail: str = "", statistics: Statistics = Statistics()) -> Trajectory:
+    """A Trajectory from times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed and, if there, theta1.
+
+    The smoothed law gives the friction torque from the state; a set-valued solver passes its own.
+    """
+    terms = terms_of(problem.system)
+    v = states[:, 0]
+    engine = np.asarray(equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics))
+    load = np.asarray(equations.saturation_torque(t, terms.mean_load, terms.pulsation))
+    if friction_torque is None:
+        assert terms.smoothing is not None
+        friction_torque = np.asarray(friction.smoothed(v, terms.smoothing, terms.stribeck)) * load
+    return Trajectory(
+        t=t, slip_speed=v, plate_angle=states[:, 1], plate_speed=states[:, 2], engine_torque=engine,
+        saturation_torque=load, friction_torque=friction_torque, state=modes_of(v, stick_speed_of(terms)),
+        cycle=problem.system.cycle, solver=solver, system=problem.system,
+        flywheel_angle=states[:, 3] if states.shape[1] > 3 else None, cycles=cycles,
+        transitions=transitions or Transitions.none(), status=status, detail=detail, statistics=statistics)
