@@ -1,0 +1,75 @@
+"""The command `tcc-sim`: one module per verb, imported when the verb is used.
+
+A verb module has `add_arguments(parser)` and `run(arguments) -> int`. Exit status: 0 done; 2 wrong input, one line on
+standard error and nothing written; 1 anything else; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from importlib import import_module
+from typing import NoReturn
+
+from tcc_sim.errors import InputError, TccError
+
+VERBS: dict[str, str] = {
+    "scenes": "list the bundled scenes",
+}
+"""Every verb with its line of help; its module is `tcc_sim.cli.<verb>`."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and exit with status 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
+    """The parser of the command; only the module of `verb` is imported, or all of them where it is None."""
+    parser = _Parser(prog="tcc-sim", description="A slipping torque converter clutch driveline, in real time and offline.")
+    parser.add_argument("--version", action="version", version=_version())
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)
+    for name, text in VERBS.items():
+        sub = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        if verb in (None, name):
+            import_module(f"tcc_sim.cli.{name}").add_arguments(sub)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one verb and give the exit status."""
+    words = sys.argv[1:] if argv is None else argv
+    verb = next((w for w in words if w in VERBS), "")
+    try:
+        arguments = build_parser(verb).parse_args(words)
+        status: int = import_module(f"tcc_sim.cli.{arguments.verb}").run(arguments)
+        sys.stdout.flush()
+        return status
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    except InputError as error:
+        print(f"tcc-sim: {error}", file=sys.stderr)
+        return 2
+    except TccError as error:
+        print(f"tcc-sim: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        print(f"tcc-sim: {f'{error.filename}: ' if error.filename else ''}{error.strerror or error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("tcc-sim: interrupted", file=sys.stderr)
+        return 130
+
+
+def _version() -> str:
+    """Name and version, as --version prints them."""
+    from tcc_sim import __version__
+
+    return f"tcc-sim {__version__}"

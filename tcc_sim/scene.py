@@ -1,0 +1,270 @@
+"""Scenes: a ROS 2 parameter file <-> System and node options. The only place that knows configuration files.
+
+A scene file is a ROS 2 parameter file (`/**: ros__parameters: ...`), so `--ros-args --params-file` takes it too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import parameters
+from tcc_sim.model.parameters import Quantity, System, quantity
+
+DEFAULT_SCENE = "fig02"
+LARGEST_FILE = 1 << 20
+"""A scene file of more bytes is refused unread."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """How the driveline node runs a scene: everything that is not physics. Defaults are those of the node."""
+
+    rate: float = quantity(1000.0, "tick rate of the physics and of the topics", "Hz", 1.0, 20000.0)
+    real_time_factor: float = quantity(1.0, "simulated seconds per second of real time; 0 is as fast as possible", "",
+                                       0.0, 1000.0)
+    pacing: str = quantity("real_time", "what a tick waits for: its deadline, or the command of the tick before",
+                           choices=("real_time", "lockstep"))
+    command_timeout: float = quantity(0.5, "without a command for this long in simulated time the input falls back to the "
+                                      "scene's mean value; 0 never falls back", "s", 0.0, 1e6)
+    wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0, 1000)
+    publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
+    publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
+    publish_clock: bool = quantity(False, "publish /clock")
+
+    def __post_init__(self) -> None:
+        for item in dataclasses.fields(self):
+            value, default = getattr(self, item.name), item.default
+            if isinstance(default, bool):
+                if not isinstance(value, bool):
+                    raise InputError(f"{item.name} is {value!r}; it must be true or false")
+                continue
+            if isinstance(default, int) and isinstance(value, float) and value.is_integer():
+                object.__setattr__(self, item.name, int(value))
+            elif isinstance(default, int) and isinstance(value, float):
+                raise InputError(f"{item.name} is {value:g}; it must be a whole number")
+            item.metadata["quantity"].check(item.name, value)
+            if isinstance(default, float):
+                object.__setattr__(self, item.name, float(value))
+
+
+OPERATION_QUANTITIES: dict[str, Quantity] = {f.name: f.metadata["quantity"] for f in dataclasses.fields(Operation)}
+"""Every node option that a scene file may hold, with its meaning."""
+
+KNOWN_KEYS = [*parameters.QUANTITIES, *OPERATION_QUANTITIES]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A validated scene: what is simulated, how the node runs it, and its name."""
+
+    name: str
+    system: System
+    operation: Operation = field(default_factory=Operation)
+    description: str = ""
+
+    def with_values(self, values: Mapping[str, object]) -> Scene:
+        """This scene with some keys changed, checked together.
+
+        Raises
+        ------
+        InputError
+            An unknown key (the nearest valid one is named), a wrong type, or a value out of its range.
+        """
+        model = {k: v for k, v in values.items() if k not in OPERATION_QUANTITIES}
+        options: dict[str, Any] = {k: v for k, v in values.items() if k in OPERATION_QUANTITIES}
+        for key in model:
+            if key not in parameters.QUANTITIES:
+                raise unknown_key(key)
+        return dataclasses.replace(self, system=parameters.replace(self.system, model),
+                                   operation=dataclasses.replace(self.operation, **options))
+
+    def text(self) -> str:
+        """The scene as a parameter file with every key, from which the same scene is read back exactly."""
+        import yaml
+
+        tree: dict[str, Any] = {}
+        for key, value in parameters.values_of(self.system):
+            group, name = key.split(".")
+            tree.setdefault(group, {})[name] = list(value) if isinstance(value, tuple) else value
+        tree.update({item.name: getattr(self.operation, item.name) for item in dataclasses.fields(self.operation)})
+        body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
+        return f"# {self.description or self.name}\n{body}"
+
+
+def unknown_key(key: str) -> InputError:
+    """The error for a key that a scene file must not hold, with the nearest one that it may."""
+    near = difflib.get_close_matches(key, KNOWN_KEYS, n=1, cutoff=0.4)
+    return InputError(f"{key} is not a scene key" + (f"; did you mean {near[0]}?" if near else ""))
+
+
+def bundled_scenes() -> dict[str, Path]:
+    """Name and file of every scene that comes with the package, found from colcon, pip or the source tree."""
+    for folder in _config_folders():
+        found = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+        if found:
+            return found
+    return {}
+
+
+def _config_folders() -> list[Path]:
+    """Where the bundled scenes may be, best first."""
+    source = Path(__file__).resolve().parent.parent / "config"
+    folders = [source] if (source.parent / "setup.py").is_file() else []
+    folders += [parent / "share" / "tcc_sim" / "config" for parent in Path(__file__).resolve().parents]
+    return [*folders, Path(sys.prefix) / "share" / "tcc_sim" / "config"]
+
+
+def load_scene(name_or_file: str | Path) -> Scene:
+    """The scene of a bundled name or of a file.
+
+    Raises
+    ------
+    InputError
+        No such scene (the nearest name is given), or a file that is not a valid scene; names file, key, value and range.
+    """
+    bundled = bundled_scenes()
+    text = str(name_or_file)
+    path = bundled.get(text)
+    if path is None:
+        path = Path(text)
+        looks_like_file = path.suffix in (".yaml", ".yml") or "/" in text
+        if not path.is_file():
+            near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
+            hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""
+            raise InputError(f"there is no scene {text!r}{hint or '; the bundled ones are ' + ', '.join(bundled)}")
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"{path}: the file is larger than {LARGEST_FILE} bytes, the largest allowed for a scene")
+    try:
+        decoded = content.decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    try:
+        return parse_scene(decoded, path.stem)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def parse_scene(text: str, name: str) -> Scene:
+    """The scene in the text of a parameter file. Keys that the text leaves out keep their defaults.
+
+    Raises
+    ------
+    InputError
+        Not a parameter file, a duplicated or unknown key, a wrong type, or a value out of its range.
+    """
+    values = _flatten(_read_yaml(text))
+    first = text.lstrip().splitlines()[0] if text.strip() else ""
+    description = first.lstrip("# ").strip() if first.startswith("#") else ""
+    return Scene(name, System(), Operation(), description).with_values(values)
+
+
+def _read_yaml(text: str) -> object:
+    """The parameters of a ROS 2 parameter file. Aliases, tags and duplicated keys are refused."""
+    import yaml
+
+    try:
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            line = event.start_mark.line + 1 if event.start_mark is not None else 0
+            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+                raise InputError(f"line {line}: YAML anchors and aliases are not allowed in a scene")
+            if getattr(event, "tag", None):
+                raise InputError(f"line {line}: YAML tags are not allowed in a scene")
+        tree = yaml.load(text, Loader=_unique_loader())
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark is not None else ""
+        raise InputError(f"{where}not valid YAML ({getattr(error, 'problem', None) or 'unreadable'})") from None
+    except (RecursionError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("not valid YAML (unreadable)") from None
+    if not isinstance(tree, dict) or len(tree) != 1:
+        raise InputError("not a scene: it must hold one node, '/**:', with ros__parameters")
+    node = next(iter(tree.values()))
+    if not isinstance(node, dict) or set(node) != {"ros__parameters"} or not isinstance(node["ros__parameters"], dict):
+        raise InputError("not a scene: '/**:' must hold ros__parameters and nothing else")
+    return node["ros__parameters"]
+
+
+def _flatten(tree: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
+    """Nested parameters as dotted keys, as ROS 2 names them."""
+    out: dict[str, object] = {}
+    assert isinstance(tree, dict)
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict) and depth < 4:
+            nested = _flatten(value, name + ".", depth + 1)
+        else:
+            nested = {name: value}
+        for item in nested:
+            if item in out:
+                raise InputError(f"{item} is given twice")
+        out.update(nested)
+    return out
+
+
+@cache
+def _unique_loader() -> Any:
+    """A SafeLoader that refuses a key given twice; built when the first file is read."""
+    import yaml
+
+    class UniqueLoader(yaml.SafeLoader):
+        """SafeLoader without silent overwriting."""
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+            """A mapping whose keys are all different."""
+            seen = set()
+            for key_node, _ in node.value:
+                key = self.construct_object(key_node, deep=True)
+                if not isinstance(key, str):
+                    raise InputError(f"line {key_node.start_mark.line + 1}: {key!r} is not a parameter name")
+                if key in seen:
+                    raise InputError(f"line {key_node.start_mark.line + 1}: {key} is given twice")
+                seen.add(key)
+            found: dict[Any, Any] = super().construct_mapping(node, deep)
+            return found
+
+    return UniqueLoader
+
+
+def parse_assignments(assignments: list[str]) -> dict[str, object]:
+    """KEY=VALUE words of a command line as scene values; a value is read as YAML reads it.
+
+    Raises
+    ------
+    InputError
+        A word without '=', an unreadable value, or an unknown key.
+    """
+    import yaml
+
+    values: dict[str, object] = {}
+    for word in assignments:
+        key, equals, value = word.partition("=")
+        if not equals or not key or not value:
+            raise InputError(f"{word!r} is not KEY=VALUE")
+        if key not in KNOWN_KEYS:
+            raise unknown_key(key)
+        if key in values:
+            raise InputError(f"{key} is given twice")
+        try:
+            values[key] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise InputError(f"{key}: {value!r} is not a number, a word or a list") from None
+    return values
+
+
+__all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "Operation", "Scene", "bundled_scenes", "load_scene", "parse_assignments",
+           "parse_scene"]
