@@ -106,9 +106,9 @@ def _quintic(u: Floats, h: Floats, left: NDArray[np.int64], y: Floats, rate: Flo
 def _turning_points(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
     """(m, 4) array: 0, the interior extremes of each cubic in order (or an end, where there are fewer), 1."""
     a, b, c = 3.0 * (2.0 * (p - q) + dp + dq), 3.0 * (q - p) - 2.0 * dp - dq, dp
-    root = b * b - a * c
-    s = -(b + np.copysign(np.sqrt(np.maximum(root, 0.0)), b))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        root = b * b - a * c
+        s = -(b + np.copysign(np.sqrt(np.maximum(root, 0.0)), b))
         one, two = s / a, c / s
     real = root > 0.0
     ends = np.zeros_like(p)
