@@ -77,6 +77,13 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
                   np.add.reduceat(within, starts))
 
 
+def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:
+    """The piecewise cubic through values `y` and derivatives `rate` at times `t`, all (n,), evaluated at times `at`, (m,)."""
+    left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    h = t[left + 1] - t[left]
+    return _cubic(np.clip((at - t[left]) / h, 0.0, 1.0), y[left], h * rate[left], y[left + 1], h * rate[left + 1])
+
+
 def _cubic(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
     """The cubic on 0 <= u <= 1 with end values p, q and end slopes dp, dq; exactly p and q at the ends."""
     w = 1.0 - u

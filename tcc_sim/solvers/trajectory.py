@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -118,6 +119,13 @@ class Cycles:
             raise ValueError("cycles are taken consecutively")
         return Cycles(self.section[first:max(first, last) + 1], self.highest[first:last], self.lowest[first:last],
                       self.stick_time[first:last])
+
+
+def concatenated(parts: Sequence[Cycles]) -> Cycles:
+    """Runs of cycles that follow each other as one run."""
+    sections = [p.section[:-1] for p in parts[:-1]] + [parts[-1].section]
+    return Cycles(np.concatenate(sections), np.concatenate([p.highest for p in parts]),
+                  np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]))
 
 
 @dataclass(frozen=True)

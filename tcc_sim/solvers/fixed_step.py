@@ -1,0 +1,268 @@
+"""The real-time solver: fixed ticks, a bounded cost per tick, friction solved implicitly.
+
+Scheme: SDIRK3, the L-stable, stiffly accurate, singly diagonally implicit Runge-Kutta method of order 3 in three stages of
+R. Alexander (1977), "Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s", SIAM J. Numer. Anal. 14, Theorem 5. The
+plate is linear, so each stage is one scalar equation for the slip speed (`scalar.py`). Nominal order 3 on smooth arcs; no
+event is located, so a step across a transition costs an error of order 2 (1 at a breakaway jump).
+
+A tick is split into n sub-steps of h: h <= 1/(2 beta Ts alpha (r - 1)) keeps the scalar root unique (the Stribeck slope
+limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION resolves the motion.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import equations, friction
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.compiled import compiled, engine_torque, saturation_torque, smoothed
+from tcc_sim.solvers.observe import cycles_from_samples, hermite
+from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
+from tcc_sim.solvers.terms import Terms, excitation_frequency, natural_frequency, peak_load, terms_of
+from tcc_sim.solvers.trajectory import (
+    Floats,
+    Problem,
+    Statistics,
+    Status,
+    Trajectory,
+    assemble,
+    concatenated,
+    stick_speed_of,
+)
+
+RESOLUTION = 0.04
+"""Largest phase of the fastest oscillation in one sub-step, rad."""
+SUBSTEP_LIMIT = 20_000
+"""A tick that needs more sub-steps is refused."""
+BATCH = 400_000
+"""Sub-steps kept in memory at a time by an offline solve."""
+
+GAMMA = 0.43586652150845899942
+"""The root of g^3 - 3 g^2 + 3 g/2 - 1/6 = 0 for which SDIRK3 is L-stable."""
+_B1 = -0.25 * (6.0 * GAMMA * GAMMA - 16.0 * GAMMA + 1.0)
+_B2 = 0.25 * (6.0 * GAMMA * GAMMA - 20.0 * GAMMA + 5.0)
+_C2 = 0.5 * (1.0 + GAMMA)
+
+
+def substeps(terms: Terms, step: float) -> int:
+    """How many sub-steps a tick of `step` seconds needs.
+
+    Raises
+    ------
+    InputError
+        More than SUBSTEP_LIMIT.
+    """
+    fastest = max(natural_frequency(terms), excitation_frequency(terms))
+    needed = step * fastest / RESOLUTION
+    if terms.stribeck is not None:
+        beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
+        needed = max(needed, 2.0 * step * beta * peak_load(terms) * terms.stribeck[0] * terms.stribeck[1])
+    if not needed <= SUBSTEP_LIMIT:
+        raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; fixed_step allows at most {SUBSTEP_LIMIT}")
+    return max(1, math.ceil(needed - 1e-9))
+
+
+@compiled
+def _stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float, linear: Linear,
+           smoothing: float | None, stribeck: Stribeck) -> tuple[float, float, float, int]:
+    """One implicit stage x = known + hg f(x): the new v, theta2, omega2, and the iterations it took."""
+    inertia1, inertia2, damping, stiffness = linear
+    share = 1.0 / (1.0 + hg * (damping + hg * stiffness) / inertia2)
+    # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
+    gain = share * hg / inertia2
+    free = share * known[2] - gain * stiffness * known[1]
+    w = known[0] + known[2] - free + hg * engine / inertia1
+    v, count = scalar_root(w, (hg / inertia1 + gain) * load, guess, smoothing, stribeck)
+    torque = (w - v) / (hg / inertia1 + gain)
+    omega = free + gain * torque
+    return v, known[1] + hg * omega, omega, count
+
+
+@compiled
+def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: bool | None,
+            out: Floats | None) -> tuple[int, int]:
+    """Advance `state` in place by n sub-steps of h seconds from time t.
+
+    Parameters
+    ----------
+    state : (3,) or (4,) array: slip speed, plate angle, plate speed, and theta1 where `flywheel` is not None
+    t, h : s
+    out : (n, 3 or 4) array that receives the state after every sub-step, or None
+
+    Returns
+    -------
+    (iterations in all, most iterations in one stage)
+    """
+    hg = h * GAMMA
+    total, most = 0, 0
+    v, theta, omega = state[0], state[1], state[2]
+    for k in range(n):
+        start = t + k * h
+        known = (v, theta, omega)
+        v1, theta1, omega1, count1 = _stage(
+            known, v, engine_torque(start + hg, terms.mean_torque, terms.torque, terms.harmonics),
+            saturation_torque(start + hg, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing, terms.stribeck)
+        # A stage's slope times h is (its value - what was known) / gamma.
+        dv1, dtheta1, domega1 = (v1 - known[0]) / GAMMA, (theta1 - known[1]) / GAMMA, (omega1 - known[2]) / GAMMA
+        a21 = 0.5 * (1.0 - GAMMA)
+        known2 = (v + a21 * dv1, theta + a21 * dtheta1, omega + a21 * domega1)
+        middle = start + _C2 * h
+        v2, theta2, omega2, count2 = _stage(
+            known2, v1, engine_torque(middle, terms.mean_torque, terms.torque, terms.harmonics),
+            saturation_torque(middle, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing, terms.stribeck)
+        dv2, dtheta2, domega2 = (v2 - known2[0]) / GAMMA, (theta2 - known2[1]) / GAMMA, (omega2 - known2[2]) / GAMMA
+        known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2, omega + _B1 * domega1 + _B2 * domega2)
+        finish = start + h
+        v, theta, omega, count3 = _stage(
+            known3, v2, engine_torque(finish, terms.mean_torque, terms.torque, terms.harmonics),
+            saturation_torque(finish, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing, terms.stribeck)
+        total += count1 + count2 + count3
+        most = max(most, count1, count2, count3)
+        if flywheel is not None:
+            state[3] += h * (_B1 * (v1 + omega1) + _B2 * (v2 + omega2) + GAMMA * (v + omega))
+        if out is not None:
+            out[k, 0], out[k, 1], out[k, 2] = v, theta, omega
+            if flywheel is not None:
+                out[k, 3] = state[3]
+    state[0], state[1], state[2] = v, theta, omega
+    return total, most
+
+
+class Stepper:
+    """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next tick.
+
+    Parameters
+    ----------
+    system : with the smoothed law
+    step : s
+
+    Raises
+    ------
+    InputError
+        The set-valued law, or a step that needs too many sub-steps.
+    """
+
+    def __init__(self, system: System, step: float) -> None:
+        if system.friction.law != "smoothed":
+            raise InputError(f"friction.law is {system.friction.law}; the real-time solver needs smoothed")
+        self.step = step
+        self.tick = 0
+        self.state = np.zeros(4)
+        self.iterations_most = 0
+        self.iterations_bound = ITERATION_BOUND
+        self.use(terms_of(system))
+        self.reset(system)
+
+    def reset(self, system: System) -> None:
+        """Back to the initial state at tick 0."""
+        start = system.initial
+        self.state[:] = (start.slip_speed, start.plate_angle, start.plate_speed, start.plate_angle)
+        self.tick = 0
+
+    def use(self, terms: Terms) -> None:
+        """Take these terms from the next tick on; raises InputError where they need too many sub-steps."""
+        self.substeps = substeps(terms, self.step)
+        self.terms = terms
+
+    def warm_up(self, *variants: Terms) -> None:
+        """Compile and run the kernel once for each kind of terms, without touching the state."""
+        for terms in (self.terms, *variants):
+            advance(self.state.copy(), 0.0, self.step, 1, terms, True, None)
+            self._torques(terms, 0.0, 0.0)
+
+    def advance(self) -> None:
+        """One tick."""
+        n = self.substeps
+        _, most = advance(self.state, self.tick * self.step, self.step / n, n, self.terms, True, None)
+        if most > self.iterations_most:
+            self.iterations_most = most
+        self.tick += 1
+
+    def torques(self) -> tuple[float, float]:
+        """Engine torque and friction torque now, N m."""
+        return self._torques(self.terms, self.tick * self.step, float(self.state[0]))
+
+    @staticmethod
+    def _torques(terms: Terms, t: float, v: float) -> tuple[float, float]:
+        """Engine and friction torque at time t and slip speed v."""
+        assert terms.smoothing is not None
+        engine = engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
+        load = saturation_torque(t, terms.mean_load, terms.pulsation)
+        return float(engine), float(load * smoothed(v, terms.smoothing, terms.stribeck))
+
+
+@compiled
+def march(state: Floats, start: float, step: float, first: int, ticks: int, n: int, terms: Terms, flywheel: bool | None,
+          out: Floats) -> tuple[int, int]:
+    """Ticks first, first + 1, ... of n sub-steps each, as a Stepper takes them; `out` is (ticks * n, 3 or 4)."""
+    total, most = 0, 0
+    for k in range(ticks):
+        count, worst = advance(state, start + (first + k) * step, step / n, n, terms, flywheel, out[k * n:(k + 1) * n])
+        total += count
+        most = max(most, worst)
+    return total, most
+
+
+def solve(problem: Problem) -> Trajectory:
+    """The real-time solver offline, in the ticks that the node would take; `problem.step` is the tick, 1 ms by default.
+
+    Results within a cycle come from every sub-step, so they are as exact as the method and not as coarse as the ticks.
+    """
+    step = problem.step or 1e-3
+    terms = terms_of(problem.system)
+    begin, flywheel = problem.state, True if problem.flywheel_angle else None
+    state = np.array([begin.slip_speed, begin.plate_angle, begin.plate_speed, begin.flywheel_angle][:4 if flywheel else 3])
+    t, states = np.array([problem.start]), state[None, :].copy()
+    try:
+        n = substeps(terms, step)
+    except InputError as error:
+        return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
+    ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
+    march(state.copy(), problem.start, step, 0, 0, n, terms, flywheel, states)
+    times, cycle = problem.sample_times(), problem.system.cycle
+    samples, cycles = [states[:0]], []
+    kept, first, done, total, most, status, seconds = 0, problem.start_cycle, 0, 0, 0, Status.DONE, 0.0
+    while done < ticks:
+        block = min(ticks - done, max(1, BATCH // n))
+        out = np.empty((block * n, len(state)))
+        began = time.perf_counter()
+        count, worst = march(state, problem.start, step, done, block, n, terms, flywheel, out)
+        seconds += time.perf_counter() - began
+        total, most = total + count, max(most, worst)
+        fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)
+        t, states = np.concatenate([t, fresh.ravel()]), np.concatenate([states, out])
+        done += block
+        if not np.all(np.isfinite(out)):
+            status = Status.NOT_FINITE
+            break
+        rates = _rates(t, states, terms)
+        due = len(times) if done == ticks else int(np.searchsorted(times, t[-1], side="right"))
+        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))], axis=1))
+        kept = due
+        cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2], cycle=cycle,
+                                          first_cycle=first, stick_speed=stick_speed_of(terms)))
+        first += len(cycles[-1])
+        keep = max(int(np.searchsorted(t, min(first * cycle, t[-1]), side="right")) - 2, 0)
+        t, states = t[keep:], states[keep:]
+    statistics = Statistics(steps=done * n, iterations=total, iterations_max=most, iterations_bound=ITERATION_BOUND,
+                            seconds=seconds)
+    return assemble(problem, "fixed_step", times[:kept], np.concatenate(samples),
+                    cycles=concatenated(cycles)[:problem.whole_cycles] if cycles else None, status=status,
+                    statistics=statistics)
+
+
+def _rates(t: Floats, states: Floats, terms: Terms) -> Floats:
+    """Time derivatives of the states, (n, 3 or 4), from the equations of motion."""
+    assert terms.smoothing is not None
+    v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
+    engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
+    load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
+    torque = load * friction.smoothed(v, terms.smoothing, terms.stribeck)
+    slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
+    return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)
