@@ -1,0 +1,76 @@
+"""Per-cycle maxima, section points and stick time of a trajectory, from its solver or from its samples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import equations
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.observe import cycles_from_samples
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.trajectory import Cycles, Trajectory, stick_speed_of
+
+DISCARD = 50
+"""Engine cycles dropped as transient: the paper's rule."""
+
+
+def cycles_of(trajectory: Trajectory) -> Cycles:
+    """The engine cycles of a trajectory: those its solver worked out, or those between its samples.
+
+    From samples, slip speed and plate angle are interpolated with the accelerations that (2a) and (2b) give for the
+    sampled torques.
+
+    Raises
+    ------
+    InputError
+        Samples without the system they belong to, or too few of them for one cycle.
+    """
+    if trajectory.cycles is not None:
+        return trajectory.cycles
+    if trajectory.system is None:
+        raise InputError("the trajectory has neither per-cycle results nor the system to work them out with")
+    if len(trajectory.t) < 2:
+        raise InputError("the trajectory has fewer than two samples")
+    slip, plate = accelerations_of(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
+                                   trajectory.friction_torque, trajectory.system)
+    return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle, trajectory.plate_speed,
+                               plate, cycle=trajectory.cycle, first_cycle=first_cycle_of(trajectory),
+                               stick_speed=stick_speed_of(terms_of(trajectory.system)))
+
+
+def accelerations_of(plate_angle: NDArray[np.float64], plate_speed: NDArray[np.float64], engine_torque: NDArray[np.float64],
+                     friction_torque: NDArray[np.float64], system: System) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slip and plate acceleration, (n,) arrays in rad/s^2, from (2a) and (2b) with the torques given."""
+    slip, plate = equations.accelerations(plate_angle, plate_speed, engine_torque, friction_torque, terms_of(system).linear)
+    return slip, plate
+
+
+def first_cycle_of(trajectory: Trajectory) -> int:
+    """Number of the first engine cycle that lies within the trajectory; cycle n starts at t = n cycle."""
+    return math.ceil(float(trajectory.t[0]) / trajectory.cycle - 1e-9)
+
+
+def default_discard(cycles: int) -> int:
+    """Cycles to drop where nobody says: 50, or half of them where there are fewer than 100."""
+    return min(DISCARD, cycles // 2)
+
+
+def kept(cycles: Cycles, discard: int) -> Cycles:
+    """The cycles after the first `discard`.
+
+    Raises
+    ------
+    InputError
+        A negative number, or one that leaves no cycle.
+    """
+    if discard < 0:
+        raise InputError(f"--discard is {discard}; it must be 0 or more cycles")
+    if discard >= len(cycles):
+        whole = f"the {len(cycles)} cycles" if len(cycles) != 1 else "the only cycle"
+        raise InputError(f"--discard {discard} leaves none of {whole}" if len(cycles) else
+                         "there is no whole engine cycle to summarise")
+    return cycles[discard:]

@@ -1,0 +1,115 @@
+"""The figures of a steady state: maxima, section, period, stick fraction and regime, as `simulate` and `analyse` give them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept
+from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
+from tcc_sim.errors import InputError
+from tcc_sim.solvers.trajectory import Cycles, Trajectory
+
+PASSING = 1e-3
+"""A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the kept cycles come to; the fields are the JSON keys of `simulate` and `analyse`.
+
+    max_slip_speed : largest |v|, rad/s
+    min_slip_speed : smallest v, signed, rad/s
+    period : in engine cycles, 0 where none up to 16 is found
+    section : (plate angle in rad, slip speed in rad/s) at t = 2 pi n/omega over the last whole period, in order and from
+        an n that is a multiple of the period; over all kept cycles where the period is 0
+    stick_fraction : time in stick over time, 0 to 1
+    regime : stick, slip or stick-slip; a stick fraction within 1e-3 of 0 or 1 counts as slip or stick
+    cycles, discarded : engine cycles observed, and those of them dropped at the start
+    settled : whether the section repeats within the tolerance; a period may be found while it still converges
+    section_change : largest change over the last period, relative to the size of the motion
+    solver : name of the solver
+    elapsed_s : s of computing time
+    """
+
+    max_slip_speed: float
+    min_slip_speed: float
+    period: int
+    section: list[tuple[float, float]]
+    stick_fraction: float
+    regime: str
+    cycles: int
+    discarded: int
+    settled: bool
+    section_change: float
+    solver: str
+    elapsed_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields as JSON values; a number that is not finite becomes null."""
+        return {key: None if isinstance(value, float) and not math.isfinite(value) else value
+                for key, value in asdict(self).items()}
+
+
+def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = TOLERANCE) -> Summary:
+    """The summary of a trajectory's cycles after the first `discard` of them.
+
+    Parameters
+    ----------
+    trajectory : solved or recorded; its status is not looked at
+    discard : cycles dropped; None drops 50, or half of the cycles where there are fewer than 100
+    tolerance : of the period, relative to the size of the motion
+
+    Raises
+    ------
+    InputError
+        A discard that leaves no cycle, or a trajectory without cycles.
+    """
+    cycles = cycles_of(trajectory)
+    dropped = default_discard(len(cycles)) if discard is None else discard
+    first = first_cycle_of(trajectory) + dropped
+    found = summarise_cycles(kept(cycles, dropped), trajectory.cycle, first=first, tolerance=tolerance)
+    return replace(found, cycles=len(cycles), discarded=dropped, solver=trajectory.solver,
+                   elapsed_s=trajectory.statistics.seconds)
+
+
+def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance: float = TOLERANCE) -> Summary:
+    """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
+
+    Parameters
+    ----------
+    cycles : what was kept
+    cycle : engine cycle, s
+    first : number of the first of them, which sets where the section of a period starts
+    tolerance : of the period, relative to the size of the motion
+
+    Raises
+    ------
+    InputError
+        No observed cycle at all.
+    """
+    observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
+    if not observed.any():
+        raise InputError("there is no whole engine cycle to summarise")
+    highest, lowest = float(cycles.highest[observed].max()), float(cycles.lowest[observed].min())
+    found = periodicity(cycles, tolerance)
+    points = cycles.section[1:]
+    if found.period:
+        past = (first + len(points) + 1) % found.period
+        points = points[len(points) - past - found.period:len(points) - past]
+    points = points[np.isfinite(points).all(axis=1)]
+    fraction = min(max(float(cycles.stick_time[observed].sum()) / (int(observed.sum()) * cycle), 0.0), 1.0)
+    return Summary(
+        max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
+        section=[(float(p[1]), float(p[0])) for p in points], stick_fraction=fraction, regime=regime_of(fraction),
+        cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0)
+
+
+def regime_of(stick_fraction: float) -> str:
+    """stick, slip or stick-slip."""
+    if stick_fraction >= 1.0 - PASSING:
+        return "stick"
+    return "slip" if stick_fraction <= PASSING else "stick-slip"

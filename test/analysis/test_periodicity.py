@@ -1,0 +1,112 @@
+"""Sections made by hand, of known period, and motions that have none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.solvers.trajectory import Cycles
+
+
+def cycles_through(points):
+    section = np.asarray(points, dtype=float)
+    n = len(section) - 1
+    return Cycles(section, np.full(n, 120.0), np.full(n, -3.0), np.zeros(n))
+
+
+def embedded(values):
+    """A scalar sequence as section points of a motion whose slip reaches 120 rad/s."""
+    x = np.asarray(values, dtype=float)
+    return cycles_through(np.stack([40.0 + 30.0 * x, 0.1 + 0.05 * x, 10.0 - 20.0 * x], axis=1))
+
+
+@pytest.mark.parametrize("period", [1, 2, 3, 5, 11, 16])
+def test_finds_the_period_of_a_repeating_section(period):
+    pattern = np.random.default_rng(period).uniform(-1.0, 1.0, period)
+    found = periodicity(embedded(np.tile(pattern, 40)[:101]))
+    assert (found.period, found.settled) == (period, True)
+
+
+def test_period_17_is_beyond_what_is_looked_for():
+    pattern = np.random.default_rng(17).uniform(-1.0, 1.0, 17)
+    assert periodicity(embedded(np.tile(pattern, 20))).period == 0
+
+
+@pytest.mark.parametrize("multiplier", [0.97, -0.97, 0.985, 0.8])
+def test_slow_geometric_settling_is_period_one_and_says_so(multiplier):
+    n = np.arange(101)
+    found = periodicity(embedded(0.3 * multiplier ** n))
+    assert found.period == 1
+    assert found.settled == (abs(multiplier) < 0.9)
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.7, 2.0, 2.0 * math.pi * 0.618])
+def test_a_converging_spiral_is_period_one(angle):
+    n = np.arange(101)
+    w = 0.2 * 0.97 ** n * np.exp(1j * angle * n)
+    section = np.stack([40.0 + 100.0 * w.real, 0.1 + 0.05 * w.imag, 30.0 * w.imag], axis=1)
+    assert periodicity(cycles_through(section)).period == 1
+
+
+def test_settling_towards_period_two_is_period_two():
+    n = np.arange(121)
+    assert periodicity(embedded(0.2 * (-1.0) ** n + 0.3 * 0.97 ** n)).period == 2
+
+
+def test_a_small_splitting_is_not_lost():
+    n = np.arange(101)
+    assert periodicity(embedded(0.01 * (-1.0) ** n)).period == 2
+
+
+@pytest.mark.parametrize("start", np.linspace(0.05, 0.95, 15))
+@pytest.mark.parametrize("rate", [3.7, 3.9, 4.0])
+def test_the_logistic_map_in_its_chaos_has_no_period(rate, start):
+    x = [start + 1e-3]
+    for _ in range(150):
+        x.append(rate * x[-1] * (1.0 - x[-1]))
+    assert periodicity(embedded(x[50:])).period == 0
+
+
+@pytest.mark.parametrize("width", [1.0, 0.01, 0.001])
+def test_narrow_banded_chaos_has_no_period(width):
+    x = [0.3]
+    for _ in range(150):
+        x.append(3.9 * x[-1] * (1.0 - x[-1]))
+    assert periodicity(embedded(width * np.array(x[50:]) + 0.5 * (-1.0) ** np.arange(101))).period == 0
+
+
+def test_the_logistic_map_cascade_has_the_periods_of_the_textbook():
+    """Periods 1, 2, 4, 8 at r = 2.9, 3.2, 3.5, 3.55, and 3 in the window at 3.83 (Strogatz, Section 10.2)."""
+    for rate, period in [(2.9, 1), (3.2, 2), (3.5, 4), (3.55, 8), (3.83, 3)]:
+        x = [0.4]
+        for _ in range(1000):
+            x.append(rate * x[-1] * (1.0 - x[-1]))
+        assert periodicity(embedded(x[-101:])).period == period
+
+
+@pytest.mark.parametrize("rotation", [(math.sqrt(5.0) - 1.0) / 2.0, math.sqrt(2.0) - 1.0, 1.0 / 3.0 + 1e-3, math.pi - 3.0])
+@pytest.mark.parametrize("size", [1.0, 0.05])
+def test_a_rotation_on_a_torus_has_no_period(rotation, size):
+    phase = 2.0 * math.pi * rotation * np.arange(101)
+    section = np.stack([40.0 + size * 30.0 * np.cos(phase), 0.1 + size * 0.03 * np.sin(phase), size * np.cos(phase)], axis=1)
+    assert periodicity(cycles_through(section)).period == 0
+
+
+def test_a_steady_drift_has_no_period():
+    assert periodicity(embedded(1e-4 * np.arange(101))).period == 0
+
+
+def test_gaps_only_the_cycles_after_the_last_count():
+    rng = np.random.default_rng(3)
+    values = np.concatenate([rng.uniform(-1.0, 1.0, 20), [math.nan], np.tile([0.2, -0.4, 0.9], 20)])
+    cycles = embedded(values)
+    cycles.highest[[19, 20]] = math.nan
+    assert periodicity(cycles).period == 3
+
+
+def test_too_few_cycles_give_no_period():
+    found = periodicity(embedded([0.5, 0.5]))
+    assert found.period == 0
+    assert periodicity(embedded([0.5])).period == 0
+    assert math.isnan(periodicity(embedded([0.5])).change)

@@ -1,0 +1,121 @@
+"""Summaries of trajectories whose figures are known by hand."""
+
+import json
+import math
+from dataclasses import replace as with_field
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.cycles import cycles_of, default_discard
+from tcc_sim.analysis.summary import regime_of, summarise, summarise_cycles
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers.trajectory import Cycles, Trajectory
+
+FREQUENCY = 100.0
+CYCLE = 2.0 * math.pi / FREQUENCY
+SYSTEM = replace(System(), {"engine.frequency": FREQUENCY})
+
+
+def trajectory_of(slip_speed, slip_acceleration, count, samples=400, start=0):
+    """A sampled motion v(t) with the plate at rest: the torques are those with which (2a), (2b) hold exactly."""
+    t = np.arange(start * samples, (start + count) * samples + 1) * (CYCLE / samples)
+    zero = np.zeros_like(t)
+    return Trajectory(t, slip_speed(t), zero, zero, SYSTEM.driveline.flywheel_inertia * slip_acceleration(t), zero + 500.0,
+                      zero, np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
+
+
+def part_of(whole, samples):
+    """The first samples of a trajectory."""
+    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque", "state")
+    return with_field(whole, **{name: getattr(whole, name)[:samples] for name in names})
+
+
+def sine(offset, amplitude, phase, ratio=1.0):
+    w = ratio * FREQUENCY
+    return lambda t: offset + amplitude * np.sin(w * t + phase), lambda t: amplitude * w * np.cos(w * t + phase)
+
+
+def test_the_maxima_and_the_section_of_a_sine_are_exact():
+    found = summarise(trajectory_of(*sine(5.0, 20.0, 0.3), 30), 10)
+    assert found.max_slip_speed == pytest.approx(25.0, abs=1e-6)
+    assert found.min_slip_speed == pytest.approx(-15.0, abs=1e-6)
+    assert found.period == 1
+    assert found.settled
+    assert found.section == [(0.0, pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=1e-9))]
+    assert (found.cycles, found.discarded, found.solver) == (30, 10, "by_hand")
+
+
+def test_coarse_samples_that_miss_the_cycle_ends_are_interpolated():
+    """Samples at t = k pi/1000, 20.3 or so a cycle: Hermite's error is 20 (omega h)^4/384 or so."""
+    t = np.arange(0, 700) * 3.1e-3
+    v, a = sine(5.0, 20.0, 0.3)
+    zero = np.zeros_like(t)
+    coarse = Trajectory(t, v(t), zero, zero, SYSTEM.driveline.flywheel_inertia * a(t), zero, zero, np.zeros(len(t), np.int8),
+                        CYCLE, "by_hand", SYSTEM)
+    found = summarise(coarse, 5, tolerance=1e-3)
+    assert found.max_slip_speed == pytest.approx(25.0, abs=2e-3)
+    assert found.min_slip_speed == pytest.approx(-15.0, abs=2e-3)
+    assert found.section[0][1] == pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=2e-3)
+
+
+@pytest.mark.parametrize("period", [2, 3, 5])
+def test_a_subharmonic_has_its_period_and_its_points_in_order(period):
+    v, a = sine(0.0, 20.0, 0.4, 1.0 / period)
+    for count in range(40, 40 + period):
+        found = summarise(trajectory_of(v, a, count), 7)
+        assert found.period == period
+        assert [p[1] for p in found.section] == pytest.approx([float(v(n * CYCLE)) for n in range(period)], abs=1e-6)
+
+
+def test_a_motion_without_period_lists_every_kept_cycle():
+    found = summarise(trajectory_of(*sine(0.0, 20.0, 0.0, (math.sqrt(5.0) - 1.0) / 2.0), 60), 20)
+    assert found.period == 0
+    assert len(found.section) == 40
+
+
+def test_stick_fraction_and_regime():
+    stuck = trajectory_of(lambda t: 0.0 * t, lambda t: 0.0 * t, 10)
+    assert (summarise(stuck, 2).stick_fraction, summarise(stuck, 2).regime) == (1.0, "stick")
+    assert summarise(trajectory_of(*sine(30.0, 20.0, 0.0), 10), 2).regime == "slip"
+    assert regime_of(0.5) == "stick-slip"
+
+
+def test_json_has_the_keys_that_programs_rely_on_and_no_nan():
+    found = json.loads(json.dumps(summarise(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 0).as_json(), allow_nan=False))
+    assert {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver",
+            "elapsed_s"} <= set(found)
+    assert found["period"] == 0
+    assert len(found["section"]) == found["cycles"] == 1
+
+
+def test_a_discard_that_leaves_nothing_is_refused():
+    short = trajectory_of(*sine(5.0, 20.0, 0.3), 20)
+    with pytest.raises(InputError, match="--discard 50 leaves none of the 20 cycles"):
+        summarise(short, 50)
+    with pytest.raises(InputError, match="0 or more"):
+        summarise(short, -1)
+
+
+def test_a_trajectory_shorter_than_a_cycle_is_refused():
+    with pytest.raises(InputError, match="no whole engine cycle"):
+        summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CYCLE)
+    with pytest.raises(InputError, match="no whole engine cycle"):
+        summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 0)
+
+
+def test_the_paper_drops_fifty_cycles():
+    assert [default_discard(n) for n in (0, 1, 20, 99, 100, 150, 1000)] == [0, 0, 10, 49, 50, 50, 50]
+
+
+def test_the_results_of_the_solver_come_first():
+    own = Cycles(np.ones((4, 3)), np.full(3, 7.0), np.full(3, -9.0), np.zeros(3))
+    found = summarise(with_field(trajectory_of(*sine(5.0, 20.0, 0.3), 3), cycles=own), 0)
+    assert (found.max_slip_speed, found.min_slip_speed) == (9.0, -9.0)
+
+
+def test_cycles_count_from_the_start_of_the_run():
+    late = trajectory_of(*sine(0.0, 20.0, 0.4, 0.5), 21, start=13)
+    assert len(cycles_of(late)) == 21
+    assert summarise(late, 4).section[0][1] == pytest.approx(20.0 * math.sin(0.4), abs=1e-6)
