@@ -1,7 +1,7 @@
 """The parameters of the driveline: Table 1 of Duan and Singh, with units and allowed ranges.
 
 Every field of a group is a scene key, `group.field`. SI units, angles in rad. The sign convention of the whole package:
-slip speed is flywheel speed minus clutch plate speed, and a positive friction torque slows the flywheel and drives the plate.
+slip speed is flywheel speed minus clutch plate speed, and a positive friction torque slows the flywheel and drives the plate. The defaults are those of Fig. 2.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from tcc_sim.errors import InputError
 
 Value = float | str | tuple[float, ...]
 
+FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
+"""Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""
 PRESSURE_MAXIMUM = 1e7
 TORQUE_MAXIMUM = 1e5
 
@@ -89,7 +91,7 @@ class Friction(Group):
 
     law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"))
     static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True)
-    kinetic_coefficient: float = quantity(0.3, "kinetic friction coefficient mu_k, at most mu_s", "", 0.0, 2.0,
+    kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, at most mu_s", "", 0.0, 2.0,
                                           above=True, live=True)
     decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
@@ -140,9 +142,9 @@ class Pressure(Group):
     """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
 
     source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
-    mean: float = quantity(225e3, "mean pressure Pm; with source topic the pressure until the first command and after "
+    mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm; with source topic the pressure until the first command and after "
                            "a time-out", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
-    amplitude: float = quantity(0.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
+    amplitude: float = quantity(0.2 * FIG02_PRESSURE, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
     frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True)
     phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)
 
