@@ -1,0 +1,147 @@
+"""The CDR bytes of the few message types of this package, encoded and decoded without ROS.
+
+Layouts follow the OMG CDR alignment rules (little-endian, version 1): a 4-byte encapsulation header, then each primitive aligned
+to its size counted from the end of that header. A test compares every byte with what ROS 2 itself serialises.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.topics import JOINT_NAMES
+
+HEADER = b"\x00\x01\x00\x00"
+"""Encapsulation: plain CDR, little-endian, no options."""
+
+_NANOSECONDS = 1_000_000_000
+_FLOAT64 = struct.Struct("<4sd")
+_INT8 = struct.Struct("<4sb3x")
+_CLOCK = struct.Struct("<4siI")
+_FLUID_PRESSURE = struct.Struct("<4siIIxxxxdd")
+_FRAME_ID_LENGTH = struct.Struct("<I")
+_DOUBLE = struct.Struct("<d")
+_STAMP = struct.Struct("<iI")
+
+
+def _string(text: str, padding: bytes = b"\0") -> bytes:
+    """A CDR string that starts on a 4-byte boundary, padded to the next one."""
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data + padding * (-len(data) % 4)
+
+
+def _names(padding: bytes = b"\0") -> bytes:
+    """Empty frame_id and the joint names."""
+    return _string("", padding) + struct.pack("<I", len(JOINT_NAMES)) + b"".join(_string(name, padding) for name in JOINT_NAMES)
+
+
+_NAMES = _names()
+_PAIR = struct.pack("<II", 2, 0)
+assert (8 + len(_NAMES)) % 8 == 0, "the count of positions is followed by four bytes of padding"
+_JOINT_STATE = struct.Struct(f"<4siI{len(_NAMES)}s8sdd8sdd8sdd")
+_OTHER = struct.unpack("<2d", b"\1" * 16)
+_FIRST = 12 + len(_NAMES) + 8
+
+JOINT_STATE = np.dtype({
+    "names": ["sec", "nanosec", "flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
+              "friction_torque"],
+    "formats": ["<i4", "<u4"] + ["<f8"] * 6,
+    "offsets": [4, 8, _FIRST, _FIRST + 8, _FIRST + 24, _FIRST + 32, _FIRST + 48, _FIRST + 56],
+    "itemsize": _JOINT_STATE.size})
+"""One serialised joint_states message as NumPy sees it; names and counts sit at fixed offsets because they never change."""
+
+FLUID_PRESSURE = np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"], "formats": ["<i4", "<u4", "<f8", "<f8"],
+                           "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size})
+"""One serialised FluidPressure message with an empty frame_id."""
+
+
+def float64(value: float) -> bytes:
+    """std_msgs/msg/Float64."""
+    return _FLOAT64.pack(HEADER, value)
+
+
+def int8(value: int) -> bytes:
+    """std_msgs/msg/Int8, padded with zeros to four bytes as DDS does on the wire."""
+    return _INT8.pack(HEADER, value)
+
+
+def clock(stamp_ns: int) -> bytes:
+    """rosgraph_msgs/msg/Clock."""
+    return _CLOCK.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS))
+
+
+def fluid_pressure(stamp_ns: int, pressure: float, variance: float = 0.0) -> bytes:
+    """sensor_msgs/msg/FluidPressure (Pa) with an empty frame_id."""
+    return _FLUID_PRESSURE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), 1, pressure, variance)
+
+
+def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywheel_speed: float, plate_speed: float,
+                engine_torque: float, friction_torque: float) -> bytes:
+    """sensor_msgs/msg/JointState of the driveline: angles (rad), speeds (rad/s), torques (N m), stamp in simulation time."""
+    return _JOINT_STATE.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, _NAMES, _PAIR, flywheel_angle,
+                             plate_angle, _PAIR, flywheel_speed, plate_speed, _PAIR, engine_torque, friction_torque)
+
+
+def read_stamp(data: bytes) -> int:
+    """Stamp of a message that starts with a header or a time, ns; 0 where it is too short to have one."""
+    if len(data) < 12:
+        return 0
+    sec, nanosec = _STAMP.unpack_from(data, 4)
+    return int(sec) * _NANOSECONDS + int(nanosec)
+
+
+def read_float64(data: bytes) -> float:
+    """Value of a serialised Float64.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian Float64.
+    """
+    if len(data) < _FLOAT64.size or data[1] != HEADER[1]:
+        raise ValueError("not a little-endian std_msgs/msg/Float64")
+    return float(_FLOAT64.unpack_from(data)[1])
+
+
+def read_fluid_pressure(data: bytes) -> tuple[int, float]:
+    """Stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian FluidPressure.
+    """
+    if len(data) >= 16 and data[1] == HEADER[1]:
+        end = 12 + _FRAME_ID_LENGTH.unpack_from(data, 12)[0]
+        start = 4 + (end + 7) // 8 * 8
+        if start + 16 <= len(data):
+            return read_stamp(data), float(_DOUBLE.unpack_from(data, start)[0])
+    raise ValueError("not a little-endian sensor_msgs/msg/FluidPressure")
+
+
+def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
+    """Stamps of decoded messages, ns."""
+    found: NDArray[np.int64] = records["sec"].astype(np.int64) * _NANOSECONDS + records["nanosec"]
+    return found
+
+
+def joint_state_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Bytes of a joint_states message, and a mask of those that every message has: names and counts, not values or padding.
+
+    Padding is left out because ROS 2 sends whatever its buffer held before.
+    """
+    zeros = (0.0,) * 6
+    example = np.frombuffer(joint_state(0, *zeros), dtype=np.uint8)
+    pair = struct.pack("<I4s", 2, b"\xff" * 4)
+    other = _JOINT_STATE.pack(b"\0\1\xff\xff", -1, 0xFFFFFFFF, _names(b"\xff"), pair, *_OTHER, pair, *_OTHER, pair, *_OTHER)
+    return example, example == np.frombuffer(other, dtype=np.uint8)
+
+
+def fluid_pressure_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Bytes of a FluidPressure message with an empty frame_id, and a mask of those that every such message has."""
+    example = np.frombuffer(fluid_pressure(0, 0.0), dtype=np.uint8)
+    fixed = np.zeros(len(example), dtype=np.bool_)
+    fixed[[0, 1, 12, 13, 14, 15, 16]] = True
+    return example, fixed

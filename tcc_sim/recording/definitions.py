@@ -1,0 +1,134 @@
+"""Message definitions and type hashes: those of the installed ROS 2 where there is one, and the few this package needs anyway."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from tcc_sim.errors import InputError
+
+_CARRIED: dict[str, tuple[str, str]] = {
+    "builtin_interfaces/msg/Time": (
+        "int32 sec\nuint32 nanosec\n",
+        "RIHS01_b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197"),
+    "std_msgs/msg/Header": (
+        "builtin_interfaces/Time stamp\nstring frame_id\n",
+        "RIHS01_f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01"),
+    "std_msgs/msg/Float64": (
+        "float64 data\n",
+        "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"),
+    "std_msgs/msg/Int8": (
+        "int8 data\n",
+        "RIHS01_26525065a403d972cb672f0777e333f0c799ad444ae5fcd79e43d1e73bd0f440"),
+    "sensor_msgs/msg/FluidPressure": (
+        "std_msgs/Header header\nfloat64 fluid_pressure\nfloat64 variance\n",
+        "RIHS01_22dfb2b145a0bd5a31a1ac3882a1b32148b51d9b2f3bab250290d66f3595bc32"),
+    "sensor_msgs/msg/JointState": (
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+        "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"),
+}
+"""Fields (without comments) and RIHS01 hash per type, so that a recording can be written where ROS 2 is not installed."""
+
+_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64",
+               "uint64", "string", "wstring"}
+_TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
+
+
+@dataclass(frozen=True)
+class Definition:
+    """What an MCAP schema says of a message type: its text with every type it needs (ros2msg), and its RIHS01 hash."""
+
+    text: str
+    type_hash: str
+
+
+def definition(type_name: str) -> Definition:
+    """The definition of `type_name` (package/msg/Name) with its dependencies in the order they are first needed.
+
+    Raises
+    ------
+    InputError
+        Not a message type, or neither installed nor carried.
+    """
+    text = _text(type_name)
+    parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
+    while needed:
+        name = needed.pop(0)
+        if name in seen:
+            continue
+        seen.add(name)
+        text = _text(name)
+        package, _, short = name.split("/")
+        parts.append(f"\n{'=' * 80}\nMSG: {package}/{short}\n{text}")
+        needed.extend(_dependencies(name, text))
+    return Definition("".join(parts), _hash(type_name))
+
+
+def type_parts(type_name: str) -> tuple[str, str]:
+    """Package and short name of `package/msg/Name`.
+
+    Raises
+    ------
+    InputError
+        Not of that form.
+    """
+    match = _TYPE_NAME.fullmatch(type_name)
+    if match is None:
+        raise InputError(f"{type_name!r} is not a message type; it must be like std_msgs/msg/Float64")
+    return match[1], match[2]
+
+
+def _shares() -> Iterator[Path]:
+    """Share directories of ROS 2: of the sourced workspaces, then of the PyPI wheels."""
+    for prefix in [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]:
+        if prefix:
+            yield Path(prefix, "share")
+
+
+def _installed(type_name: str, suffix: str) -> str | None:
+    """Content of the installed file that defines the type, or None."""
+    package, short = type_parts(type_name)
+    for share in _shares():
+        path = share / package / "msg" / f"{short}{suffix}"
+        if path.is_file():
+            return path.read_text(encoding="utf-8")
+    return None
+
+
+def _text(type_name: str) -> str:
+    """The .msg text of one type."""
+    text = _installed(type_name, ".msg")
+    if text is None:
+        if type_name not in _CARRIED:
+            raise InputError(f"the definition of {type_name} is not installed")
+        text = _CARRIED[type_name][0]
+    return text
+
+
+def _hash(type_name: str) -> str:
+    """The RIHS01 hash of one type; empty where nothing says."""
+    found = _installed(type_name, ".json")
+    if found is not None:
+        for entry in json.loads(found).get("type_hashes", []):
+            if entry.get("type_name") == type_name:
+                return str(entry["hash_string"])
+    return _CARRIED.get(type_name, ("", ""))[1]
+
+
+def _dependencies(type_name: str, text: str) -> Iterator[str]:
+    """The message types that the fields of `text` name, as package/msg/Name."""
+    package = type_name.split("/")[0]
+    for line in text.splitlines():
+        words = line.split("#")[0].split()
+        if len(words) < 2 or "=" in line.split("#")[0]:
+            continue
+        name = re.split(r"[\[<]", words[0])[0]
+        if name in _PRIMITIVES:
+            continue
+        parts = name.split("/")
+        yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"
