@@ -70,11 +70,25 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     p, q = speeds[:-1], speeds[1:]
     rest = (p == 0.0) & (q == 0.0) if stick_speed == 0.0 else np.zeros(len(p), dtype=np.bool_)
     dp, dq = np.where(rest, 0.0, width * rates[:-1]), np.where(rest, 0.0, width * rates[1:])
+    dp, dq = _without_overshoot(p, dp, q, dq, (np.abs(p) <= stick_speed) | (np.abs(q) <= stick_speed))
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
     return Cycles(section, np.maximum.reduceat(values.max(axis=1), starts), np.minimum.reduceat(values.min(axis=1), starts),
                   np.add.reduceat(within, starts))
+
+
+def _without_overshoot(p: Floats, dp: Floats, q: Floats, dq: Floats, stiff: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """End slopes limited so that the cubic is monotone, where an interval holds a landing (or a start) in the stick layer.
+
+    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The sign:
+    dp + dq = 2 (q - p) + O(h^3) on smooth arcs. The limit is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer.
+    Anal. 17, Section 4.
+    """
+    rise = q - p
+    landing = stiff & (np.abs(dp + dq - 2.0 * rise) > 0.5 * (np.abs(dp) + np.abs(dq)))
+    low, high = np.minimum(3.0 * rise, 0.0), np.maximum(3.0 * rise, 0.0)
+    return np.where(landing, np.clip(dp, low, high), dp), np.where(landing, np.clip(dq, low, high), dq)
 
 
 def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:
