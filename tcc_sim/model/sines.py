@@ -1,0 +1,89 @@
+"""A constant plus sines: the form of every excitation and of every steady state of the linear part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.model.parameters import System
+
+Floats = NDArray[np.float64]
+Response = Callable[[float], complex]
+
+
+@dataclass(frozen=True)
+class Sines:
+    """mean + sum_k amplitude_k sin(frequency_k t + phase_k); the three arrays are (m,), frequencies in rad/s."""
+
+    mean: float
+    frequency: Floats
+    amplitude: Floats
+    phase: Floats
+
+    @staticmethod
+    def of(mean: float, rows: list[tuple[float, float, float]]) -> Sines:
+        """From a mean and rows of frequency, amplitude and phase; rows of one frequency are added up."""
+        merged: dict[float, complex] = {}
+        for frequency, amplitude, phase in rows:
+            merged[frequency] = merged.get(frequency, 0j) + amplitude * np.exp(1j * phase)
+        phasors = np.array(list(merged.values()), dtype=np.complex128)
+        return Sines(mean, np.array(list(merged), dtype=np.float64), np.abs(phasors), np.angle(phasors))
+
+    def __call__(self, t: Any) -> Floats:
+        """The value at the times t, (n,) array or float."""
+        angle = np.multiply.outer(np.asarray(t, dtype=np.float64), self.frequency) + self.phase
+        out: Floats = self.mean + np.sin(angle) @ self.amplitude
+        return out
+
+    def through(self, response: Response) -> Sines:
+        """The steady output of a linear system whose response to exp(i w t) is `response`(w)."""
+        factors = np.array([response(float(w)) for w in self.frequency], dtype=np.complex128)
+        return Sines(self.mean * float(response(0.0).real), self.frequency, self.amplitude * np.abs(factors),
+                     self.phase + np.angle(factors))
+
+    def plus(self, other: Sines, factor: float = 1.0) -> Sines:
+        """This plus `factor` times another."""
+        rows = [(float(w), float(a) * s, float(p)) for part, s in ((self, 1.0), (other, factor))
+                for w, a, p in zip(part.frequency, part.amplitude, part.phase)]
+        return Sines.of(self.mean + factor * other.mean, rows)
+
+    def rate(self) -> Sines:
+        """The derivative with respect to time."""
+        return Sines(0.0, self.frequency, self.amplitude * self.frequency, self.phase + 0.5 * np.pi)
+
+    def swing(self) -> float:
+        """The sum of the amplitudes: no value is farther from the mean."""
+        return float(self.amplitude.sum())
+
+
+def engine_series(system: System) -> Sines:
+    """Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper."""
+    e = system.engine
+    if e.source != "harmonic":
+        return Sines.of(e.mean_torque, [])
+    higher = [(n * e.frequency, a, p) for n, (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2) if a > 0.0]
+    return Sines.of(e.mean_torque, ([(e.frequency, e.torque_amplitude, 0.0)] if e.torque_amplitude > 0.0 else []) + higher)
+
+
+def load_series(system: System) -> Sines:
+    """Ts(t) of (5b), N m, before the clamp at 0."""
+    frequency = system.pressure.frequency_ratio * system.engine.frequency
+    amplitude = system.saturation_amplitude
+    return Sines.of(system.saturation_mean, [(frequency, amplitude, system.pressure.phase)] if amplitude > 0.0 else [])
+
+
+def common_cycles(system: System, most: int = 1000) -> int:
+    """N of omega_f = (M/N) omega in lowest terms: engine cycles after which the excitation repeats; 0 where N passes `most`.
+
+    It is 1 where the pressure is constant.
+    """
+    if len(load_series(system).frequency) == 0:
+        return 1
+    ratio = system.pressure.frequency_ratio
+    nearest = Fraction(ratio).limit_denominator(most)
+    return nearest.denominator if abs(float(nearest) - ratio) <= 1e-12 * ratio else 0

@@ -1,0 +1,173 @@
+"""Closed forms against direct integration of (1), (2), (12) by SciPy and against the paper's printed identities."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import closed_form
+from tcc_sim.model.parameters import System, replace
+
+RICH = {"engine.harmonic_amplitudes": (60.0, 0.0, 35.0), "engine.harmonic_phases": (0.7, 0.0, -2.0)}
+LOAD = {"pressure.amplitude": 60e3, "pressure.frequency_ratio": 1.5, "pressure.phase": 0.9}
+
+
+def system_of(values=None, **groups):
+    return replace(System(), {**(values or {}), **groups})
+
+
+def engine(system, t):
+    e = system.engine
+    out = e.mean_torque + e.torque_amplitude * np.sin(e.frequency * t)
+    for n, (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
+        out = out + a * np.sin(n * e.frequency * t + p)
+    return out
+
+
+def load(system, t):
+    p = system.pressure
+    return system.torque_per_pressure * np.maximum(
+        p.mean + p.amplitude * np.sin(p.frequency_ratio * system.engine.frequency * t + p.phase), 0.0)
+
+
+@pytest.mark.parametrize("omega", [20.0, 116.0, 118.0, 300.0, 387.3, 900.0])
+def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
+    system = system_of(RICH, **{"engine.frequency": omega, "driveline.damping": 2.0})
+    d = system.driveline
+    angle, torque = closed_form.plate_angle(system), closed_form.interface_torque(system)
+    t = np.linspace(0.0, 2 * system.cycle, 41)
+    both = d.flywheel_inertia + d.plate_inertia
+    start = [float(angle(0.0)), float(angle.rate()(0.0))]
+    run = solve_ivp(lambda t, y: [y[1], (engine(system, t) - d.damping * y[1] - d.stiffness * y[0]) / both], (0, t[-1]), start,
+                    t_eval=t, method="DOP853", rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(angle(t), run.y[0], atol=1e-10)
+    acceleration = angle.rate().rate()(t)
+    np.testing.assert_allclose(torque(t), engine(system, t) - d.flywheel_inertia * acceleration, atol=1e-8)
+    np.testing.assert_allclose(torque(t), d.plate_inertia * acceleration + d.damping * angle.rate()(t)
+                               + d.stiffness * angle(t), atol=1e-8, err_msg="(24)")
+
+
+@pytest.mark.parametrize("omega", [60.0, 200.0])
+def test_printed_forms_with_their_errata(omega):
+    system = system_of(**{"engine.frequency": omega})
+    d, e = system.driveline, system.engine
+    both = d.flywheel_inertia + d.plate_inertia
+    phase = closed_form.stick_phase(system, omega)
+    assert -math.pi <= phase <= 0.0
+    assert (phase < -math.pi / 2) == (omega > system.stuck_natural_frequency)
+    t = np.linspace(0.0, system.cycle, 9)
+    root = math.sqrt((d.stiffness - both * omega**2) ** 2 + (d.damping * omega) ** 2)
+    np.testing.assert_allclose(closed_form.plate_angle(system)(t), e.mean_torque / d.stiffness
+                               + e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-14, err_msg="(8a)")
+    np.testing.assert_allclose(closed_form.interface_torque(system)(t), engine(system, t) + d.flywheel_inertia * omega**2
+                               * e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-10, err_msg="(9)")
+    assert closed_form.regime_boundary(system) == pytest.approx(math.sqrt(0.02 / 0.22), rel=1e-14)
+
+
+@pytest.mark.parametrize("values", [
+    {}, {**LOAD}, {**RICH, **LOAD}, {**LOAD, "pressure.frequency_ratio": 4 / 3, "friction.kinetic_coefficient": 0.2},
+    {**LOAD, "pressure.amplitude": 300e3}, {"engine.mean_torque": -300.0, **LOAD}])
+@pytest.mark.parametrize("omega", [30.0, 150.0])
+def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
+    system = system_of(values, **{"engine.frequency": omega})
+    found = closed_form.stick_margin(system)
+    t = np.linspace(0.0, 6 * system.cycle, 600_001)
+    margin = system.friction_ratio * load(system, t) - np.abs(closed_form.interface_torque(system)(t))
+    assert found.torque <= margin.min() + 1e-9
+    assert found.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
+    again = system.friction_ratio * load(system, found.time) - abs(float(closed_form.interface_torque(system)(found.time)))
+    assert again == pytest.approx(found.torque, abs=1e-9)
+
+
+def test_incommensurable_load_meets_every_phase():
+    system = system_of(**{**LOAD, "pressure.frequency_ratio": math.sqrt(2), "pressure.amplitude": 20e3})
+    torque = closed_form.interface_torque(system)
+    peak = torque.mean + torque.swing()
+    assert closed_form.stick_margin(system).torque == pytest.approx(
+        system.friction_ratio * (system.saturation_mean - system.saturation_amplitude) - peak, abs=1e-9)
+
+
+def test_stick_limits_from_both_sides_and_in_closed_form():
+    system = system_of(**{"engine.torque_amplitude": 150.0})
+    limits = closed_form.stick_limits(system, 5.0, 2000.0, 150)
+    exact = closed_form.constant_load_limits(system)
+    assert len(exact) == 2
+    assert limits.lower == pytest.approx(exact[0], rel=1e-10)
+    assert limits.higher == pytest.approx(exact[1], rel=1e-10)
+    assert exact[0] < system.stuck_natural_frequency < exact[1]
+    for omega in exact:
+        assert 300.0 + 150.0 * closed_form.interface_gain(system, omega) == pytest.approx(540.0, rel=1e-12)
+    strong = system_of()
+    assert closed_form.stick_limits(strong, 5.0, 2000.0, 150).lower is None
+    assert len(closed_form.constant_load_limits(strong)) == 1
+
+
+def test_paper_fig_8_pure_stick_reaches_to_018():
+    system = system_of(**{"pressure.amplitude": 0.25 * 225e3})
+    limits = closed_form.stick_limits(system, 0.02 * 387.298, 0.29 * 387.298, 60)
+    assert limits.lower / system.natural_frequency == pytest.approx(0.18, abs=0.01)
+
+
+SLIP = {"friction.kinetic_coefficient": 0.3, "initial.plate_angle": 0.05, "initial.plate_speed": -4.0}
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(("damping", "values"), [
+    (0.6, {}), (0.0, LOAD), (0.6, {**RICH, **LOAD}), (60.0, LOAD), (2.0 * math.sqrt(3000.0 * 0.02), {**LOAD, **RICH})])
+def test_pure_slip_solves_12(damping, values, direction):
+    system = system_of(values, **SLIP, **{"driveline.damping": damping, "pressure.mean": 125e3})
+    d, s = system.driveline, system.initial
+    t = np.linspace(0.0, 3 * system.cycle, 61)
+
+    def rates(t, y):
+        torque = direction * load(system, t)
+        plate = (torque - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia
+        return [(engine(system, t) - torque) / d.flywheel_inertia - plate, y[2], plate]
+
+    run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853", rtol=1e-12,
+                    atol=1e-11)
+    found = closed_form.pure_slip(system, direction)
+    np.testing.assert_allclose(found.slip_speed(t), run.y[0], atol=1e-8)
+    np.testing.assert_allclose(found.plate_angle(t), run.y[1], atol=1e-10)
+    np.testing.assert_allclose(found.plate_speed(t), run.y[2], atol=1e-8)
+    assert found.a1 == pytest.approx((300.0 - direction * system.saturation_mean) / 0.2, rel=1e-13)
+
+
+def test_corrected_17_and_18_for_constant_load():
+    system = system_of(**{"pressure.mean": 125e3})
+    found = closed_form.pure_slip(system)
+    d, omega = system.driveline, system.engine.frequency
+    decay = d.damping / (2 * d.plate_inertia)
+    wd = math.sqrt(d.stiffness / d.plate_inertia - decay**2)
+    t = np.linspace(0.0, 0.3, 50)
+    steady = 150.0 + 250.0 / (0.2 * omega) * (1 - np.cos(omega * t))
+    assert found.a1 == pytest.approx(0.0, abs=1e-10)
+    np.testing.assert_allclose(found.steady_slip_speed(t), steady, rtol=1e-13)
+    np.testing.assert_allclose(found.slip_speed(t), steady - 300.0 / (0.02 * wd) * np.exp(-decay * t) * np.sin(wd * t),
+                               atol=1e-9)
+
+
+def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
+    system = system_of(**{"pressure.mean": 125e3, "pressure.amplitude": 40e3, "pressure.phase": 1.0, "initial.slip_speed": 20.0})
+    found = closed_form.pure_slip(system)
+    t = np.linspace(0.0, system.cycle, 20001)
+    assert found.steady
+    assert found.margin == pytest.approx(found.steady_slip_speed(t).min(), abs=1e-6)
+
+
+@pytest.mark.parametrize(("values", "message"), [
+    ({"friction.kinetic_coefficient": 0.2}, "kinetic_coefficient"), ({"pressure.amplitude": 300e3}, "above pressure.mean"),
+    ({"driveline.damping": 0.0, "pressure.amplitude": 1e3, "engine.frequency": 1.0, "driveline.stiffness": 0.02}, "resonance")])
+def test_cases_without_a_closed_form_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        closed_form.pure_slip(system_of(values))
+
+
+def test_undamped_stuck_resonance_is_refused():
+    system = system_of(**{"driveline.damping": 0.0, "driveline.stiffness": 0.22, "engine.frequency": 1.0})
+    with pytest.raises(InputError, match="resonance"):
+        closed_form.plate_angle(system)
+    with pytest.raises(InputError, match="resonance"):
+        closed_form.interface_torque(system)
