@@ -13,7 +13,16 @@ from tcc_sim.solvers.compiled import accelerations, compiled, engine_torque, sat
 from tcc_sim.solvers.compiled import smoothed as smoothed_coefficient
 from tcc_sim.solvers.observe import cycles_from_samples
 from tcc_sim.solvers.terms import Terms, terms_of
-from tcc_sim.solvers.trajectory import Cycles, Floats, Problem, Statistics, Status, Trajectory, assemble, stick_speed_of
+from tcc_sim.solvers.trajectory import (
+    Floats,
+    Problem,
+    Statistics,
+    Status,
+    Trajectory,
+    assemble,
+    concatenated,
+    stick_speed_of,
+)
 
 STEPS = 2_000_000_000
 """Most steps of one solve."""
@@ -72,17 +81,8 @@ def rk4(problem: Problem) -> Trajectory:
     wanted[-1] = True
     t = np.array([t for t, _ in kept])[wanted]
     states = np.array([row for _, row in kept])[wanted, :width]
-    return assemble(problem, "rk4", t, states, cycles=_joined(found), status=status,
+    return assemble(problem, "rk4", t, states, cycles=concatenated(found) if found else None, status=status,
                     statistics=Statistics(steps=steps, seconds=time.perf_counter() - began))
-
-
-def _joined(found: list[Cycles]) -> Cycles | None:
-    """Consecutive single cycles as one Cycles."""
-    if not found:
-        return None
-    return Cycles(np.concatenate([c.section[:1] for c in found] + [found[-1].section[1:]]),
-                  np.concatenate([c.highest for c in found]), np.concatenate([c.lowest for c in found]),
-                  np.concatenate([c.stick_time for c in found]))
 
 
 @compiled

@@ -14,8 +14,12 @@ RICH = {"engine.harmonic_amplitudes": (60.0, 0.0, 35.0), "engine.harmonic_phases
 LOAD = {"pressure.amplitude": 60e3, "pressure.frequency_ratio": 1.5, "pressure.phase": 0.9}
 
 
+BASE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
+                          "engine.frequency": 150.0})
+
+
 def system_of(values=None, **groups):
-    return replace(System(), {**(values or {}), **groups})
+    return replace(BASE, {**(values or {}), **groups})
 
 
 def engine(system, t):

@@ -10,8 +10,9 @@ from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.observe import cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
 
-SLIPPING = replace(System(), {"pressure.mean": 37.5e3, "engine.frequency": 300.0, "engine.torque_amplitude": 80.0})
-STICK_SLIP = replace(System(), {"engine.frequency": 142.0, "initial.slip_speed": 1.0, "friction.kinetic_coefficient": 0.24})
+BASE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3})
+SLIPPING = replace(BASE, {"pressure.mean": 37.5e3, "engine.frequency": 300.0, "engine.torque_amplitude": 80.0})
+STICK_SLIP = replace(BASE, {"engine.frequency": 142.0, "initial.slip_speed": 1.0, "friction.kinetic_coefficient": 0.24})
 METHODS = {"rk45": {"rtol": 1e-9}, "dop853": {"rtol": 1e-10}, "radau": {"rtol": 1e-9}, "bdf": {"rtol": 1e-10},
            "lsoda": {"rtol": 1e-10}, "rk4": {"step": 1e-6}}
 
