@@ -13,7 +13,7 @@ from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
 from tcc_sim.solvers.trajectory import Cycles, Trajectory
 
-PASSING = 1e-3
+PASSING = 5e-3
 """A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer."""
 
 
@@ -27,7 +27,7 @@ class Summary:
     section : (plate angle in rad, slip speed in rad/s) at t = 2 pi n/omega over the last whole period, in order and from
         an n that is a multiple of the period; over all kept cycles where the period is 0
     stick_fraction : time in stick over time, 0 to 1
-    regime : stick, slip or stick-slip; a stick fraction within 1e-3 of 0 or 1 counts as slip or stick
+    regime : stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick
     cycles, discarded : engine cycles observed, and those of them dropped at the start
     settled : whether the section repeats within the tolerance; a period may be found while it still converges
     section_change : largest change over the last period, relative to the size of the motion

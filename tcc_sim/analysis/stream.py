@@ -1,0 +1,165 @@
+"""Engine cycles of a recording while it is read: bounded memory, and honest about gaps and resets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tcc_sim.analysis.continuity import Break, Continuity, Stamps
+from tcc_sim.analysis.cycles import accelerations_of, default_discard
+from tcc_sim.analysis.summary import Summary, summarise_cycles
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.observe import cycles_from_samples
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.trajectory import Cycles, Floats, stick_speed_of
+
+RECORDING_TOLERANCE = 2e-3
+"""Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse."""
+_SLACK = 1e-9
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive whole engine cycles of one run; cycle n starts at t = 2 pi n/omega of its simulation time."""
+
+    run: int
+    first: int
+    cycles: Cycles
+
+
+@dataclass
+class RunCycles:
+    """The engine cycles of one run, from a start or a reset of the driveline to the next."""
+
+    pieces: list[Piece] = field(default_factory=list)
+
+    def observed(self) -> int:
+        """Number of whole engine cycles without a gap."""
+        return sum(len(p.cycles) for p in self.pieces)
+
+    def kept(self, discard: int | None) -> tuple[Cycles, int, int]:
+        """The cycles after the first `discard`, the number of the first of them, and how many were dropped.
+
+        One NaN cycle stands between cycles that a gap separates; cycles within gaps count as dropped at the start too.
+
+        Raises
+        ------
+        InputError
+            No cycle is left, or the number is negative.
+        """
+        if not self.pieces:
+            raise InputError("the recording holds no whole engine cycle")
+        first, last = self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
+        dropped = default_discard(last - first) if discard is None else discard
+        if dropped < 0:
+            raise InputError(f"--discard is {dropped}; it must be 0 or more cycles")
+        parts = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces if p.first + len(p.cycles) > first + dropped]
+        if not parts:
+            raise InputError(f"--discard {dropped} leaves none of the {last - first} cycles")
+        follows = [b.first == a.first + len(a.cycles) for a, b in zip(self.pieces[-len(parts):], self.pieces[1 - len(parts):])]
+        joined = _join(parts, follows[:len(parts) - 1])
+        return joined, last - len(joined), dropped
+
+
+def _join(parts: list[Cycles], follows: list[bool]) -> Cycles:
+    """Cycles one after the other, with one NaN cycle between two of them unless the second follows the first."""
+    gap = np.array([math.nan])
+    section = [p.section[:-1] if adjacent else p.section for p, adjacent in zip(parts, [*follows, False])]
+    columns = []
+    for name in ("highest", "lowest", "stick_time"):
+        column = [getattr(parts[0], name)]
+        for part, adjacent in zip(parts[1:], follows):
+            column += [getattr(part, name)] if adjacent else [gap, getattr(part, name)]
+        columns.append(np.concatenate(column))
+    return Cycles(np.concatenate(section), *columns)
+
+
+class CycleStream:
+    """Works out engine cycles from batches of samples in the order of recording.
+
+    Samples are kept for no longer than the engine cycle that they lie in. The accelerations that interpolation needs come
+    from (2a) and (2b) with the recorded torques. A gap ends the cycle that it touches; a stamp that goes back starts a
+    new run.
+    """
+
+    def __init__(self, system: System, cycle: float | None = None) -> None:
+        self.cycle = system.cycle if cycle is None else cycle
+        self.continuity = Continuity()
+        self.not_finite = 0
+        self.runs: list[RunCycles] = []
+        self._system = system
+        self._stick_speed = stick_speed_of(terms_of(system))
+        self._waiting: list[Floats] = []
+        self._next = 0
+
+    def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats, engine_torque: Floats,
+             friction_torque: Floats) -> list[Piece]:
+        """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
+
+        A sample that is not finite is left out and counted, which makes it a gap.
+        """
+        t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
+        rows = np.stack([t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque])
+        finite = np.isfinite(rows).all(axis=0)
+        if not finite.all():
+            self.not_finite += int(np.count_nonzero(~finite))
+            rows, stamp_ns = rows[:, finite], stamp_ns[finite]
+        found: list[Piece] = []
+        for piece, preceded in self.continuity.pieces(stamp_ns):
+            if preceded is Break.RUN:
+                self.runs.append(RunCycles())
+            if preceded is not Break.NOTHING:
+                self._waiting = []
+            found += self._take(rows[:, piece])
+        return found
+
+    def longest(self) -> tuple[int, RunCycles]:
+        """The run with the most whole cycles, the last of several, and its number.
+
+        Raises
+        ------
+        InputError
+            No samples at all.
+        """
+        if not self.runs:
+            raise InputError("the recording holds no samples")
+        number = max(range(len(self.runs)), key=lambda k: (self.runs[k].observed(), k))
+        return number, self.runs[number]
+
+    def summary(self, discard: int | None = None, tolerance: float = RECORDING_TOLERANCE) -> Summary:
+        """The summary of the longest run.
+
+        Raises
+        ------
+        InputError
+            No whole cycle, or none left after `discard`.
+        """
+        run = self.longest()[1]
+        cycles, first, dropped = run.kept(discard)
+        return replace(summarise_cycles(cycles, self.cycle, first=first, tolerance=tolerance), cycles=run.observed(),
+                       discarded=dropped)
+
+    def _take(self, rows: Floats) -> list[Piece]:
+        """Add samples that follow those waiting, and work out the cycles that are now whole."""
+        if not self._waiting:
+            self._next = math.ceil(float(rows[0, 0]) / self.cycle - _SLACK)
+        self._waiting.append(rows)
+        if rows[0, -1] < (self._next + 1 - _SLACK) * self.cycle:
+            return []
+        rows = np.concatenate(self._waiting, axis=1)
+        t, slip_speed, plate_angle, plate_speed, engine, friction = rows
+        slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
+        cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, cycle=self.cycle,
+                                     first_cycle=self._next, stick_speed=self._stick_speed)
+        piece = Piece(len(self.runs) - 1, self._next, cycles)
+        if not len(cycles):
+            self._waiting = [rows]
+            return []
+        self.runs[-1].pieces.append(piece)
+        self._next += len(cycles)
+        start = int(np.searchsorted(t, self._next * self.cycle + _SLACK * self.cycle, side="right")) - 1
+        self._waiting = [rows[:, start:].copy()]
+        return [piece]
