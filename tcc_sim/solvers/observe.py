@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.solvers.trajectory import Cycles, Floats
 
+LAYER = 7.0
+"""Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
+
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats, plate_speed: Floats,
                         plate_acceleration: Floats, *, cycle: float, first_cycle: int, stick_speed: float) -> Cycles:
@@ -50,13 +53,15 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     h = t[left + 1] - t[left]
     u = np.clip((ends - t[left]) / h, 0.0, 1.0)
 
-    def between(y: Floats, rate: Floats) -> Floats:
-        return _cubic(u, y[left], h * rate[left], y[left + 1], h * rate[left + 1])
+    def between(y: Floats, start: Floats, finish: Floats) -> Floats:
+        return _cubic(u, y[left], h * start, y[left + 1], h * finish)
 
     v, a = np.asarray(slip_speed, dtype=np.float64), np.asarray(slip_acceleration, dtype=np.float64)
-    section = np.stack([between(v, a), _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
-                        between(plate_speed, plate_acceleration)], axis=1)
-    slope = _cubic_slope(u, v[left], h * a[left], v[left + 1], h * a[left + 1]) / h
+    leaving, arriving = _without_overshoot(t, v, a, stick_speed)
+    section = np.stack([between(v, leaving[left], arriving[left]),
+                        _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
+                        between(plate_speed, plate_acceleration[left], plate_acceleration[left + 1])], axis=1)
+    slope = _cubic_slope(u, v[left], h * leaving[left], v[left + 1], h * arriving[left]) / h
     if count == 0:
         return Cycles(section[:1], np.empty(0), np.empty(0), np.empty(0))
 
@@ -64,13 +69,12 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     last = int(place[-1]) + count + 1
     instants = np.insert(t, place, ends)[first:last]
     speeds = np.insert(v, place, section[:, 0])[first:last]
-    rates = np.insert(a, place, slope)[first:last]
     starts = (place + np.arange(count + 1) - first)[:-1]
     width = np.maximum(np.diff(instants), 0.0)
     p, q = speeds[:-1], speeds[1:]
     rest = (p == 0.0) & (q == 0.0) if stick_speed == 0.0 else np.zeros(len(p), dtype=np.bool_)
-    dp, dq = np.where(rest, 0.0, width * rates[:-1]), np.where(rest, 0.0, width * rates[1:])
-    dp, dq = _without_overshoot(p, dp, q, dq, (np.abs(p) <= stick_speed) | (np.abs(q) <= stick_speed))
+    dp = np.where(rest, 0.0, width * np.insert(leaving, left + 1, slope)[first:last - 1])
+    dq = np.where(rest, 0.0, width * np.insert(arriving, left, slope)[first:last - 1])
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
@@ -78,17 +82,19 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
                   np.add.reduceat(within, starts))
 
 
-def _without_overshoot(p: Floats, dp: Floats, q: Floats, dq: Floats, stiff: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """End slopes limited so that the cubic is monotone, where an interval holds a landing (or a start) in the stick layer.
+def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:
+    """Slopes at the start and at the end of every interval, (n - 1,) each, limited where an interval lands in the stick layer.
 
-    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The sign:
-    dp + dq = 2 (q - p) + O(h^3) on smooth arcs. The limit is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer.
-    Anal. 17, Section 4.
+    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The sign of
+    it is that dp + dq = 2 (q - p) + O(h^3) does not hold, as it does on smooth arcs. The limit, which makes the cubic
+    monotone, is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17, Section 4.
     """
-    rise = q - p
-    landing = stiff & (np.abs(dp + dq - 2.0 * rise) > 0.5 * (np.abs(dp) + np.abs(dq)))
-    low, high = np.minimum(3.0 * rise, 0.0), np.maximum(3.0 * rise, 0.0)
-    return np.where(landing, np.clip(dp, low, high), dp), np.where(landing, np.clip(dq, low, high), dq)
+    chord = np.diff(v) / np.diff(t)
+    p, q = a[:-1], a[1:]
+    stiff = np.minimum(np.abs(v[:-1]), np.abs(v[1:])) <= LAYER * stick_speed
+    landing = stiff & (np.abs(p + q - 2.0 * chord) > 0.03 * (np.abs(p) + np.abs(q)))
+    low, high = np.minimum(3.0 * chord, 0.0), np.maximum(3.0 * chord, 0.0)
+    return np.where(landing, np.clip(p, low, high), p), np.where(landing, np.clip(q, low, high), q)
 
 
 def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:

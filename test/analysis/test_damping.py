@@ -30,7 +30,7 @@ def trajectory_of(system, count=40, samples=2000, v=slip):
 def test_both_averages_agree_with_quadrature():
     from scipy.integrate import quad
 
-    system = replace(System(), {"friction.kinetic_coefficient": 0.2})
+    system = replace(System(), {"friction.kinetic_coefficient": 0.2, "pressure.amplitude": 0.0, "pressure.mean": 225e3})
 
     def slope(t):
         """(20a), (20b) written out, with mu_s/mu_k - 1 = 0.5, alpha = 2, sigma = 50."""
@@ -61,7 +61,7 @@ def test_the_set_valued_law_has_its_sliding_slope_and_nothing_in_stick():
 
 
 def test_equal_coefficients_have_no_negative_slope():
-    assert equivalent_damping(trajectory_of(System()), 20).negative_mean == 0.0
+    assert equivalent_damping(trajectory_of(replace(System(), {"friction.kinetic_coefficient": 0.3})), 20).negative_mean == 0.0
 
 
 def test_too_few_samples_are_refused():
