@@ -1,0 +1,142 @@
+"""What a recording gives back: columns of joint_states, with the pressure that each tick applied beside them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tcc_sim.recording import cdr
+from tcc_sim.recording.records import Messages
+
+Floats = NDArray[np.float64]
+_MOST_WAITING = 1 << 18
+_VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
+
+
+@dataclass(frozen=True)
+class JointStates:
+    """Consecutive joint_states messages, (n,) arrays: stamps of simulation time and of receipt (ns), angles (rad), speeds
+    (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one message of it is missing.
+    `run` counts how often simulation time has started again within the recording.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    flywheel_angle: Floats
+    plate_angle: Floats
+    flywheel_speed: Floats
+    plate_speed: Floats
+    engine_torque: Floats
+    friction_torque: Floats
+    applied_pressure: Floats | None = None
+    run: int = 0
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def __getitem__(self, kept: slice | NDArray[np.bool_]) -> JointStates:
+        """Some of the rows."""
+        columns: dict[str, Any] = {name: column[kept] for name, column in vars(self).items() if isinstance(column, np.ndarray)}
+        return replace(self, **columns)
+
+
+def joint_states(data: NDArray[np.uint8], messages: Messages, channel: int) -> tuple[JointStates, int]:
+    """The joint_states of one chunk, and how many messages of the channel have another layout and were left out."""
+    log_ns, rows, refused = _rows(data, messages, channel, *cdr.joint_state_template())
+    records = rows.view(cdr.JOINT_STATE)[:, 0]
+    columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in _VALUES}
+    return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, **columns), refused
+
+
+def pressures(data: NDArray[np.uint8], messages: Messages, channel: int) -> tuple[NDArray[np.int64], Floats, int]:
+    """Stamps (ns) and values (Pa) of the applied pressure in one chunk, and how many messages were left out."""
+    _, rows, refused = _rows(data, messages, channel, *cdr.fluid_pressure_template())
+    records = rows.view(cdr.FLUID_PRESSURE)[:, 0]
+    return cdr.stamps(records), records["fluid_pressure"].astype(np.float64), refused
+
+
+def _rows(data: NDArray[np.uint8], messages: Messages, channel: int, expected: NDArray[np.uint8],
+          fixed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.uint8], int]:
+    """Log times and bytes of the channel's messages whose fixed bytes are as expected, and the number of the others."""
+    mine = messages.channel == channel
+    right_length = messages.length[mine] == 22 + len(expected)
+    offset = messages.offset[mine][right_length]
+    refused = len(right_length) - len(offset)
+    if not len(offset):
+        return np.empty(0, np.int64), np.empty((0, len(expected)), np.uint8), refused
+    rows = sliding_window_view(data, len(expected))[offset + 22]
+    mask = np.where(fixed, np.uint8(0xFF), np.uint8(0))
+    wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
+    log_ns = sliding_window_view(data, 8)[offset + 6].view("<i8")[:, 0]
+    if wrong.any():
+        rows, log_ns, refused = rows[~wrong], log_ns[~wrong], refused + int(wrong.sum())
+    return log_ns, rows, refused
+
+
+class PressureJoin:
+    """Puts the applied pressure beside the joint_states of the same stamp, though the two arrive in blocks of their own."""
+
+    def __init__(self) -> None:
+        self.missing = 0
+        self._waiting: deque[JointStates] = deque()
+        self._known: deque[tuple[int, NDArray[np.int64], Floats]] = deque()
+        self._run = 0
+        self._last: int | None = None
+
+    def add_pressures(self, stamps: NDArray[np.int64], values: Floats) -> None:
+        """Add applied pressures in the order of the recording."""
+        if not len(stamps):
+            return
+        before = stamps[0] if self._last is None else self._last
+        for piece in np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps, prepend=np.int64(before)) < 0)):
+            if len(piece):
+                if self._last is not None and stamps[piece[0]] < self._last:
+                    self._run += 1
+                self._known.append((self._run, stamps[piece], values[piece]))
+                self._last = int(stamps[piece[-1]])
+
+    def add(self, batch: JointStates) -> Iterator[JointStates]:
+        """Add joint_states; gives those whose pressure is known by now."""
+        self._waiting.append(batch)
+        return self._ready(finished=False)
+
+    def finish(self) -> Iterator[JointStates]:
+        """The rest: what has no pressure gets NaN."""
+        return self._ready(finished=True)
+
+    def _ready(self, finished: bool) -> Iterator[JointStates]:
+        """Batches, or their first parts, up to the last pressure that is known."""
+        while self._waiting:
+            batch = self._waiting[0]
+            late = finished or batch.run < self._run or sum(map(len, self._waiting)) > _MOST_WAITING
+            count = len(batch)
+            if not late:
+                known = self._last if self._last is not None and batch.run == self._run else -1
+                count = int(np.searchsorted(batch.stamp_ns, known, side="right"))
+            if count:
+                yield self._joined(batch[:count])
+            if count < len(batch):
+                self._waiting[0] = batch[count:]
+                return
+            self._waiting.popleft()
+
+    def _joined(self, batch: JointStates) -> JointStates:
+        """The batch with its pressures; forgets those that came before it."""
+        first, last = int(batch.stamp_ns[0]), int(batch.stamp_ns[-1])
+        while self._known and (self._known[0][0], int(self._known[0][1][-1])) < (batch.run, first):
+            self._known.popleft()
+        pressure = np.full(len(batch), np.nan)
+        for run, stamps, values in self._known:
+            if run > batch.run or stamps[0] > last:
+                break
+            place = np.searchsorted(stamps, batch.stamp_ns).clip(max=len(stamps) - 1)
+            same = stamps[place] == batch.stamp_ns
+            pressure[same] = values[place[same]]
+        self.missing += int(np.isnan(pressure).sum())
+        return replace(batch, applied_pressure=pressure)

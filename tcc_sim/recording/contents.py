@@ -1,0 +1,177 @@
+"""What the records of a recording say about it, beside the messages: scenes, topics, counts, the recorder's result."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from tcc_sim.recording import records
+from tcc_sim.recording.bag import RESULT_RECORD, SCENE_RECORD, digest
+from tcc_sim.recording.records import DamagedChunk, Record
+
+_UNCHUNKED = 1 << 20
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class SceneRecord:
+    """A scene (YAML) that a recording holds, the package version that ran it and when it was recorded (ns; 0: the start)."""
+
+    text: str
+    version: str
+    log_ns: int
+
+
+@dataclass(frozen=True)
+class Schema:
+    """A message type and its definition (ros2msg)."""
+
+    type: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A topic of a recording, its message type and what else was said of it (quality of service, type hash)."""
+
+    topic: str
+    schema: Schema
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def type(self) -> str:
+        """Message type."""
+        return self.schema.type
+
+
+@dataclass
+class Contents:
+    """What the records outside the messages say, gathered as they are read."""
+
+    scenes: list[SceneRecord] = field(default_factory=list)
+    result: dict[str, Any] | None = None
+    channels: dict[int, Channel] = field(default_factory=dict)
+    expected: dict[int, int] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    damaged: list[str] = field(default_factory=list)
+
+    def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
+        """Take in one record; a damaged one is noted. What a chunk's checksum covers outranks what stands elsewhere."""
+        try:
+            if opcode == records.SCHEMA:
+                name, position = _string(body, 2)
+                _, position = _string(body, position)
+                self._keep(self.schemas, body, Schema(name, _string(body, position)[0]), checked)
+            elif opcode == records.CHANNEL:
+                topic, position = _string(body, 4)
+                _, position = _string(body, position)
+                schema = self.schemas.get(struct.unpack_from("<H", body, 2)[0], Schema("", ""))
+                self._keep(self.channels, body, Channel(topic, schema, _pairs(body, position)), checked)
+            elif opcode == records.STATISTICS:
+                self.expected = dict(struct.iter_unpack("<HQ", body[46:]))
+            elif opcode == records.METADATA:
+                self._metadata(body)
+        except (struct.error, UnicodeDecodeError, KeyError, ValueError, RecursionError):
+            self.damaged.append("a record that describes the recording is damaged and was passed over")
+
+    @staticmethod
+    def _keep(table: dict[int, _T], body: bytes, value: _T, checked: bool) -> None:
+        """Enter a value under the number that its record starts with."""
+        number = struct.unpack_from("<H", body)[0]
+        if checked or number not in table:
+            table[number] = value
+
+    def _metadata(self, body: bytes) -> None:
+        """A metadata record of this package; others are of no interest."""
+        name, position = _string(body, 0)
+        if name not in (SCENE_RECORD, RESULT_RECORD):
+            return
+        values = _pairs(body, position)
+        if name == SCENE_RECORD:
+            if values["sha256"] != digest(values["version"], values["scene"], values["log_time"]):
+                raise ValueError(name)
+            self.scenes.append(SceneRecord(values["scene"], values["version"], int(values["log_time"])))
+        else:
+            if values["sha256"] != digest(values["result"]):
+                raise ValueError(name)
+            self.result = json.loads(values["result"])
+
+
+def _string(body: bytes, position: int) -> tuple[str, int]:
+    """A length-prefixed string and where it ends."""
+    length = struct.unpack_from("<I", body, position)[0]
+    end = position + 4 + length
+    if end > len(body):
+        raise ValueError("a string passes the end of its record")
+    return body[position + 4:end].decode(), end
+
+
+def _pairs(body: bytes, position: int) -> dict[str, str]:
+    """A length-prefixed map of strings."""
+    end = position + 4 + struct.unpack_from("<I", body, position)[0]
+    values, position = {}, position + 4
+    while position < end:
+        key, position = _string(body, position)
+        values[key], position = _string(body, position)
+    return values
+
+
+def chunks(stream: Iterable[Record], contents: Contents) -> Iterator[tuple[Record, list[bytes]]]:
+    """Chunks with their index records; everything else goes into `contents`.
+
+    Messages outside chunks come as one record of opcode MESSAGE whose body holds many of them.
+    """
+    chunk: Record | None = None
+    indexes: list[bytes] = []
+    loose = bytearray()
+    for record in stream:
+        if record.opcode == records.MESSAGE_INDEX:
+            indexes.append(record.body)
+            continue
+        if chunk is not None:
+            yield chunk, indexes
+            chunk, indexes = None, []
+        if record.opcode == records.CHUNK:
+            chunk = record
+        elif record.opcode == records.MESSAGE:
+            loose += struct.pack("<BQ", record.opcode, len(record.body)) + record.body
+            if len(loose) > _UNCHUNKED:
+                yield Record(records.MESSAGE, record.offset, bytes(loose)), []
+                loose.clear()
+        else:
+            contents.add(record.opcode, record.body)
+    if chunk is not None:
+        yield chunk, indexes
+    if loose:
+        yield Record(records.MESSAGE, 0, bytes(loose)), []
+
+
+def unpack(chunk: Record, indexes: list[bytes], contents: Contents) -> tuple[bytes, records.Messages]:
+    """The bytes of a chunk and where its messages are; schemas and channels in it go into `contents`.
+
+    Raises
+    ------
+    DamagedChunk
+        The chunk cannot be used.
+    """
+    data = chunk.body if chunk.opcode == records.MESSAGE else records.unpack_chunk(chunk.body)
+    messages = records.locate(data, indexes)
+    for opcode, offset, length in messages.others:
+        contents.add(opcode, data[offset:offset + length], checked=True)
+    return data, messages
+
+
+def first_channels(stream: Iterable[Record], contents: Contents, wanted: str) -> None:
+    """Read chunks until one more than the first with a channel of type `wanted`: where no index names the topics."""
+    enough = False
+    for chunk, indexes in chunks(stream, Contents()):
+        try:
+            unpack(chunk, indexes, contents)
+        except DamagedChunk:
+            continue
+        if enough:
+            return
+        enough = any(channel.type == wanted for channel in contents.channels.values())

@@ -1,0 +1,244 @@
+"""The records of an MCAP file, read so that damage costs the damaged part only.
+
+Layout (MCAP 0): magic, then records of one opcode byte, eight length bytes and a body; messages sit in compressed chunks, each
+followed by one index record per channel.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import BinaryIO, NamedTuple
+
+import lz4.frame
+import numpy as np
+import zstandard
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tcc_sim.errors import RecordingError
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
+STATISTICS, METADATA, DATA_END = 0x0B, 0x0C, 0x0F
+LARGEST_CHUNK = 256 << 20
+"""A chunk that claims more bytes than this, packed or unpacked, is refused."""
+_LARGEST_RECORD = 16 << 20
+_SKIPPED = {9, 10, 8, 13, 14}
+_PIECE = 1 << 20
+_RECORD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")
+_MESSAGE_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
+_COMPRESSIONS = {b"\x04\0\0\0zstd": 4, b"\x03\0\0\0lz4": 3}
+
+
+class DamagedChunk(Exception):
+    """A chunk that cannot be used; the sentence says why."""
+
+
+class Record(NamedTuple):
+    """One record of a file: what it is, where it starts and its body (empty where it was skipped)."""
+
+    opcode: int
+    offset: int
+    body: bytes
+
+
+@dataclass
+class RecordStream:
+    """Iterates over the records of an open MCAP file in order; afterwards says how it ended.
+
+    chunks : read chunk bodies too; otherwise they are passed over
+    complete : the footer was reached; until then False
+    warnings : a sentence per damaged stretch
+    """
+
+    file: BinaryIO
+    chunks: bool = True
+    complete: bool = False
+    warnings: list[str] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[Record]:
+        size = self.file.seek(0, 2)
+        self.file.seek(0)
+        if self.file.read(len(MAGIC)) != MAGIC:
+            if self._next_chunk(0, size) is None:
+                raise RecordingError("it is not an MCAP file, or nothing in it can be read")
+            self.warnings.append("the start of the file is damaged")
+        position = len(MAGIC)
+        while position + _RECORD.size <= size:
+            self.file.seek(position)
+            opcode, length = _RECORD.unpack(self.file.read(_RECORD.size))
+            end = position + _RECORD.size + length
+            if not 1 <= opcode <= DATA_END or end > size or length > (LARGEST_CHUNK if opcode == CHUNK else _LARGEST_RECORD):
+                found = self._next_chunk(position + 1, size)
+                if found is None:
+                    if not (1 <= opcode <= DATA_END and end > size):
+                        self.warnings.append(f"nothing can be read from byte {position} on")
+                    return
+                self.warnings.append(f"bytes {position} to {found} are damaged and were passed over")
+                position = found
+                continue
+            wanted = opcode not in _SKIPPED and (self.chunks or opcode not in (CHUNK, MESSAGE_INDEX, MESSAGE))
+            yield Record(opcode, position, self.file.read(length) if wanted else b"")
+            if opcode == FOOTER:
+                self.file.seek(end)
+                self.complete = self.file.read(len(MAGIC)) == MAGIC
+                return
+            position = end
+
+    def _next_chunk(self, start: int, size: int) -> int | None:
+        """Where the next believable chunk record starts at or after `start`, found by its compression name."""
+        position = start
+        while position < size:
+            self.file.seek(position)
+            piece = self.file.read(_PIECE + 64)
+            candidates = sorted((at, width) for mark, width in _COMPRESSIONS.items() for at in _places(piece, mark))
+            for at, width in candidates:
+                found = position + at - _RECORD.size - 28
+                if found >= start and self._is_chunk(found, width, size):
+                    return found
+            position += _PIECE
+        return None
+
+    def _is_chunk(self, position: int, width: int, size: int) -> bool:
+        """Whether the lengths of a chunk record at `position` agree with each other and with the file."""
+        self.file.seek(position)
+        head = self.file.read(_RECORD.size + 40 + width)
+        if len(head) < _RECORD.size + 40 + width:
+            return False
+        opcode, length = _RECORD.unpack_from(head)
+        packed = struct.unpack_from("<Q", head, _RECORD.size + 32 + width)[0]
+        return bool(opcode == CHUNK and length == 40 + width + packed and position + _RECORD.size + length <= size
+                    and length <= LARGEST_CHUNK)
+
+
+def _places(piece: bytes, mark: bytes) -> Iterator[int]:
+    """Every place of `mark` in `piece`."""
+    at = piece.find(mark)
+    while at >= 0:
+        yield at
+        at = piece.find(mark, at + 1)
+
+
+def unpack_chunk(body: bytes) -> bytes:
+    """The records inside a chunk, checked against its checksum.
+
+    Raises
+    ------
+    DamagedChunk
+        Lengths that disagree, a size beyond the limit, broken compression or a wrong checksum.
+    """
+    if len(body) < 40:
+        raise DamagedChunk("it is too short")
+    _, _, unpacked, checksum, width = _CHUNK_HEAD.unpack_from(body)
+    if unpacked > LARGEST_CHUNK:
+        raise DamagedChunk(f"it claims {unpacked} bytes; at most {LARGEST_CHUNK} are accepted")
+    if width > 16 or len(body) < 40 + width or struct.unpack_from("<Q", body, 32 + width)[0] != len(body) - 40 - width:
+        raise DamagedChunk("its lengths disagree")
+    compression, packed = body[32:32 + width], memoryview(body)[40 + width:]
+    try:
+        data = _unpack(compression, packed, unpacked)
+    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError) as error:
+        raise DamagedChunk(f"it does not unpack ({error})") from None
+    if len(data) != unpacked:
+        raise DamagedChunk(f"it unpacks to {len(data)} bytes instead of {unpacked}")
+    if checksum and zlib.crc32(data) != checksum:
+        raise DamagedChunk("its checksum is wrong")
+    return data
+
+
+def has_checksum(body: bytes) -> bool:
+    """Whether a chunk carries a checksum at all."""
+    return len(body) >= 28 and body[24:28] != b"\0\0\0\0"
+
+
+def _unpack(compression: bytes, packed: memoryview, size: int) -> bytes:
+    """Decompress without ever holding more than `size` bytes."""
+    if compression == b"zstd":
+        if size == 0:
+            return b""
+        claimed = zstandard.frame_content_size(packed)
+        if claimed not in (-1, size):
+            raise DamagedChunk(f"it claims {claimed} bytes in one place and {size} in another")
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    if compression == b"lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
+    if compression == b"":
+        return bytes(packed)
+    raise DamagedChunk(f"its compression {compression!r} is unknown")
+
+
+class Messages(NamedTuple):
+    """Where the messages of an unpacked chunk are: offset and length of each record's body, and its channel."""
+
+    offset: NDArray[np.int64]
+    length: NDArray[np.int64]
+    channel: NDArray[np.uint16]
+    others: list[tuple[int, int, int]]
+    """Opcode, offset and length of the bodies of all other records (schemas, channels)."""
+
+
+def locate(data: bytes, indexes: list[bytes]) -> Messages:
+    """Find the messages by the chunk's index records where these tile the chunk without a gap, else record by record.
+
+    Raises
+    ------
+    DamagedChunk
+        The lengths of the records do not add up to the chunk.
+    """
+    starts = [np.frombuffer(body, dtype="<u8", offset=6)[1::2] for body in indexes
+              if len(body) >= 22 and (len(body) - 6) % 16 == 0]
+    if starts:
+        found = _tiled(data, np.sort(np.concatenate(starts)))
+        if found is not None:
+            return found
+    rows: list[tuple[int, int, int]] = []
+    others: list[tuple[int, int, int]] = []
+    _walk(data, 0, len(data), rows, others)
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return Messages(table[:, 0], table[:, 1], table[:, 2].astype(np.uint16), others)
+
+
+def _walk(data: bytes, start: int, end: int, rows: list[tuple[int, int, int]], others: list[tuple[int, int, int]]) -> None:
+    """Follow the records from `start` to exactly `end`."""
+    position = start
+    unpack, message_head = _RECORD.unpack_from, struct.Struct("<H").unpack_from
+    while position < end:
+        if position + _RECORD.size > end:
+            raise DamagedChunk("its records do not fit into it")
+        opcode, length = unpack(data, position)
+        body = position + _RECORD.size
+        position = body + length
+        if position > end or (opcode == MESSAGE and length < 22):
+            raise DamagedChunk("its records do not fit into it")
+        if opcode == MESSAGE:
+            rows.append((body, length, message_head(data, body)[0]))
+        else:
+            others.append((opcode, body, length))
+
+
+def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
+    """The messages that an index names, or None where they and the records between them do not fill the chunk exactly."""
+    size = len(data)
+    if size < 31 or int(starts[-1]) > size - 31:
+        return None
+    offset = starts.astype(np.int64)
+    heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_MESSAGE_HEAD)[:, 0]
+    if not (heads["opcode"] == MESSAGE).all() or not (heads["length"] <= size).all() or not (heads["length"] >= 22).all():
+        return None
+    length = heads["length"].astype(np.int64)
+    ends = offset + _RECORD.size + length
+    before, after = np.concatenate(([0], ends)), np.concatenate((offset, [size]))
+    if (after < before).any():
+        return None
+    others: list[tuple[int, int, int]] = []
+    rows: list[tuple[int, int, int]] = []
+    try:
+        for gap in np.flatnonzero(after > before):
+            _walk(data, int(before[gap]), int(after[gap]), rows, others)
+    except DamagedChunk:
+        return None
+    return None if rows else Messages(offset + _RECORD.size, length, heads["channel"], others)

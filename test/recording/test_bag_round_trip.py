@@ -1,0 +1,214 @@
+"""What is written comes back: by this package's reader, and by two that others wrote."""
+
+import json
+import os
+import sys
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+
+from tcc_sim.errors import InputError, RecordingError
+from tcc_sim.recording import cdr
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.definitions import _CARRIED, _installed, definition
+from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.trajectory import write_trajectory
+from tcc_sim.topics import topic
+
+SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"
+TICK = 1_000_000
+
+
+def columns(count, seed=1):
+    return np.random.default_rng(seed).normal(size=(count, 6)) * 100.0
+
+
+def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50):
+    """A bag as the recorder makes it: topics in blocks, flushed now and then."""
+    bag = BagWriter(directory, SCENE, "1.2.3")
+    joints = bag.channel("/joint_states", topic("joint_states").type)
+    slip = bag.channel("/slip_speed", topic("slip_speed").type)
+    pressure = bag.channel("/applied_pressure", topic("applied_pressure").type) if pressures is not None else 0
+    late = 0
+    for start in range(0, len(rows), flush_every):
+        block = range(start, min(start + flush_every, len(rows)))
+        for n in block:
+            bag.write(joints, 10**18 + stamps[n], 10**18 + stamps[n] - 5, cdr.joint_state(stamps[n], *rows[n]), n)
+        for n in block:
+            bag.write(slip, 10**18 + stamps[n], 10**18 + stamps[n] - 5, cdr.float64(rows[n][2] - rows[n][3]), n)
+        if pressures is not None:
+            # Half a block late, as topics that are drained one after the other are.
+            for n in range(late, block[-1] + 1 if block[-1] + 1 == len(rows) else start + 25):
+                bag.write(pressure, 10**18 + stamps[n], 0, cdr.fluid_pressure(stamps[n], pressures[n]), n)
+            late = start + 25
+        bag.flush()
+    if close:
+        bag.close({"lost": {"/joint_states": 0}})
+    else:
+        bag.flush()
+        bag.abandon()
+    return directory / f"{directory.name}_0.mcap"
+
+
+def read(path, topic=None):
+    run = open_run(path, topic)
+    batches = list(run.batches())
+    names = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
+    table = np.column_stack([np.concatenate([getattr(batch, name) for batch in batches]) for name in names])
+    return run, batches, np.concatenate([batch.stamp_ns for batch in batches]), table
+
+
+def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
+    rows, stamps = columns(333), [n * TICK for n in range(333)]
+    path = write(tmp_path / "run", rows, stamps)
+    for place in (tmp_path / "run", path):
+        run, batches, found, table = read(place)
+        assert (found == stamps).all()
+        assert (table == rows).all()
+        assert (np.concatenate([batch.log_ns for batch in batches]) == 10**18 + np.array(stamps)).all()
+        assert all(batch.applied_pressure is None and batch.run == 0 for batch in batches)
+        assert (run.complete, run.warnings, run.lost_messages) == (True, [], 0)
+        assert run.messages == {"/joint_states": 333, "/slip_speed": 333}
+        assert (run.scene_text, run.version, run.result) == (SCENE, "1.2.3", {"lost": {"/joint_states": 0}})
+
+
+def test_one_cut_short_gives_what_was_flushed_and_says_so(tmp_path):
+    rows, stamps = columns(100), [n * TICK for n in range(100)]
+    write(tmp_path / "run", rows, stamps, close=False)
+    run, _, found, table = read(tmp_path / "run")
+    assert (found == stamps).all()
+    assert (table == rows).all()
+    assert not run.complete
+    assert run.scene_text == SCENE
+    assert run.result is None
+    assert any("cut short" in sentence for sentence in run.warnings)
+
+
+def test_missing_stamps_and_restarts_are_counted(tmp_path):
+    stamps = [n * TICK for n in range(3, 100) if n not in (4, 50, 51, 97)] + [n * TICK for n in range(20)]
+    write(tmp_path / "run", columns(len(stamps)), stamps)
+    run, batches, found, _ = read(tmp_path / "run")
+    assert found.tolist() == stamps
+    assert run.lost_messages == 4
+    assert run.stamps.tick == TICK
+    assert [batch.run for batch in batches][-1] == 1
+    for number in (0, 1):
+        assert (np.diff(np.concatenate([b.stamp_ns for b in batches if b.run == number])) > 0).all()
+    assert sum("started again 1 times" in sentence for sentence in run.warnings) == 1
+
+
+@pytest.mark.parametrize("restart", [False, True])
+def test_pressures_stand_beside_the_joint_states_of_their_stamp(tmp_path, restart):
+    stamps = [n * TICK for n in range(140)] + ([n * TICK for n in range(60)] if restart else [])
+    pressures = [1e5 + n for n in range(len(stamps))]
+    write(tmp_path / "run", columns(len(stamps)), stamps, pressures=pressures)
+    run, batches, found, _ = read(tmp_path / "run")
+    assert found.tolist() == stamps
+    assert np.concatenate([batch.applied_pressure for batch in batches]).tolist() == pressures
+    assert len(run.warnings) == (1 if restart else 0)
+
+
+def test_an_existing_output_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "run").mkdir()
+    with pytest.raises(RecordingError, match="exists already"):
+        BagWriter(tmp_path / "run")
+    assert list((tmp_path / "run").iterdir()) == []
+    with pytest.raises(RecordingError, match="cannot be created"):
+        BagWriter(tmp_path / "file" / "run") if (tmp_path / "file").write_text("") == 0 else None
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"hello world", bytes(100)])
+def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content):
+    (tmp_path / "x.mcap").write_bytes(content)
+    for path in (tmp_path, tmp_path / "x.mcap"):
+        with pytest.raises(RecordingError) as caught:
+            list(open_run(path).batches())
+        assert "\n" not in str(caught.value)
+    for path in (tmp_path / "none", tmp_path / "none.mcap"):
+        with pytest.raises(RecordingError, match="cannot be read"):
+            open_run(path)
+
+
+def test_rosbags_reads_messages_and_metadata(tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    rows, stamps = columns(120), [n * TICK for n in range(120)]
+    write(tmp_path / "run", rows, stamps)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with rosbag2.Reader(tmp_path / "run") as reader:
+        assert reader.message_count == 240
+        assert {c.topic: (c.msgtype, c.msgcount) for c in reader.connections} == {
+            "/joint_states": ("sensor_msgs/msg/JointState", 120), "/slip_speed": ("std_msgs/msg/Float64", 120)}
+        for connection in reader.connections:
+            assert connection.digest == store.hash_rihs01(connection.msgtype)
+            assert [profile.reliability.name for profile in connection.ext.offered_qos_profiles] == ["RELIABLE"]
+        n = 0
+        for connection, log_time, data in reader.messages():
+            if connection.topic == "/joint_states":
+                message = store.deserialize_cdr(data, connection.msgtype)
+                assert log_time == 10**18 + stamps[n]
+                assert message.name == ["flywheel", "clutch_plate"]
+                assert [*message.position, *message.velocity, *message.effort] == rows[n].tolist()
+                n += 1
+        assert n == 120
+    information = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (information["version"], information["storage_identifier"]) == (9, "mcap")
+
+
+def test_mcap_ros2_decodes_every_message_alike(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        reader = pytest.importorskip("mcap_ros2.reader")
+    path = write(tmp_path / "run", columns(150), [n * TICK for n in range(150)])
+    _, _, found, table = read(path)
+    n = 0
+    for message in reader.read_ros2_messages(str(path)):
+        if message.channel.topic == "/joint_states":
+            ros = message.ros_msg
+            assert ros.header.stamp.sec * 10**9 + ros.header.stamp.nanosec == found[n]
+            assert [*ros.position, *ros.velocity, *ros.effort] == table[n].tolist()
+            n += 1
+    assert n == 150
+
+
+def test_a_trajectory_becomes_a_recording(tmp_path):
+    from tcc_sim.model.parameters import System
+    from tcc_sim.solvers.trajectory import Problem, assemble
+
+    t = np.linspace(0.0, 0.1, 101)
+    states = np.column_stack([np.cos(t), np.sin(t), np.cos(2 * t)])
+    system = System()
+    trajectory = assemble(Problem(system, state=None, duration=0.1), "test", t, states)
+    write_trajectory(tmp_path / "run.mcap", trajectory, SCENE)
+    run, _, found, table = read(tmp_path / "run.mcap")
+    assert (found == np.arange(101) * TICK).all()
+    assert run.complete
+    assert run.scene_text == SCENE
+    assert table[:, 2] - table[:, 3] == pytest.approx(np.cos(t), abs=1e-12)
+    assert table[:, 0] - table[:, 1] == pytest.approx(np.sin(t), abs=1e-6)
+    assert (table[:, 5] == trajectory.friction_torque).all()
+    with pytest.raises(RecordingError, match="exists already"):
+        write_trajectory(tmp_path / "run.mcap", trajectory, SCENE)
+
+
+def test_carried_definitions_are_those_of_the_installed_ros(tmp_path, monkeypatch):
+    compared = 0
+    for name, (text, type_hash) in _CARRIED.items():
+        installed, described = _installed(name, ".msg"), _installed(name, ".json")
+        if installed is None or described is None:
+            continue
+        fields = [" ".join(line.split("#")[0].split()) for line in installed.splitlines()]
+        assert "".join(f"{field}\n" for field in fields if field) == text
+        assert {entry["type_name"]: entry["hash_string"] for entry in json.loads(described)["type_hashes"]}[name] == type_hash
+        compared += 1
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.fspath(tmp_path))
+    monkeypatch.setattr(sys, "prefix", os.fspath(tmp_path))
+    assert definition("sensor_msgs/msg/JointState").text.count("MSG: ") == 2
+    for wrong in ("sensor_msgs/msg/Imu", "../../etc/passwd", "std_msgs/msg/../x", "std_msgs/Float64"):
+        with pytest.raises(InputError):
+            definition(wrong)
+    if not compared:
+        pytest.skip("no ROS 2 here to compare with")
