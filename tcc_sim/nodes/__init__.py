@@ -1,0 +1,1 @@
+"""The ROS 2 nodes: thin shells around parts that know nothing of ROS; the only place that imports rclpy."""

@@ -1,0 +1,91 @@
+"""What both nodes share: quality of service, subscriptions that are polled, and how a process starts and ends."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.callback_groups import CallbackGroup
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from tcc_sim.errors import InputError, TccError
+
+STATES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE,
+                    durability=DurabilityPolicy.VOLATILE)
+"""What the driveline offers: nothing is lost as long as a subscriber falls back by less than `depth` messages."""
+
+COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE,
+                      durability=DurabilityPolicy.VOLATILE)
+"""What the driveline asks of those who send commands."""
+
+DIAGNOSTICS = QoSProfile(depth=10)
+"""For /diagnostics, as diagnostic_aggregator expects it."""
+
+
+class Polled(CallbackGroup):  # type: ignore[misc]  # rclpy has no type information here
+    """A callback group that no executor ever executes: its subscriptions wait for `poll`."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing ends that never begins."""
+
+
+def subscribe(node: Node, message_class: type, topic: str, qos: QoSProfile) -> Subscription[Any]:
+    """A raw subscription that only `poll` reads."""
+    return node.create_subscription(message_class, topic, _unused, qos, callback_group=Polled(), raw=True)
+
+
+def _unused(message: bytes) -> None:
+    """The callback that rclpy asks for and nothing calls."""
+
+
+def poll(subscription: Subscription[Any], most: int = 100_000) -> list[tuple[bytes, dict[str, Any]]]:
+    """Take up to `most` waiting messages: serialised bytes and message information each.
+
+    It works on after the context was shut down, so that the last messages can still be saved.
+    """
+    taken: list[tuple[bytes, dict[str, Any]]] = []
+    handle, message_class, raw = subscription.handle, subscription.msg_type, subscription.raw
+    with handle:
+        take = handle.take_message
+        while len(taken) < most:
+            item = take(message_class, raw)
+            if item is None:
+                break
+            taken.append(item)
+    return taken
+
+
+def unknown_parameters(node: Node) -> list[str]:
+    """Parameters that were given on the command line or in a file and that the node does not declare."""
+    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
+
+
+def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -> int:
+    """Run a node's process: initialise ROS, run `body`, and give the exit status.
+
+    SIGINT and SIGTERM end `body` by KeyboardInterrupt or ExternalShutdownException, which it may use to tidy up; the status is
+    then 0. Wrong input gives one line on standard error and status 2.
+    """
+    try:
+        rclpy.init(args=None if args is None else list(args))
+        return body()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except TccError as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        return 2 if isinstance(error, InputError) else 1
+    finally:
+        rclpy.try_shutdown()
