@@ -1,0 +1,83 @@
+"""Pictures are made, are not blank, and are the same bytes every time."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.cycles import cycles_of
+from tcc_sim.analysis.summary import summarise
+from tcc_sim.errors import MissingPackage
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.trajectory import Trajectory
+from tcc_sim.views import pictures, style
+
+CYCLE = System().cycle
+
+
+def trajectory_of(cycles=20, samples=100):
+    t = np.arange(cycles * samples + 1) * (CYCLE / samples)
+    phase = 2.0 * math.pi * t / CYCLE
+    v = np.maximum(30.0 * np.sin(phase), 0.0)
+    zero = np.zeros_like(t)
+    return Trajectory(t, v, 0.1 + 0.05 * np.cos(phase), zero, 300.0 + 250.0 * np.sin(phase), zero + 500.0, zero + 200.0,
+                      np.where(v > 0.1, 1, 0).astype(np.int8), CYCLE, "by_hand", System())
+
+
+@pytest.fixture(autouse=True)
+def _matplotlib():
+    pytest.importorskip("matplotlib")
+
+
+def pixels(path):
+    from matplotlib.image import imread
+
+    return imread(path)[..., :3]
+
+
+def test_the_overview_is_a_picture_with_ink_in_all_four_panels(tmp_path):
+    run = trajectory_of()
+    path = pictures.overview(tmp_path / "overview.png", run, cycles_of(run), 0, summarise(run), "by hand")
+    image = pixels(path)
+    height, width = image.shape[:2]
+    assert (width, height) == (int(style.PAGE * style.DOTS), int(5.4 * style.DOTS))
+    for part in (image[:height // 3], image[height // 3:height * 6 // 10], image[height * 6 // 10:, :width // 2],
+                 image[height * 6 // 10:, width // 2:]):
+        assert 0.01 < np.mean(part.min(axis=-1) < 0.95) < 0.6
+
+
+def test_stick_is_shaded_where_the_clutch_sticks(tmp_path):
+    run = trajectory_of()
+    shade = np.array([int(style.STICK[k:k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    image = pixels(pictures.overview(tmp_path / "a.png", run, cycles_of(run), 0, summarise(run)))
+    assert np.mean(np.abs(image - shade).max(axis=-1) < 0.004) > 0.04
+
+
+def test_the_same_picture_is_the_same_file(tmp_path):
+    run = trajectory_of()
+    for suffix in ("png", "svg"):
+        one, two = (pictures.overview(tmp_path / f"{name}.{suffix}", run, cycles_of(run), 0, summarise(run)).read_bytes()
+                    for name in "ab")
+        assert one == two
+
+
+def test_cycles_that_were_not_observed_leave_gaps(tmp_path):
+    run = trajectory_of()
+    cycles = cycles_of(run)
+    cycles.highest[5:8] = cycles.lowest[5:8] = math.nan
+    assert pictures.overview(tmp_path / "a.png", run, cycles, 3, summarise(run)).stat().st_size > 10_000
+
+
+def test_both_files_of_a_figure(tmp_path):
+    with style.figure(style.COLUMN, 2.0) as drawn:
+        drawn.add_subplot().plot([0, 1], [0, 1])
+        png, svg = style.save_both(drawn, tmp_path / "fig.v2")
+    assert png.name == "fig.v2.png"
+    assert svg.read_text().startswith("<?xml")
+
+
+def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingPackage, match=r"tcc_sim\[view\]"), style.figure():
+        pass
