@@ -1,0 +1,226 @@
+"""The recorder node: every topic of the driveline, raw, into a rosbag2 bag that survives a kill.
+
+Subscriptions are drained in batches several times a second, which costs a small part of what a callback per message costs.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from tcc_sim.errors import InputError
+from tcc_sim.nodes.messages import message_class, qos_fields
+from tcc_sim.nodes.polling import poll, run, subscribe, unknown_parameters
+from tcc_sim.nodes.scene_query import SceneQuery
+from tcc_sim.recording import cdr
+from tcc_sim.recording.bag import RELIABLE, BagWriter
+from tcc_sim.recording.definitions import definition
+from tcc_sim.recording.stamps import StampCount
+from tcc_sim.topics import JOINT_STATE, TOPICS
+
+DEPTH = 20_000
+"""Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
+_DRAIN_PERIOD = 0.1
+_LOOK_PERIOD = 0.5
+
+
+class Track:
+    """One recorded topic: its subscription, its channel in the bag and what was lost of it."""
+
+    def __init__(self, topic: str, type_name: str) -> None:
+        self.topic = topic
+        self.type = type_name
+        self.subscription: Subscription[Any] | None = None
+        self.best_effort = False
+        self.latched = False
+        self.channel = 0
+        self.messages = 0
+        self.lost = 0
+        self.stamps = StampCount() if type_name == JOINT_STATE else None
+        self._next: dict[bytes, int] = {}
+
+    def count(self, publisher: bytes, number: int) -> None:
+        """Count what is missing between this message and the one that the same publisher sent before it."""
+        expected = self._next.get(publisher, number)
+        if number > expected:
+            self.lost += number - expected
+        self._next[publisher] = number + 1
+
+
+class Recorder:
+    """Subscribes, drains, looks for publishers and writes.
+
+    Raises
+    ------
+    InputError
+        A parameter is out of its range, or the output exists or cannot be created.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        directory = Path(str(_parameter(node, "output", _default_name(), "directory to create for the recording")))
+        names = _parameter(node, "topics", [row.name for row in TOPICS], "topics to record")
+        period = _parameter(node, "flush_period", 0.25, "a kill loses at most this much and one drain, s; above 0 to 10")
+        if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period <= 10.0:
+            raise InputError(f"flush_period is {period!r} s; it must be a number above 0 to 10 s")
+        if not isinstance(names, list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
+            raise InputError(f"topics is {names!r}; it must be a list of topic names")
+        for name in unknown_parameters(node):
+            node.get_logger().warning(f"parameter {name} is unknown and has no effect; there are output, topics, flush_period")
+        self.flush_period = float(period)
+        self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
+        known = {node.resolve_topic_name(row.name): row.type for row in TOPICS}
+        self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
+        wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
+        self.bag = BagWriter(directory)
+        self.tracks: dict[str, Track] = {}
+        # joint_states come last: the driveline may wait for their subscriber, and then all the others are there.
+        for topic in sorted(wanted, key=lambda topic: known[topic] == JOINT_STATE):
+            self._add(topic, known[topic])
+        self._scenes = SceneQuery(node, self.bag)
+
+    def spin(self) -> None:
+        """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
+        executor = SingleThreadedExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        flush = look = time.monotonic()
+        while self.node.context.ok():
+            wake = time.monotonic() + self.drain_period
+            self.drain()
+            if time.monotonic() >= flush:
+                self.bag.flush()
+                flush = time.monotonic() + self.flush_period - self.drain_period
+            if time.monotonic() >= look:
+                self.look()
+                look = time.monotonic() + _LOOK_PERIOD
+            while (left := wake - time.monotonic()) > 0.0:
+                executor.spin_once(timeout_sec=left)
+
+    def drain(self) -> None:
+        """Write every message that waits. It needs no valid context."""
+        for track in self.tracks.values():
+            if track.subscription is not None:
+                self._write(track, poll(track.subscription))
+
+    def _write(self, track: Track, taken: list[tuple[bytes, dict[str, Any]]]) -> None:
+        """Write messages of one topic and count what is missing."""
+        if not taken:
+            return
+        if not track.channel:
+            track.channel = self.bag.channel(track.topic, track.type, self._offered(track.topic))
+        channel, write, count = track.channel, self.bag.write, track.count
+        for data, info in taken:
+            number = info["publication_sequence_number"] or 0
+            if number:
+                count(info["publisher_gid"]["data"], number)
+            write(channel, info["received_timestamp"] or time.time_ns(), info["source_timestamp"], data, number)
+        track.messages += len(taken)
+        if track.stamps is not None:
+            track.stamps.add(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64))
+
+    def look(self) -> None:
+        """See who publishes: adapt to the quality of service offered, add topics by their type, ask for the scene."""
+        if self._unknown:
+            found = dict(self.node.get_topic_names_and_types())
+            for topic in [topic for topic in self._unknown if topic in found]:
+                self._unknown.remove(topic)
+                try:
+                    self._add(topic, found[topic][0])
+                except InputError as error:
+                    self.node.get_logger().error(f"{topic} is not recorded: {error}")
+        for track in self.tracks.values():
+            offered = self.node.get_publishers_info_by_topic(track.topic)
+            if offered:
+                best_effort = any(o.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for o in offered)
+                latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offered)
+                if (best_effort, latched) != (track.best_effort, track.latched):
+                    self._subscribe(track, best_effort, latched)
+            if track.type == JOINT_STATE:
+                self._scenes.look(track.topic, offered)
+        self._scenes.collect()
+
+    def close(self) -> str:
+        """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line."""
+        self.drain()
+        seen = [track for track in self.tracks.values() if track.messages]
+        lost = {track.topic: track.lost for track in seen}
+        self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost,
+                        "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}})
+        count = sum(track.messages for track in seen)
+        return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost"
+
+    def _add(self, topic: str, type_name: str) -> None:
+        """Record a topic of a known type."""
+        definition(type_name)
+        track = self.tracks[topic] = Track(topic, type_name)
+        self._subscribe(track, best_effort=False, latched=False)
+
+    def _subscribe(self, track: Track, best_effort: bool, latched: bool) -> None:
+        """Subscribe, or do so again with another quality of service; what waits is saved first."""
+        if track.subscription is not None:
+            self._write(track, poll(track.subscription))
+            self.node.destroy_subscription(track.subscription)
+        track.best_effort, track.latched = best_effort, latched
+        track.subscription = subscribe(self.node, message_class(track.type), track.topic, QoSProfile(
+            depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
+
+    def _offered(self, topic: str) -> Sequence[dict[str, Any]]:
+        """The quality of service that publishers offer; the driveline's where the context cannot say any more."""
+        try:
+            return [qos_fields(o.qos_profile) for o in self.node.get_publishers_info_by_topic(topic)]
+        except RuntimeError:
+            return [dict(profile) for profile in RELIABLE]
+
+
+def _parameter(node: Node, name: str, default: Any, description: str) -> Any:
+    """Declare a read-only parameter that takes any type, so that a wrong one gets a clear line, and give its value."""
+    descriptor = ParameterDescriptor(description=description, read_only=True, dynamic_typing=True)
+    return node.declare_parameter(name, default, descriptor).value
+
+
+def _default_name() -> str:
+    """A directory name with the local time, as rosbag2 makes them."""
+    return datetime.now().strftime("tcc_sim_%Y_%m_%d-%H_%M_%S")
+
+
+def record() -> int:
+    """Record until a signal; the exit status."""
+    node = rclpy.create_node("recorder")
+    recorder = Recorder(node)
+    node.get_logger().info(f"recording to {recorder.bag.directory}")
+    try:
+        try:
+            recorder.spin()
+        finally:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            summary = recorder.close()
+            sys.stdout.write(summary + "\n")
+            sys.stdout.flush()
+    except OSError as error:
+        recorder.bag.abandon()
+        sys.stderr.write(f"recorder: {recorder.bag.path} cannot be written: {error.strerror}; what is in it stays readable\n")
+        return 1
+    return 0
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the recorder node."""
+    return run("recorder", record, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
