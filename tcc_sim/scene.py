@@ -29,11 +29,11 @@ class Operation:
 
     rate: float = quantity(1000.0, "tick rate of the physics and of the topics", "Hz", 1.0, 20000.0)
     real_time_factor: float = quantity(1.0, "simulated seconds per second of real time; 0 is as fast as possible", "",
-                                       0.0, 1000.0)
+                                       0.0, 1000.0, live=True)
     pacing: str = quantity("real_time", "what a tick waits for: its deadline, or the command of the tick before",
                            choices=("real_time", "lockstep"))
     command_timeout: float = quantity(0.5, "without a command for this long in simulated time the input falls back to the "
-                                      "scene's mean value; 0 never falls back", "s", 0.0, 1e6)
+                                      "scene's mean value; 0 never falls back", "s", 0.0, 1e6, live=True)
     wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0, 1000)
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
@@ -93,7 +93,8 @@ class Scene:
         tree: dict[str, Any] = {}
         for key, value in parameters.values_of(self.system):
             group, name = key.split(".")
-            tree.setdefault(group, {})[name] = list(value) if isinstance(value, tuple) else value
+            if value != ():  # ROS 2 cannot read an empty list, and it is the default.
+                tree.setdefault(group, {})[name] = list(value) if isinstance(value, tuple) else value
         tree.update({item.name: getattr(self.operation, item.name) for item in dataclasses.fields(self.operation)})
         body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         return f"# {self.description or self.name}\n{body}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import rclpy
@@ -15,10 +16,6 @@ from rclpy.subscription import Subscription
 
 from tcc_sim.errors import InputError, TccError
 
-STATES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE,
-                    durability=DurabilityPolicy.VOLATILE)
-"""What the driveline offers: nothing is lost as long as a subscriber falls back by less than `depth` messages."""
-
 COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE,
                       durability=DurabilityPolicy.VOLATILE)
 """What the driveline asks of those who send commands."""
@@ -27,7 +24,17 @@ DIAGNOSTICS = QoSProfile(depth=10)
 """For /diagnostics, as diagnostic_aggregator expects it."""
 
 
-class Polled(CallbackGroup):  # type: ignore[misc]  # rclpy has no type information here
+def states(depth: int) -> QoSProfile:
+    """What the driveline offers: nothing is lost as long as a subscriber falls back by less than `depth` messages.
+
+    With depth 0 all are kept, so that the driveline waits for a slow subscriber.
+    """
+    history = HistoryPolicy.KEEP_LAST if depth else HistoryPolicy.KEEP_ALL
+    return QoSProfile(history=history, depth=depth, reliability=ReliabilityPolicy.RELIABLE,
+                      durability=DurabilityPolicy.VOLATILE)
+
+
+class Polled(CallbackGroup):
     """A callback group that no executor ever executes: its subscriptions wait for `poll`."""
 
     def can_execute(self, entity: Any) -> bool:
@@ -73,6 +80,21 @@ def unknown_parameters(node: Node) -> list[str]:
     return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
 
 
+def _initialise(words: list[str]) -> None:
+    """Initialise ROS 2; a parameter file or command line that it refuses is wrong input."""
+    for option, file in pairwise(words):
+        if option == "--params-file":
+            try:
+                with open(file, "rb") as stream:
+                    stream.read(1)
+            except OSError as error:
+                raise InputError(f"--params-file {file}: {error.strerror}") from None
+    try:
+        rclpy.init(args=words)
+    except RuntimeError as error:
+        raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
+
+
 def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -> int:
     """Run a node's process: initialise ROS, run `body`, and give the exit status.
 
@@ -80,11 +102,11 @@ def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -
     then 0. Wrong input gives one line on standard error and status 2.
     """
     try:
-        rclpy.init(args=None if args is None else list(args))
+        _initialise(sys.argv if args is None else list(args))
         return body()
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except TccError as error:
+    except (TccError, OSError) as error:
         sys.stderr.write(f"{name}: {error}\n")
         return 2 if isinstance(error, InputError) else 1
     finally:

@@ -1,0 +1,78 @@
+"""Absolute deadlines on the monotonic clock, for a loop that must not drift. Free of ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+CATCH_UP = 0.1
+"""Real time, s, that a late loop makes good by ticks without a wait; beyond it the deadlines are moved."""
+SLICE = 0.05
+"""Longest sleep, s, between two looks at whether to stop."""
+
+
+class Pacer:
+    """Deadlines one period apart, counted from an anchor, and what was late.
+
+    A late wake-up shortens the next waits, so that the loop is back on its deadlines after at most CATCH_UP seconds' worth of
+    ticks. Where it is later than that, the anchor moves to now: the ticks in between are missed in real time (never in
+    simulated time) and counted.
+
+    Parameters
+    ----------
+    period : real time between ticks, s
+    kept : how many of the last latenesses are kept for `lateness`
+    """
+
+    def __init__(self, period: float, kept: int = 10_000) -> None:
+        self.period_ns = period * 1e9
+        self.ticks = 0
+        self.late_ticks = 0
+        self.missed_ticks = 0
+        self.lateness_max = 0.0
+        self._recent = np.zeros(kept)
+        self._anchor = self._first = 0.0
+        self._since_anchor = 0
+        self.anchor()
+
+    def anchor(self) -> None:
+        """Count deadlines from now: at the start, after a pause, after a change of the period."""
+        self._anchor = float(time.monotonic_ns())
+        self._since_anchor = 0
+        if self.ticks == 0:
+            self._first = self._anchor
+
+    def wait(self, stopped: Callable[[], bool]) -> None:
+        """Sleep until the next deadline, or return at once where it has passed or `stopped()` holds."""
+        self._since_anchor += 1
+        deadline = self._anchor + self._since_anchor * self.period_ns
+        now = time.monotonic_ns()
+        while now < deadline:
+            time.sleep(min((deadline - now) * 1e-9, SLICE))
+            now = time.monotonic_ns()
+            if now < deadline and stopped():
+                return
+        lateness = (now - deadline) * 1e-9
+        self._recent[self.ticks % len(self._recent)] = lateness
+        self.ticks += 1
+        if lateness > self.lateness_max:
+            self.lateness_max = lateness
+        if now - deadline > self.period_ns:
+            self.late_ticks += 1
+        if lateness > CATCH_UP:
+            self.missed_ticks += int((now - deadline) // self.period_ns)
+            self._anchor = float(now)
+            self._since_anchor = 0
+
+    def lateness(self) -> tuple[float, float]:
+        """Median and 99th percentile of the lateness of the last ticks, s."""
+        if not self.ticks:
+            return 0.0, 0.0
+        middle, high = np.percentile(self._recent[:min(self.ticks, len(self._recent))], (50, 99))
+        return float(middle), float(high)
+
+    def drift(self) -> float:
+        """Real time since the start beyond what the ticks stand for, s; ticks missed on the way show here."""
+        return (time.monotonic_ns() - self._first - self.ticks * self.period_ns) * 1e-9

@@ -1,0 +1,96 @@
+"""ROS 2 parameters <-> Scene: declared with unit, range and read-only, overrides checked, unknown ones warned about."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import QUANTITIES, Quantity, values_of
+from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, OPERATION_QUANTITIES, Scene, load_scene, unknown_key
+
+ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
+BUILT_IN = ("use_sim_time", "start_type_description_service")
+
+
+def declare(node: Node) -> Scene:
+    """Declare every scene key and node option on `node`, with the overrides it was started with, and give their scene.
+
+    The node must have been made with `automatically_declare_parameters_from_overrides=True`, which is how the overrides are
+    read with whatever type they were given.
+
+    Raises
+    ------
+    InputError
+        A scene that does not exist, or an override of a wrong type or out of its range.
+    """
+    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items() if name not in BUILT_IN}
+    for name in given:
+        node.undeclare_parameter(name)
+    base = load_scene(str(given.pop("scene", DEFAULT_SCENE)))
+    known = {}
+    for name, value in given.items():
+        if name in ALL_QUANTITIES:
+            known[name] = list(value) if hasattr(value, "tolist") else value
+        else:
+            node.get_logger().warning(f"parameter ignored: {unknown_key(name)}")
+    scene = base.with_values(known)
+    text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
+    node.declare_parameter("scene", base.name, text)
+    for name, value in [*values_of(scene.system), *_options(scene)]:
+        _declare(node, name, value, ALL_QUANTITIES[name])
+    text = ParameterDescriptor(read_only=True, description="the scene with every override, as a parameter file")
+    node.declare_parameter("scene_text", scene.text(), text)
+    return scene
+
+
+def _options(scene: Scene) -> list[tuple[str, Any]]:
+    """The node options of a scene."""
+    return [(item.name, getattr(scene.operation, item.name)) for item in dataclasses.fields(scene.operation)]
+
+
+def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
+    """Declare one parameter with its description, unit and range."""
+    number = isinstance(value, float)
+    descriptor = ParameterDescriptor(
+        description=meaning.description + (f", {meaning.unit}" if meaning.unit else ""), read_only=not meaning.live,
+        additional_constraints="" if isinstance(value, bool) else meaning.interval(),
+        # A live number takes an integer as well, as scene files do.
+        dynamic_typing=number and meaning.live)
+    if number:
+        descriptor.floating_point_range = [FloatingPointRange(from_value=meaning.low, to_value=meaning.high, step=0.0)]
+    elif isinstance(value, int) and not isinstance(value, bool):
+        descriptor.integer_range = [IntegerRange(from_value=int(meaning.low), to_value=int(meaning.high), step=1)]
+    if isinstance(value, tuple):
+        descriptor.type = Parameter.Type.DOUBLE_ARRAY.value
+        value = Parameter(name, Parameter.Type.DOUBLE_ARRAY, list(value)).value
+    node.declare_parameter(name, value, descriptor, ignore_override=True)
+
+
+def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
+    """`scene` with the parameters of one request changed, checked together.
+
+    Raises
+    ------
+    InputError
+        A value of a wrong type or out of its range, alone or with the others.
+    """
+    values = {p.name: p.value for p in parameters if p.name in KNOWN_KEYS}
+    after = scene.with_values(values)
+    if (after.operation.real_time_factor == 0.0) != (scene.operation.real_time_factor == 0.0):
+        raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to or from 0")
+    return after
+
+
+def refused(reason: Exception) -> SetParametersResult:
+    """The answer to a request that was not taken."""
+    return SetParametersResult(successful=False, reason=str(reason))
+
+
+def accepted() -> SetParametersResult:
+    """The answer to a request that was taken."""
+    return SetParametersResult(successful=True, reason="")
