@@ -97,6 +97,11 @@ class McapFile:
         self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
                                      "sha256": digest(version, scene_text, str(log_ns))})
 
+    def note(self, name: str, result: Mapping[str, Any] | Sequence[str]) -> None:
+        """Write a metadata record of plain values (JSON) with its digest."""
+        text = json.dumps(result)
+        self.metadata(name, {"result": text, "sha256": digest(text)})
+
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record at once, outside any chunk."""
         self._writer.add_metadata(name, values)
@@ -140,8 +145,7 @@ class McapFile:
         """Write the result record, index and footer. No ROS call is needed."""
         self._writer.flush()
         if result is not None:
-            text = json.dumps(result)
-            self.metadata(RESULT_RECORD, {"result": text, "sha256": digest(text)})
+            self.note(RESULT_RECORD, result)
         self.metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(self.information(), sort_keys=False)})
         self._writer.finish()
         self._output.close()

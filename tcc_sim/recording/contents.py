@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from tcc_sim.recording import records
-from tcc_sim.recording.bag import RESULT_RECORD, SCENE_RECORD, digest
+from tcc_sim.recording.bag import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
 from tcc_sim.recording.records import DamagedChunk, Record
 
 _UNCHUNKED = 1 << 20
@@ -57,6 +57,8 @@ class Contents:
     expected: dict[int, int] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     damaged: list[str] = field(default_factory=list)
+    recovered: list[str] = field(default_factory=list)
+    """What was missing when this recording was recovered from another."""
 
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
         """Take in one record; a damaged one is noted. What a chunk's checksum covers outranks what stands elsewhere."""
@@ -87,7 +89,7 @@ class Contents:
     def _metadata(self, body: bytes) -> None:
         """A metadata record of this package; others are of no interest."""
         name, position = _string(body, 0)
-        if name not in (SCENE_RECORD, RESULT_RECORD):
+        if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
             return
         values = _pairs(body, position)
         if name == SCENE_RECORD:
@@ -97,7 +99,10 @@ class Contents:
         else:
             if values["sha256"] != digest(values["result"]):
                 raise ValueError(name)
-            self.result = json.loads(values["result"])
+            if name == RESULT_RECORD:
+                self.result = json.loads(values["result"])
+            else:
+                self.recovered = [f"missing since its recovery: {sentence}" for sentence in json.loads(values["result"])]
 
 
 def _string(body: bytes, position: int) -> tuple[str, int]:

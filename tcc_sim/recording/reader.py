@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +19,9 @@ from tcc_sim.recording.stamps import StampCount
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
 _MOST_RESTARTS = 1000
+
+Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
+"""Takes the bytes of an unpacked chunk, where its messages are, and the channels known so far."""
 
 
 class Run:
@@ -77,20 +80,29 @@ class Run:
         RecordingError
             Nothing can be read, there are no joint_states, or several publishers are mixed in them.
         """
+        yield from self.read()
+        if not self.stamps.messages:
+            raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
+                                 (f" ({self.warnings[0]})" if self.warnings else ""))
+
+    def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
+        """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
         self.warnings, self.messages, self.stamps = [], dict.fromkeys(self.topics, 0), StampCount()
         pressure = _pressure_topic(self.joint_states_topic)
         join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
         refused: Counter[str] = Counter()
         for path in self.paths:
             for data, messages, channels in self._chunks(path):
+                if tap is not None:
+                    tap(data, messages, channels)
                 array = np.frombuffer(data, dtype=np.uint8)
                 for channel, row in channels.items():
-                    if join is not None and row.topic == pressure and row.type == FLUID_PRESSURE:
+                    if join is not None and (row.topic, row.type) == (pressure, FLUID_PRESSURE):
                         stamps, values, left_out = pressures(array, messages, channel)
                         refused[row.topic] += left_out
                         join.add_pressures(stamps, values)
                 for channel, row in channels.items():
-                    if row.topic == self.joint_states_topic and row.type == JOINT_STATE:
+                    if (row.topic, row.type) == (self.joint_states_topic, JOINT_STATE):
                         batch, left_out = joint_states(array, messages, channel)
                         refused[row.topic] += left_out
                         for part in self._runs(batch):
@@ -136,7 +148,7 @@ class Run:
             complete = stream.complete
         for channel, row in contents.channels.items():
             self.messages[row.topic] = self.messages.get(row.topic, 0) + seen[channel]
-        self.warnings.extend(contents.damaged)
+        self.warnings.extend(contents.damaged + contents.recovered)
         if unchecked:
             self.warnings.append("some messages carry no checksum: damage in them would go unnoticed")
         if (nameless := set(seen) - set(contents.channels)):
@@ -158,9 +170,6 @@ class Run:
             self.warnings.append(f"simulation time started again {self.stamps.restarts} times: these are separate runs")
         if self.stamps.repeated:
             self.warnings.append(f"{self.stamps.repeated} repeated stamps were left out")
-        if not self.stamps.messages:
-            raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
-                                 (f" ({self.warnings[0]})" if self.warnings else ""))
 
 
 def open_run(path: Path | str, topic: str | None = None) -> Run:

@@ -1,0 +1,106 @@
+"""A complete, indexed bag from a recording that was cut short or damaged; the original stays as it is."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tcc_sim.errors import RecordingError
+from tcc_sim.recording.bag import RECOVERY_RECORD, RELIABLE, BagWriter
+from tcc_sim.recording.contents import Channel
+from tcc_sim.recording.definitions import Definition
+from tcc_sim.recording.reader import Run
+from tcc_sim.recording.records import Messages
+
+_LONGEST_PROFILES = 20_000
+_MESSAGE = struct.Struct("<HIQQ")
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What a recovery gave: the new bag, messages saved by topic, whether the original was complete, and what is missing."""
+
+    directory: Path
+    messages: dict[str, int]
+    complete: bool
+    missing: list[str]
+
+
+def default_directory(path: Path) -> Path:
+    """Where a recovery goes by default: beside the original."""
+    place = path.resolve()
+    return place.parent / f"{place.stem if place.is_file() else place.name}_recovered"
+
+
+def recover(run: Run, directory: Path) -> Recovery:
+    """Write every message that can be read into a new bag, with the scenes of the original and a record of what is missing.
+
+    Raises
+    ------
+    RecordingError
+        The directory exists or cannot be created, or nothing can be read.
+    """
+    copy = _Copy(run, directory)
+    try:
+        for _ in run.read(copy):
+            pass
+        if copy.bag is None:
+            reason = f" ({run.warnings[0]})" if run.warnings else ""
+            raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")
+        copy.bag.note(RECOVERY_RECORD, run.warnings)
+        copy.bag.close(run.result)
+    except BaseException:
+        if copy.bag is not None:
+            copy.bag.abandon()
+        raise
+    counts = {topic: copy.bag.counts[number] for (topic, _), number in copy.known.items()}
+    return Recovery(directory, counts, run.complete, list(run.warnings))
+
+
+class _Copy:
+    """Writes the messages of each chunk whose topic is known; the bag is made when there is something to put into it."""
+
+    def __init__(self, run: Run, directory: Path) -> None:
+        self.bag: BagWriter | None = None
+        self.known: dict[tuple[str, str], int] = {}
+        self._scenes = run.scenes
+        self._directory = directory
+
+    def __call__(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
+        """Copy one chunk."""
+        if self.bag is None:
+            self.bag = BagWriter(self._directory)
+            for scene in self._scenes:
+                self.bag.describe(scene.text, scene.version, scene.log_ns)
+        numbers: dict[int, int] = {}
+        for offset, length in zip(messages.offset.tolist(), messages.length.tolist()):
+            source, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, offset)
+            if source not in numbers:
+                if source not in channels:
+                    continue
+                numbers[source] = self._channel(self.bag, channels[source])
+            self.bag.write(numbers[source], log_ns, publish_ns, data[offset + _MESSAGE.size:offset + length], sequence)
+
+    def _channel(self, bag: BagWriter, channel: Channel) -> int:
+        """The new bag's channel for one of the original's."""
+        key = (channel.topic, channel.type)
+        if key not in self.known:
+            schema = Definition(channel.schema.text, channel.metadata.get("topic_type_hash", ""))
+            self.known[key] = bag.channel(channel.topic, channel.type, _profiles(channel), schema)
+        return self.known[key]
+
+
+def _profiles(channel: Channel) -> list[dict[str, Any]]:
+    """The quality of service that the recording states, or the driveline's."""
+    try:
+        profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES])
+    except (yaml.YAMLError, RecursionError, ValueError):
+        profiles = None
+    if isinstance(profiles, list) and all(isinstance(profile, dict) for profile in profiles):
+        return profiles
+    return [dict(profile) for profile in RELIABLE]

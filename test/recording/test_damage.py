@@ -1,0 +1,162 @@
+"""Recordings that are cut, flipped or zeroed anywhere: a result or one line, and no wrong figure without a warning."""
+
+import random
+import struct
+
+import numpy as np
+import pytest
+from test_bag_round_trip import SCENE, TICK, columns, read, write
+
+from tcc_sim.cli import main
+from tcc_sim.errors import RecordingError
+from tcc_sim.recording import records
+from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.recovery import recover
+
+COUNT = 400
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """Bytes of a recording with pressures in 8 chunks, and the rows in it."""
+    rows = columns(COUNT)
+    path = write(tmp_path_factory.mktemp("whole") / "run", rows, [n * TICK for n in range(COUNT)],
+                 pressures=list(range(COUNT)))
+    return path.read_bytes(), rows
+
+
+def damaged(data, draw):
+    """One cut, flip or zeroed range at a place drawn at random."""
+    kind, place = draw.choice(["cut", "flip", "zero", "noise"]), draw.randrange(len(data))
+    if kind == "cut":
+        return data[:place]
+    changed = bytearray(data)
+    if kind == "flip":
+        changed[place] ^= 1 << draw.randrange(8)
+    else:
+        for n in range(place, min(place + draw.choice([1, 8, 100, 3000]), len(data))):
+            changed[n] = 0 if kind == "zero" else draw.randrange(256)
+    return bytes(changed)
+
+
+def check(path, rows):
+    """Read it: what comes back is from the original, and all of it unless there is a warning."""
+    try:
+        run, batches, stamps, table = read(path)
+    except RecordingError as error:
+        assert "\n" not in str(error)
+        return "refused"
+    assert (table == rows[stamps // TICK]).all()
+    assert (np.diff(stamps) > 0).all()
+    assert run.scene_text in (SCENE, None)
+    pressure = [b.applied_pressure for b in batches]
+    whole = len(stamps) == COUNT and run.scene_text == SCENE and run.complete and all(p is not None for p in pressure)
+    if whole:
+        found = np.concatenate(pressure)
+        assert ((found == stamps // TICK) | np.isnan(found)).all()
+        whole = not np.isnan(found).any()
+    assert whole or run.warnings
+    return "read"
+
+
+def test_any_damage_ends_with_a_result_or_one_line(tmp_path, original):
+    data, rows = original
+    draw = random.Random(20)
+    outcomes = []
+    for _ in range(400):
+        path = tmp_path / "x.mcap"
+        path.write_bytes(damaged(data, draw))
+        outcomes.append(check(path, rows))
+    assert outcomes.count("read") > 300
+
+
+def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, original):
+    data, rows = original
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    draw = random.Random(21)
+    for n in range(40):
+        path, out = tmp_path / f"{n}.mcap", tmp_path / f"{n}_recovered"
+        content = damaged(damaged(data, draw), draw)
+        path.write_bytes(content)
+        try:
+            found = recover(open_run(path), out)
+        except RecordingError as error:
+            assert "\n" not in str(error)
+            assert not out.exists()
+            continue
+        assert path.read_bytes() == content
+        with rosbag2.Reader(out) as reader:
+            assert sum(1 for _ in reader.messages()) == reader.message_count == sum(found.messages.values())
+        if found.messages.get("/joint_states"):
+            assert open_run(out).complete
+            check(out, rows)
+
+
+def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path, original, capsys):
+    data, _ = original
+    directory = tmp_path / "run"
+    directory.mkdir()
+    (directory / "run_0.mcap").write_bytes(data[:len(data) // 2])
+    assert main(["recover", str(directory)]) == 0
+    output = capsys.readouterr().out
+    assert f"into {directory}_recovered" in output
+    assert "missing: the recording was cut short" in output
+    run = open_run(tmp_path / "run_recovered")
+    assert run.complete
+    assert run.scene_text == SCENE
+    assert 0 < sum(map(len, run.batches())) < COUNT
+    assert main(["recover", str(directory)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["recover", str(tmp_path / "nothing")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_chunk_that_claims_too_much_is_refused_unread(tmp_path, original):
+    data, rows = original
+    start = data.index(b"\x04\0\0\0zstd") - 37
+    for place, claim in ((start + 25, 1 << 32), (start + 25, 1 << 62), (start + 1, 1 << 32), (start + 1, 1 << 63)):
+        changed = bytearray(data)
+        struct.pack_into("<Q", changed, place, claim)
+        (tmp_path / "x.mcap").write_bytes(changed)
+        assert check(tmp_path / "x.mcap", rows) == "read"
+    body = bytearray(data[start + 9:start + 9 + struct.unpack_from("<Q", data, start + 1)[0]])
+    struct.pack_into("<Q", body, 16, records.LARGEST_CHUNK + 1)
+    with pytest.raises(records.DamagedChunk, match="claims"):
+        records.unpack_chunk(bytes(body))
+
+
+def test_messages_are_found_without_an_index_too(original):
+    data, _ = original
+    start = data.index(b"\x04\0\0\0zstd") - 37
+    length = struct.unpack_from("<Q", data, start + 1)[0]
+    chunk = records.unpack_chunk(data[start + 9:start + 9 + length])
+    walked = records.locate(chunk, [])
+    position, indexes = start + 9 + length, []
+    while data[position] == records.MESSAGE_INDEX:
+        length = struct.unpack_from("<Q", data, position + 1)[0]
+        indexes.append(data[position + 9:position + 9 + length])
+        position += 9 + length
+    tiled = records.locate(chunk, indexes)
+    for one, other in zip(walked[:3], tiled[:3]):
+        assert (one == other).all()
+    assert walked.others == tiled.others
+    # An index that leaves messages out is not believed.
+    fewer = records.locate(chunk, indexes[1:])
+    assert (fewer.offset == walked.offset).all()
+
+
+def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
+    from tcc_sim.recording import cdr
+    from tcc_sim.recording.bag import BagWriter
+    from tcc_sim.topics import JOINT_STATE
+
+    bag = BagWriter(tmp_path / "run", SCENE)
+    channel = bag.channel("/joint_states", JOINT_STATE)
+    for n in range(10):
+        message = cdr.joint_state(n * TICK, *map(float, range(6)))
+        other = [message.replace(b"flywheel", b"pumpwhee"), message + b"\0\0\0\0", b"", message]
+        bag.write(channel, n, n, other[min(n, 3)])
+    bag.close({})
+    run, _, stamps, _ = read(tmp_path / "run")
+    assert stamps.tolist() == [n * TICK for n in range(3, 10)]
+    assert run.warnings == ["3 messages of /joint_states have another layout and were left out"]
