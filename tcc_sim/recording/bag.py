@@ -81,6 +81,7 @@ class McapFile:
         except OSError as error:
             raise RecordingError(f"{path} cannot be written: {error.strerror}") from None
         self.path = path
+        self.scenes: list[str] = []
         self.counts: dict[int, int] = {}
         self.first_ns = (1 << 63) - 1
         self.last_ns = 0
@@ -94,6 +95,7 @@ class McapFile:
 
     def describe(self, scene_text: str, version: str = tcc_sim.__version__, log_ns: int = 0) -> None:
         """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one."""
+        self.scenes.append(scene_text)
         self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
                                      "sha256": digest(version, scene_text, str(log_ns))})
 

@@ -39,13 +39,18 @@ def damaged(data, draw):
     return bytes(changed)
 
 
+def one_line(error):
+    """A refusal is one line."""
+    assert "\n" not in str(error)
+    return "refused"
+
+
 def check(path, rows):
     """Read it: what comes back is from the original, and all of it unless there is a warning."""
     try:
         run, batches, stamps, table = read(path)
     except RecordingError as error:
-        assert "\n" not in str(error)
-        return "refused"
+        return one_line(error)
     assert (table == rows[stamps // TICK]).all()
     assert (np.diff(stamps) > 0).all()
     assert run.scene_text in (SCENE, None)
@@ -81,7 +86,7 @@ def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, origina
         try:
             found = recover(open_run(path), out)
         except RecordingError as error:
-            assert "\n" not in str(error)
+            one_line(error)
             assert not out.exists()
             continue
         assert path.read_bytes() == content
