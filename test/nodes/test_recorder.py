@@ -56,7 +56,7 @@ def until(predicate, *, step=lambda: None, limit=20.0):
         step()
 
 
-def publisher_of(node, name, qos=polling.STATES):
+def publisher_of(node, name, qos=polling.states(1000)):
     return node.create_publisher(message_class(topic(name).type), name, qos)
 
 
@@ -108,7 +108,7 @@ def test_the_offered_quality_of_service_stands_in_the_bag_and_best_effort_is_rec
     with rosbag2.Reader(tmp_path / "run") as reader:
         offered = {c.topic: c.ext.offered_qos_profiles[0].reliability.name for c in reader.connections}
     assert offered == {"/joint_states": "BEST_EFFORT", "/slip_speed": "RELIABLE"}
-    assert qos_fields(polling.STATES)["deadline"] == {"sec": 9223372036, "nsec": 854775807}
+    assert qos_fields(polling.states(1000))["deadline"] == {"sec": 9223372036, "nsec": 854775807}
 
 
 def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(context, tmp_path):
@@ -252,7 +252,7 @@ def test_a_full_disk_is_told_at_once_and_what_was_written_stays_readable(process
     resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
     numbers = iter(range(1, 10**9))
     until(lambda: child.poll() is not None, step=lambda: publisher.publish(joint_state(next(numbers))))
-    out, err = child.communicate()
+    _, err = child.communicate()
     assert child.returncode == 1
     assert "cannot be written" in err
     assert "Traceback" not in err
