@@ -25,6 +25,7 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
 
 TICK = 1_000_000
+STATES = polling.states(1000)
 SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"
 
 
@@ -56,7 +57,7 @@ def until(predicate, *, step=lambda: None, limit=20.0):
         step()
 
 
-def publisher_of(node, name, qos=polling.states(1000)):
+def publisher_of(node, name, qos=STATES):
     return node.create_publisher(message_class(topic(name).type), name, qos)
 
 
@@ -108,7 +109,7 @@ def test_the_offered_quality_of_service_stands_in_the_bag_and_best_effort_is_rec
     with rosbag2.Reader(tmp_path / "run") as reader:
         offered = {c.topic: c.ext.offered_qos_profiles[0].reliability.name for c in reader.connections}
     assert offered == {"/joint_states": "BEST_EFFORT", "/slip_speed": "RELIABLE"}
-    assert qos_fields(polling.states(1000))["deadline"] == {"sec": 9223372036, "nsec": 854775807}
+    assert qos_fields(STATES)["deadline"] == {"sec": 9223372036, "nsec": 854775807}
 
 
 def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(context, tmp_path):
