@@ -75,6 +75,18 @@ def test_any_damage_ends_with_a_result_or_one_line(tmp_path, original):
     assert outcomes.count("read") > 300
 
 
+def test_a_scene_with_a_changed_digit_is_not_believed(tmp_path, original):
+    data, _ = original
+    place = data.index(SCENE.encode())
+    for n in range(len(SCENE)):
+        changed = bytearray(data)
+        changed[place + n] ^= 1
+        (tmp_path / "x.mcap").write_bytes(changed)
+        run, _, stamps, _ = read(tmp_path / "x.mcap")
+        assert (run.scene_text, len(stamps)) == (None, COUNT)
+        assert run.warnings == ["a record that describes the recording is damaged and was passed over"]
+
+
 def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, original):
     data, rows = original
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
