@@ -145,7 +145,7 @@ class Pressure(Group):
     source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
     mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm; with source topic the pressure until the first command and after "
                            "a time-out", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
-    amplitude: float = quantity(0.2 * FIG02_PRESSURE, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
+    amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
                                 PRESSURE_MAXIMUM, live=True)
     frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True)
     phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)

@@ -93,8 +93,13 @@ class RealTimeLoop:
         """End the thread; returns when it has ended, at most after one sleep slice."""
         self._stop.set()
         self._wake.set()
-        if self._thread.is_alive():
+        if self.running:
             self._thread.join(timeout=1.0)
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is alive."""
+        return self._thread.is_alive()
 
     def request(self, action: Callable[[], bool], timeout: float = 1.0) -> bool:
         """Have the loop do `action` between two ticks; its result, or False after `timeout` seconds."""

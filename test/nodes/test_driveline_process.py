@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+COMMAND = [sys.executable, "-m", "tcc_sim.nodes.driveline", "--ros-args"]
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(100 + os.getpid() % 100)}
+
+
+@pytest.fixture
+def node(environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen([*COMMAND, "-p", "scene:=minimal"], env=environment, stderr=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.Popen[str], number: int) -> None:
+    assert node.stderr is not None
+    line = node.stderr.readline()
+    assert "scene minimal, 1000 Hz" in line
+    node.send_signal(number)
+    _, rest = node.communicate(timeout=10)
+    assert node.returncode == 0
+    assert rest == ""
+
+
+@pytest.mark.parametrize(("words", "line"), [
+    (["-p", "rate:=-3"], "driveline_node: rate is -3 Hz; it must be 1 to 20000 Hz\n"),
+    (["-p", "engine.frequency:=fast"],
+     "driveline_node: engine.frequency is 'fast'; it must be a number, 0.001 to 100000 rad/s\n"),
+    (["-p", "scene:=fig20"], "driveline_node: there is no scene 'fig20'; did you mean fig02?\n"),
+    (["--params-file", "nowhere.yaml"], "driveline_node: --params-file nowhere.yaml: No such file or directory\n")])
+def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words: list[str], line: str) -> None:
+    ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr) == (2, line)
+
+
+def test_every_bundled_scene_is_a_parameter_file_of_the_node(environment: dict[str, str]) -> None:
+    from tcc_sim.scene import bundled_scenes, load_scene
+
+    code = ("import sys, rclpy; from tcc_sim.nodes.driveline import DrivelineNode\n"
+            "for file in sys.argv[1:]:\n"
+            "    with rclpy.init(args=['--ros-args', '--params-file', file]):\n"
+            "        node = DrivelineNode(); print(node.get_parameter('scene_text').value.split('\\n', 1)[1]); print('@')\n"
+            "        node.destroy_node()\n")
+    files = bundled_scenes()
+    ended = subprocess.run([sys.executable, "-c", code, *map(str, files.values())], env=environment, capture_output=True,
+                           text=True, timeout=60, check=True)
+    texts = ended.stdout.split("@\n")
+    for text, name in zip(texts, files):
+        assert text.strip() == load_scene(name).text().split("\n", 1)[1].strip()
