@@ -34,7 +34,7 @@ from tcc_sim.topics import JOINT_STATE, TOPICS
 DEPTH = 20_000
 """Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
 _DRAIN_PERIOD = 0.1
-_LOOK_PERIOD = 0.5
+_LOOK_PERIOD = 0.25
 
 
 class Track:
@@ -86,11 +86,11 @@ class Recorder:
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
         self.bag = BagWriter(directory)
+        self._scenes = SceneQuery(node, self.bag)
         self.tracks: dict[str, Track] = {}
         # joint_states come last: the driveline may wait for their subscriber, and then all the others are there.
         for topic in sorted(wanted, key=lambda topic: known[topic] == JOINT_STATE):
             self._add(topic, known[topic])
-        self._scenes = SceneQuery(node, self.bag)
 
     def spin(self) -> None:
         """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType
@@ -14,51 +15,77 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tcc_sim.recording.bag import McapFile
 
-_PATIENCE = 2.0
+_ASK_AGAIN = 1.0
+_PATIENCE = 5.0
+
+
+@dataclass
+class _Question:
+    """A publisher that has not said its scene yet."""
+
+    driveline: str
+    since: float
+    sent: float = 0.0
+    future: Future[Any] | None = None
+    warned: bool = False
 
 
 class SceneQuery:
-    """Watches who publishes joint_states, asks every new publisher for its parameter scene_text, and never waits for it."""
+    """Watches who publishes joint_states, asks every new publisher for its parameter scene_text, and never waits for it.
+
+    Discovery takes up to some seconds where a process has just been killed, so it goes on asking as long as the publisher is
+    there. The client of a driveline of the usual name exists from the start, which saves one round of discovery.
+    """
 
     def __init__(self, node: Node, bag: McapFile) -> None:
         self._node = node
         self._bag = bag
         self._publishers: dict[str, dict[bytes, str]] = {}
-        self._asked: list[tuple[str, float, Client[Any, Any], Future[Any] | None]] = []
+        self._open: dict[bytes, _Question] = {}
+        self._clients: dict[str, Client[Any, Any]] = {}
+        self._client(f"{node.get_namespace().rstrip('/')}/driveline")
 
     def look(self, topic: str, offered: list[TopicEndpointInfo]) -> None:
         """Note the publishers of a topic: ask new ones, tell of those that are gone."""
         before = self._publishers.get(topic, {})
         now = {bytes(o.endpoint_gid): f"{o.node_namespace.rstrip('/')}/{o.node_name}" for o in offered}
-        for publisher, name in now.items():
-            if publisher not in before:
-                client = self._node.create_client(GetParameters, f"{name}/get_parameters")
-                self._asked.append((name, time.monotonic() + _PATIENCE, client, None))
+        for publisher in now.keys() - before.keys():
+            self._open[publisher] = _Question(now[publisher], time.monotonic())
+        for publisher in before.keys() - now.keys():
+            self._open.pop(publisher, None)
         if before and not now:
             self._node.get_logger().warning(f"the publisher of {topic} is gone; the recording goes on")
         self._publishers[topic] = now
 
     def collect(self) -> None:
-        """Send what waits for its service, take in the answers, and give up on those that are late."""
-        waiting = []
-        for name, deadline, client, future in self._asked:
-            if future is None and client.service_is_ready():
-                future = client.call_async(GetParameters.Request(names=["scene_text"]))
-            if future is not None and future.done():
-                self._answer(name, future)
-            elif time.monotonic() < deadline:
-                waiting.append((name, deadline, client, future))
+        """Send what waits for its service and take in the answers."""
+        now = time.monotonic()
+        for publisher, question in list(self._open.items()):
+            client = self._client(question.driveline)
+            if question.future is not None and question.future.done():
+                self._answer(question)
+                del self._open[publisher]
                 continue
-            else:
-                self._node.get_logger().warning(f"{name} does not say its scene: the recording holds none of it")
-            self._node.destroy_client(client)
-        self._asked = waiting
+            if now - question.sent > _ASK_AGAIN and client.service_is_ready():
+                if question.future is not None:
+                    client.remove_pending_request(question.future)
+                question.future, question.sent = client.call_async(GetParameters.Request(names=["scene_text"])), now
+            if not question.warned and now - question.since > _PATIENCE:
+                question.warned = True
+                self._node.get_logger().warning(f"{question.driveline} does not say its scene; the recording holds none yet")
 
-    def _answer(self, name: str, future: Future[Any]) -> None:
+    def _client(self, driveline: str) -> Client[Any, Any]:
+        """The client of a driveline's parameter service, made once."""
+        if driveline not in self._clients:
+            self._clients[driveline] = self._node.create_client(GetParameters, f"{driveline}/get_parameters")
+        return self._clients[driveline]
+
+    def _answer(self, question: _Question) -> None:
         """Write the scene into the bag."""
-        response = future.result()
+        assert question.future is not None
+        response = question.future.result()
         values = [] if response is None else response.values
         if len(values) == 1 and values[0].type == ParameterType.PARAMETER_STRING and values[0].string_value:
             self._bag.describe(values[0].string_value, log_ns=time.time_ns())
         else:
-            self._node.get_logger().warning(f"{name} has no scene: the recording holds none of it")
+            self._node.get_logger().warning(f"{question.driveline} has no scene; the recording holds none of it")
