@@ -37,7 +37,7 @@ def solve(problem: Problem) -> Trajectory:
     Undamped resonances are solved with a stiffness moved by about 1e-8, critical damping with a frequency moved by 1e-10: the
     closed form has no digits left there.
     """
-    system, terms = problem.system, terms_of(problem.system)
+    system, terms = problem.system, _law(terms_of(problem.system))
     cycle, whole = system.cycle, problem.whole_cycles
     tables = tables_of(system, terms)
     rest = 0.0
@@ -52,7 +52,7 @@ def solve(problem: Problem) -> Trajectory:
     rows = np.empty((len(times), 6))
     section = np.empty((whole + 1, 3))
     highest, lowest, stick_time = np.empty(whole), np.empty(whole), np.empty(whole)
-    torque = max(abs(terms.mean_torque) + np.hypot(*tables.engine.T).sum() + (1.0 + _excess(terms)) * peak_load(terms), 1e-300)
+    torque = max(abs(terms.mean_torque) + _swing(terms) + (1.0 + _excess(terms)) * peak_load(terms), 1e-300)
     settings = np.array([cycle, rest, 1e-12 * torque, _far(terms), 1e-3 * rtol,
                          torque / math.sqrt(terms.linear[3] * terms.linear[1]), problem.samples_per_cycle])
     progress = np.array([-1, 0, 0, 0, 0, 0, 0, EVALUATIONS, limit], dtype=np.int64)
@@ -81,6 +81,21 @@ def solve(problem: Problem) -> Trajectory:
     return dataclasses.replace(out, state=np.where(modes == 2, np.sign(rows[:, 0]), modes).astype(np.int8))
 
 
+def _law(terms: Terms) -> Terms:
+    """The terms, with the static coefficient as the only one where the coefficient does not decay with slip speed."""
+    if terms.stribeck is None or terms.stribeck[1] > 0.0:
+        return terms
+    ratio, load = 1.0 + terms.stribeck[0], terms.pulsation
+    return terms._replace(stribeck=None, mean_load=ratio * terms.mean_load,
+                          pulsation=None if load is None else (ratio * load[0], *load[1:]))
+
+
+def _swing(terms: Terms) -> float:
+    """The sum of the amplitudes of the engine torque, N m."""
+    first = terms.torque[0] if terms.torque is not None else 0.0
+    return first + (float(terms.harmonics[:, 1].sum()) if terms.harmonics is not None else 0.0)
+
+
 def _excess(terms: Terms) -> float:
     """mu_s/mu_k - 1."""
     return terms.stribeck[0] if terms.stribeck is not None else 0.0
@@ -91,7 +106,7 @@ def _far(terms: Terms) -> float:
     if terms.stribeck is None:
         return 0.0
     excess, decay = terms.stribeck
-    return max(NEGLIGIBLE + math.log(excess), 1.0) / decay if decay > 0.0 else math.inf
+    return max(NEGLIGIBLE + math.log(excess), 1.0) / decay
 
 
 def _event_limit(terms: Terms, cycle: float) -> int:

@@ -8,13 +8,27 @@ import numpy as np
 
 from tcc_sim.solvers.compiled import compiled
 from tcc_sim.solvers.event_arcs import (
+    C23,
+    ENGINE,
+    FIRST_INPUT,
     FREE,
+    I1,
+    I2,
+    K23,
+    LOAD,
+    LOAD_INDEX,
+    LOAD_PHASE,
     NEGATIVE,
+    PER_INPUT,
     POSITIVE,
     STICK,
+    TM,
+    TSM,
+    TSP,
     Floats,
     Tables,
     set_phases,
+    sines,
     slip_angle,
     start_arc,
 )
@@ -25,66 +39,53 @@ CHATTERING, EXHAUSTED_STEPS, NOT_FINITE = 1, 2, 3
 
 
 @compiled
-def sines(u: float, mean: float, phasors: Floats, tables: Tables) -> tuple[float, float]:
-    """Value and derivative of mean + sum of sines at u."""
-    value, slope = mean, 0.0
-    for k in range(len(tables.frequency)):
-        re, im = phasors[k, 0], phasors[k, 1]
-        if re != 0.0 or im != 0.0:
-            w = tables.frequency[k]
-            x = w * u + tables.phase[k]
-            sine, cosine = np.sin(x), np.cos(x)
-            value += re * sine + im * cosine
-            slope += w * (re * cosine - im * sine)
-    return value, slope
-
-
-@compiled
-def mode_at_rest(u: float, angle: float, rate: float, ratio: float, tolerance: float, tables: Tables) -> int:
+def mode_at_rest(u: float, angle: float, rate: float, ratio: float, tolerance: float, inputs: Floats,
+                 phase: Floats) -> int:
     """The mode that follows v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
 
     Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
     """
-    c = tables.constants
-    engine, engine_rate = sines(u, c[4], tables.engine, tables)
-    load, load_rate = sines(u, c[5], tables.load, tables)
-    spring = c[2] * rate + c[3] * angle
-    torque = (c[1] * engine + c[0] * spring) / (c[0] + c[1])
+    i1, i2, damping, stiffness = inputs[I1], inputs[I2], inputs[C23], inputs[K23]
+    engine, engine_rate = sines(u, inputs[TM], ENGINE, inputs, phase)
+    load, load_rate = sines(u, inputs[TSM], LOAD, inputs, phase)
+    spring = damping * rate + stiffness * angle
+    torque = (i2 * engine + i1 * spring) / (i1 + i2)
     margin = ratio * load - abs(torque)
     if margin > tolerance:
         return STICK
     direction = POSITIVE if torque > 0.0 else NEGATIVE
     if margin < -tolerance:
         return direction
-    bend = (engine - spring) / (c[0] + c[1])
-    torque_rate = (c[1] * engine_rate + c[0] * (c[2] * bend + c[3] * rate)) / (c[0] + c[1])
+    bend = (engine - spring) / (i1 + i2)
+    torque_rate = (i2 * engine_rate + i1 * (damping * bend + stiffness * rate)) / (i1 + i2)
     growth = ratio * load_rate - (torque_rate if torque > 0.0 else -torque_rate)
     return STICK if growth >= 0.0 else direction
 
 
 @compiled
-def until_clamp(u: float, loaded: bool, tables: Tables) -> float:
+def until_clamp(u: float, loaded: bool, inputs: Floats, phase: Floats) -> float:
     """Time until the pressure next meets 0, where its amplitude is above its mean: the end of the loaded or free part."""
-    c = tables.constants
-    k = int(c[8])
-    angle = np.arcsin(c[5] / c[6])
-    x = tables.frequency[k] * u + tables.phase[k] + c[7]
+    k = int(inputs[LOAD_INDEX])
+    w = inputs[FIRST_INPUT + PER_INPUT * k]
+    angle = np.arcsin(inputs[TSM] / inputs[TSP])
+    x = w * u + phase[k] + inputs[LOAD_PHASE]
     if loaded:
         x -= 2.0 * np.pi * np.floor((x + 0.5 * np.pi) / (2.0 * np.pi))
-        return max(np.pi + angle - x, 0.0) / tables.frequency[k]  # type: ignore[no-any-return]
+        return max(np.pi + angle - x, 0.0) / w  # type: ignore[no-any-return]
     x -= 2.0 * np.pi * np.floor((x - 0.5 * np.pi) / (2.0 * np.pi))
-    return max(2.0 * np.pi - angle - x, 0.0) / tables.frequency[k]  # type: ignore[no-any-return]
+    return max(2.0 * np.pi - angle - x, 0.0) / w  # type: ignore[no-any-return]
 
 
 @compiled
-def friction_torque(u: float, mode: int, speed: float, out: Floats, stribeck: Any, tables: Tables) -> float:
+def friction_torque(u: float, mode: int, speed: float, out: Floats, stribeck: Any, inputs: Floats,
+                    phase: Floats) -> float:
     """Tf, N m: the law in slip, lambda in stick (from the two margins), 0 when free."""
     if mode == STICK:
         return 0.5 * (out[1, 0] - out[0, 0])  # type: ignore[no-any-return]
     if mode == FREE:
         return 0.0
     sign = 1.0 if mode == POSITIVE else -1.0
-    load = max(sines(u, tables.constants[5], tables.load, tables)[0], 0.0)
+    load = max(sines(u, inputs[TSM], LOAD, inputs, phase)[0], 0.0)
     if stribeck is None:
         return sign * load
     else:
@@ -92,13 +93,13 @@ def friction_torque(u: float, mode: int, speed: float, out: Floats, stribeck: An
 
 
 @compiled
-def slip_angle_of(tau: float, u: float, kind: int, mode: int, arc: Floats, tables: Tables, series: Any) -> float:
+def slip_angle_of(tau: float, u: float, kind: int, mode: int, row: Floats, phase: Floats, arc: Floats, series: Any) -> float:
     """The integral of v over [u, u + tau], rad."""
     if series is None:
-        return slip_angle(tau, u, mode, arc, tables)
+        return slip_angle(tau, u, mode, row, phase, arc)
     else:
         if kind >= 0:
-            return slip_angle(tau, u, mode, arc, tables)
+            return slip_angle(tau, u, mode, row, phase, arc)
         total = 0.0
         for i in range(series.shape[1] - 1, -1, -1):
             total = (total + series[0, i] / (i + 1.0)) * tau if i > 0 else (total + series[0, 0]) * tau
@@ -106,19 +107,20 @@ def slip_angle_of(tau: float, u: float, kind: int, mode: int, arc: Floats, table
 
 
 @compiled
-def record(tau: float, u: float, kind: int, mode: int, offset: float, slipped: float, arc: Floats, tables: Tables, stribeck: Any,
-           series: Any, flywheel: Any, out: Floats, row: Floats) -> None:
+def record(tau: float, u: float, kind: int, mode: int, offset: float, slipped: float, tables: Tables, arc: Floats, stribeck: Any,
+           series: Any, flywheel: Any, out: Floats, kept: Floats) -> None:
     """Fill a sample at u + tau of the arc that starts at u with theta1 - theta2 = slipped."""
-    look(tau, u, kind, 3, arc, tables, series, out)
+    row = tables.modes[mode]
+    look(tau, u, kind, 3, row, tables.phase, arc, series, out)
     v = 0.0
     if mode != STICK:
         v = out[0, 0] + offset if mode != NEGATIVE else -out[0, 0] - offset
-    row[0], row[1], row[2], row[4] = v, out[2, 0], out[2, 1], float(mode)
-    row[3] = friction_torque(u + tau, mode, v, out, stribeck, tables)
-    row[5] = out[2, 0]
+    kept[0], kept[1], kept[2], kept[4] = v, out[2, 0], out[2, 1], float(mode)
+    kept[3] = friction_torque(u + tau, mode, v, out, stribeck, tables.inputs, tables.phase)
+    kept[5] = out[2, 0]
     if flywheel is not None:
         turned = offset * tau if mode != NEGATIVE else -offset * tau
-        row[5] += slipped + turned + slip_angle_of(tau, u, kind, mode, arc, tables, series)
+        kept[5] += slipped + turned + slip_angle_of(tau, u, kind, mode, row, tables.phase, arc, series)
 
 
 @compiled
@@ -136,13 +138,13 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
     """
     cycle, rest, tolerance, far = settings[0], settings[1], settings[2], settings[3]
     truncation, scale, per_cycle = settings[4], settings[5], int(settings[6])
-    c = tables.constants
+    modes, inputs, phase = tables.modes, tables.inputs, tables.phase
     ratio = 1.0
     if stribeck is not None:
         ratio = 1.0 + stribeck[0]
-    clamped = c[6] > c[5]
-    steepest = 2.0 * tolerance * (1.0 / c[0] + 1.0 / c[1])
-    arc, work, extremes, scratch = np.zeros((3, 4)), np.zeros((3, 3, 3)), np.zeros(2), np.zeros((4, 32))
+    clamped = inputs[TSP] > inputs[TSM]
+    steepest = 2.0 * tolerance * (1.0 / inputs[I1] + 1.0 / inputs[I2])
+    arc, work, extremes, scratch = np.zeros((3, 8)), np.zeros((3, 3, 3)), np.zeros(2), np.zeros((4, 32))
     counts = np.zeros(2, dtype=np.int64)
     out = work[2]
     cycles = whole + (1 if rest > 0.0 else 0)
@@ -150,19 +152,19 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
     v, angle, rate, slipped = state[0], state[1], state[2], state[3]
     while progress[5] < cycles:
         n = progress[5]
-        set_phases(float(first + n), tables)
+        set_phases(float(first + n), inputs, phase)
         end = cycle if n < whole else rest
         u, stuck, events = 0.0, 0.0, 0
         counts[0] = 0
         counts[1] = progress[7]
         if mode < 0:
-            load, load_rate = sines(0.0, c[5], tables.load, tables)
-            loaded = c[5] > 0.0 and (not clamped or load > 0.0 or (load == 0.0 and load_rate > 0.0))
+            load, load_rate = sines(0.0, inputs[TSM], LOAD, inputs, phase)
+            loaded = inputs[TSM] > 0.0 and (not clamped or load > 0.0 or (load == 0.0 and load_rate > 0.0))
             mode = FREE if not loaded else POSITIVE if v > 0.0 else NEGATIVE if v < 0.0 else mode_at_rest(
-                0.0, angle, rate, ratio, tolerance, tables)
+                0.0, angle, rate, ratio, tolerance, inputs, phase)
             section[0, 0], section[0, 1], section[0, 2] = v, angle, rate
-            start_arc(0.0, mode, v, angle, rate, tables, arc)
-            record(0.0, 0.0, mode, mode, 0.0, slipped, arc, tables, stribeck, series, flywheel, out, rows[0])
+            start_arc(0.0, mode, v, angle, rate, modes[mode], phase, arc)
+            record(0.0, 0.0, mode, mode, 0.0, slipped, tables, arc, stribeck, series, flywheel, out, rows[0])
             rows[0, 0], rows[0, 1], rows[0, 2] = v, angle, rate
             progress[2] = 1
         extremes[0], extremes[1] = v, v
@@ -170,9 +172,10 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
             stop = end - u
             clamp = False
             if clamped:
-                gap = until_clamp(u, loaded, tables)
+                gap = until_clamp(u, loaded, inputs, phase)
                 if gap <= stop:
                     stop, clamp = gap, True
+            row = modes[mode]
             upward = -1.0 if mode == NEGATIVE else 1.0
             kind, offset, bend, size, limit = mode, 0.0, 0.0, 0.0, 1e-13 * scale
             far_off = False
@@ -183,17 +186,18 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                     offset, far_off = far, True
                 else:
                     kind = -1 - mode
-                    step = expand(u, upward, v, angle, rate, stribeck, tables, scale, truncation, series, scratch)
+                    step = expand(u, upward, v, angle, rate, stribeck, inputs, phase, scale, truncation, series,
+                                  scratch)
                     counts[0] += 8
                     if step < stop:
                         stop, clamp = step, False
                     bend, size = measure(stop, series)
             if kind >= 0:
-                start_arc(u, mode, v, angle, rate, tables, arc)
+                start_arc(u, mode, v, angle, rate, row, phase, arc)
                 if far_off:
                     arc[0, 0] -= far
-            found, tau = search(stop, u, kind, upward, offset, limit, steepest, 1e-13 * cycle, arc, tables, series, bend, size,
-                                work, extremes, counts)
+            found, tau = search(stop, u, kind, upward, offset, limit, steepest, 1e-13 * cycle, row, phase, arc, series, bend,
+                                size, work, extremes, counts)
             last_stop = clamp or u + stop >= end
             finish = end if found == NONE and not clamp and kind >= 0 else u + tau
             if found == NONE and not clamp and kind < 0 and last_stop and stop == end - u:
@@ -203,12 +207,12 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                 at = cycle if number == per_cycle else number * (cycle / per_cycle)
                 if number > per_cycle or at > finish:
                     break
-                record(at - u, u, kind, mode, offset, slipped, arc, tables, stribeck, series, flywheel, out,
+                record(at - u, u, kind, mode, offset, slipped, tables, arc, stribeck, series, flywheel, out,
                        rows[progress[2]])
                 progress[2] += 1
-            look(tau, u, kind, 3, arc, tables, series, out)
+            look(tau, u, kind, 3, row, phase, arc, series, out)
             if flywheel is not None:
-                slipped += slip_angle_of(tau, u, kind, mode, arc, tables, series) + offset * upward * tau
+                slipped += slip_angle_of(tau, u, kind, mode, row, phase, arc, series) + offset * upward * tau
             if mode == STICK:
                 stuck += tau
             else:
@@ -229,7 +233,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                 following = -1
             if following < 0:
                 v = 0.0
-                following = mode_at_rest(u, angle, rate, ratio, tolerance, tables)
+                following = mode_at_rest(u, angle, rate, ratio, tolerance, inputs, phase)
             if mode != STICK:
                 note(v, extremes)
             if following != mode:
@@ -249,7 +253,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
             section[n + 1, 0], section[n + 1, 1], section[n + 1, 2] = v, angle, rate
         progress[5] += 1
         if progress[5] == cycles and progress[2] < len(rows):
-            record(tau, u - tau, kind, mode, offset, 0.0, arc, tables, stribeck, series, flywheel, out,
+            record(tau, u - tau, kind, mode, offset, 0.0, tables, arc, stribeck, series, flywheel, out,
                    rows[progress[2]])
             rows[progress[2], 0], rows[progress[2], 1], rows[progress[2], 2] = v, angle, rate
             rows[progress[2], 5] = slipped + angle

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers.compiled import compiled
-from tcc_sim.solvers.event_arcs import FREE, STICK, Floats, Tables, evaluate, fourth_bound
+from tcc_sim.solvers.event_arcs import BEND, FREE, SIZE, STICK, Floats, evaluate, fourth_bound
 
 NONE = -1
 EXHAUSTED = -2
@@ -35,26 +35,26 @@ def evaluate_series(tau: float, rows: int, series: Floats, out: Floats) -> None:
 
 
 @compiled
-def look(tau: float, u: float, mode: int, rows: int, arc: Floats, tables: Tables, series: Any,
+def look(tau: float, u: float, mode: int, rows: int, row: Floats, phase: Floats, arc: Floats, series: Any,
          out: Floats) -> tuple[float, float]:
     """Evaluate the arc, whichever kind it is; a power series where mode is negative."""
     if series is None:
-        return evaluate(tau, u, mode, rows, arc, tables, out)
+        return evaluate(tau, u, rows, row, phase, arc, out)
     else:
         if mode < 0:
             evaluate_series(tau, rows, series, out)
             return 1.0, 1.0
-        return evaluate(tau, u, mode, rows, arc, tables, out)
+        return evaluate(tau, u, rows, row, phase, arc, out)
 
 
 @compiled
-def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, arc: Floats, tables: Tables, series: Any,
-              out: Floats, at_zero: bool, left: float, right: float, counts: Any) -> float:
+def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, row: Floats, phase: Floats, arc: Floats,
+              series: Any, out: Floats, at_zero: bool, left: float, right: float, counts: Any) -> float:
     """The one root of signal j in (a, b], by Newton's method within a bracket; `out` is left at the root."""
     x = b if at_zero else a + (b - a) * left / (left - right)
     low, high = a, b
     for _ in range(80):
-        look(x, u, mode, rows, arc, tables, series, out)
+        look(x, u, mode, rows, row, phase, arc, series, out)
         counts[0] += 1
         value, slope = out[j, 0], out[j, 1]
         if value > 0.0:
@@ -73,13 +73,13 @@ def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, arc: F
 
 
 @compiled
-def find_extreme(a: float, b: float, p: float, q: float, u: float, mode: int, arc: Floats, tables: Tables, series: Any,
-                 out: Floats, size: float, counts: Any) -> float:
+def find_extreme(a: float, b: float, p: float, q: float, u: float, mode: int, row: Floats, phase: Floats, arc: Floats,
+                 series: Any, out: Floats, size: float, counts: Any) -> float:
     """The value of signal 0 where its slope, p at a and q at b of opposite sign, is 0."""
     x = a + (b - a) * p / (p - q)
     low, high = a, b
     for _ in range(60):
-        look(x, u, mode, 1, arc, tables, series, out)
+        look(x, u, mode, 1, row, phase, arc, series, out)
         counts[0] += 1
         slope, bend = out[0, 1], out[0, 2]
         if (slope > 0.0) == (p > 0.0):
@@ -95,7 +95,7 @@ def find_extreme(a: float, b: float, p: float, q: float, u: float, mode: int, ar
 
 @compiled
 def search(span: float, u: float, mode: int, upward: float, offset: float, tolerance: float, steepest: float, shortest: float,
-           arc: Floats, tables: Tables, series: Any, bend: float, size: float, work: Floats, extremes: Floats,
+           row: Floats, phase: Floats, arc: Floats, series: Any, bend: float, size: float, work: Floats, extremes: Floats,
            counts: Any) -> tuple[int, float]:
     """The first event in (0, span] of the arc that starts at u; the extremes of v until then, less its ends, go to `extremes`.
 
@@ -103,11 +103,9 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
     starts at `tolerance` or below starts at its root, which is no event unless it falls faster than `steepest`. `mode` is
     negative for a power series, whose fourth derivative is bounded by `bend`. v = upward (signal 0 + offset).
     """
-    row = -1 - mode if mode < 0 else mode
     rows = 2 if mode == STICK else 1
     left, right, out = work[0], work[1], work[2]
-    fade, other = look(0.0, u, mode, rows, arc, tables, series, left)
-    o = tables.oscillator[row]
+    fade, other = look(0.0, u, mode, rows, row, phase, arc, series, left)
     fresh0, fresh1 = mode != FREE and left[0, 0] <= tolerance, rows == 2 and left[1, 0] <= tolerance
     if fresh0 and left[0, 1] < -steepest:
         return 0, 0.0
@@ -116,10 +114,10 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         bound0, bound1 = bend, 0.0
         if mode >= 0:
             free = abs(arc[0, 2]) * fade + abs(arc[0, 3]) * other
-            bound0 = tables.bend[row, 0] + fourth_bound(arc[0, 2], arc[0, 3], fade, other, o)
-            size = tables.size[row, 0] + free + abs(left[0, 0])
+            bound0 = row[BEND] + fourth_bound(arc[0, 2], arc[0, 3], fade, other, row)
+            size = row[SIZE] + free + abs(left[0, 0])
             if rows == 2:
-                bound1 = tables.bend[row, 1] + fourth_bound(arc[1, 2], arc[1, 3], fade, other, o)
+                bound1 = row[BEND + 1] + fourth_bound(arc[1, 2], arc[1, 3], fade, other, row)
         room = 8.0 * size / max(bound0, bound1) if max(bound0, bound1) > 0.0 else np.inf
         h = min(np.sqrt(np.sqrt(room)), grow)
         if a + 1.2 * h >= span:
@@ -127,7 +125,7 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         crossing = False
         while True:
             b = a + h if a + h < span else span
-            fade, other = look(b, u, mode, rows, arc, tables, series, right)
+            fade, other = look(b, u, mode, rows, row, phase, arc, series, right)
             counts[0] += 1
             if counts[0] > counts[1] or not np.isfinite(right[0, 0]):
                 return EXHAUSTED, a
@@ -139,8 +137,8 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
                 verdict = passes(h, left[1], right[1], bound1, fresh1)
                 proven, crossing = proven and verdict >= 0, crossing or verdict == 1
             if proven and mode != STICK:
-                proven = note_inside(a, b, u, mode, upward, offset, crossing, arc, tables, series, bound0, size, work, extremes,
-                                     counts)
+                proven = note_inside(a, b, u, mode, upward, offset, crossing, row, phase, arc, series, bound0, size, work,
+                                     extremes, counts)
             if proven:
                 break
             if h <= shortest:
@@ -153,7 +151,8 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
             for j in range(rows):
                 if right[j, 0] <= 0.0:
                     at_zero = fresh0 if j == 0 else fresh1
-                    tau = find_root(a, b, j, u, mode, rows, arc, tables, series, out, at_zero, left[j, 0], right[j, 0], counts)
+                    tau = find_root(a, b, j, u, mode, rows, row, phase, arc, series, out, at_zero, left[j, 0], right[j, 0],
+                                    counts)
                     if tau < first:
                         first, signal = tau, j
             return signal, first
@@ -178,8 +177,9 @@ def note(v: float, extremes: Floats) -> None:
 
 
 @compiled
-def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: float, crossing: bool, arc: Floats,
-                tables: Tables, series: Any, fourth: float, size: float, work: Floats, extremes: Floats, counts: Any) -> bool:
+def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: float, crossing: bool, row: Floats,
+                phase: Floats, arc: Floats, series: Any, fourth: float, size: float, work: Floats, extremes: Floats,
+                counts: Any) -> bool:
     """Take in an extreme inside the cell, if it matters; False where the cell is too long to tell whether there is one."""
     left, right = work[0, 0], work[1, 0]
     h = b - a
@@ -192,7 +192,7 @@ def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: 
     if max(top, foot) <= extremes[0] and min(top, foot) >= extremes[1]:
         return True
     if bent(h, left[2], right[2], fourth) != 0 and (p > 0.0) != (q > 0.0):
-        value = find_extreme(a, b, p, q, u, mode, arc, tables, series, work[2], size, counts)
+        value = find_extreme(a, b, p, q, u, mode, row, phase, arc, series, work[2], size, counts)
         if mode == FREE:
             note(value, extremes)
         elif value > 0.0 or not crossing:

@@ -11,22 +11,36 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers.compiled import compiled
-from tcc_sim.solvers.event_arcs import Floats, Tables
+from tcc_sim.solvers.event_arcs import (
+    C23,
+    ENGINE,
+    FIRST_INPUT,
+    I1,
+    I2,
+    K23,
+    LOAD,
+    LOAD_INDEX,
+    PER_INPUT,
+    TM,
+    TSM,
+    Floats,
+)
 
 ORDER = 20
 
 
 @compiled
-def fill_sines(u: float, mean: float, phasors: Floats, tables: Tables, out: Floats) -> None:
+def fill_sines(u: float, mean: float, which: int, inputs: Floats, phase: Floats, out: Floats) -> None:
     """Coefficients of mean + sum of sines at u, into out (order + 1,)."""
     for i in range(len(out)):
         out[i] = 0.0
     out[0] = mean
-    for k in range(len(tables.frequency)):
-        re, im = phasors[k, 0], phasors[k, 1]
+    for k in range(len(phase)):
+        j = FIRST_INPUT + PER_INPUT * k
+        re, im = inputs[j + which], inputs[j + which + 1]
         if re != 0.0 or im != 0.0:
-            w = tables.frequency[k]
-            x = w * u + tables.phase[k]
+            w = inputs[j]
+            x = w * u + phase[k]
             sine, cosine = np.sin(x), np.cos(x)
             a, b = re * sine + im * cosine, re * cosine - im * sine
             for i in range(len(out)):
@@ -36,22 +50,22 @@ def fill_sines(u: float, mean: float, phasors: Floats, tables: Tables, out: Floa
 
 
 @compiled
-def expand(u: float, sign: float, speed: float, angle: float, rate: float, stribeck: Any, tables: Tables, scale: float,
-           tolerance: float, series: Floats, work: Floats) -> float:
+def expand(u: float, sign: float, speed: float, angle: float, rate: float, stribeck: Any, inputs: Floats, phase: Floats,
+           scale: float, tolerance: float, series: Floats, work: Floats) -> float:
     """Fill series (3, order + 1): |v| in row 0, theta2 in row 2. Returns the step.
 
     The last terms kept are below `tolerance` times the largest term of |v|, and times `scale` (rad/s) in theta2'.
     """
-    c = tables.constants
     order = series.shape[1] - 1
     engine, load, fade, plate = work[0], work[1], work[2], work[3]
-    fill_sines(u, c[4], tables.engine, tables, engine)
-    fill_sines(u, c[5], tables.load, tables, load)
+    fill_sines(u, inputs[TM], ENGINE, inputs, phase, engine)
+    fill_sines(u, inputs[TSM], LOAD, inputs, phase, load)
     excess, decay = stribeck[0], stribeck[1]
     v, q = series[0], series[2]
     v[0], q[0], plate[0] = sign * speed, angle, rate
     fade[0] = np.exp(-decay * v[0])
-    steady = c[8] < 0.0
+    steady = inputs[LOAD_INDEX] < 0.0
+    flywheel, inertia, damping, stiffness = inputs[I1], inputs[I2], inputs[C23], inputs[K23]
     for i in range(order):
         grip = load[0] * fade[i]
         if not steady:
@@ -59,9 +73,9 @@ def expand(u: float, sign: float, speed: float, angle: float, rate: float, strib
                 grip += load[k] * fade[i - k]
         friction = sign * (load[i] + excess * grip)
         n = i + 1.0
-        plate[i + 1] = (friction - c[2] * plate[i] - c[3] * q[i]) / (c[1] * n)
+        plate[i + 1] = (friction - damping * plate[i] - stiffness * q[i]) / (inertia * n)
         q[i + 1] = plate[i] / n
-        v[i + 1] = sign * ((engine[i] - friction) / (c[0] * n) - plate[i + 1])
+        v[i + 1] = sign * ((engine[i] - friction) / (flywheel * n) - plate[i + 1])
         total = 0.0
         for k in range(i + 1):
             total += (k + 1.0) * v[k + 1] * fade[i - k]
