@@ -123,9 +123,9 @@ class Recorder:
             track.channel = self.bag.channel(track.topic, track.type, self._offered(track.topic))
         channel, write, count = track.channel, self.bag.write, track.count
         for data, info in taken:
-            number = info["publication_sequence_number"] or 0
-            if number:
-                count(info["publisher_gid"]["data"], number)
+            number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
+            if number and publisher:
+                count(publisher["data"], number)
             write(channel, info["received_timestamp"] or time.time_ns(), info["source_timestamp"], data, number)
         track.messages += len(taken)
         if track.stamps is not None:
