@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class TccError(Exception):
     """Base of every exception that this package raises on purpose."""
@@ -21,3 +23,11 @@ class NumericalFailure(TccError, ArithmeticError):
 
 class MissingPackage(TccError, ImportError):
     """An optional package is not installed; the sentence names the extra that brings it."""
+
+
+class SweepInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a sweep; `sweeps` holds what was done until then."""
+
+    def __init__(self, sweeps: list[Any]) -> None:
+        super().__init__("interrupted")
+        self.sweeps = sweeps

@@ -83,6 +83,16 @@ def solve(system: System, *, cycles: int | None = None, duration: float | None =
         raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
     if not 0 <= samples_per_cycle <= 1_000_000:
         raise InputError(f"samples per cycle is {samples_per_cycle}; it must be 0 to 1000000")
+    check_setting(name, rtol, step)
+    if state is None:
+        i = system.initial
+        state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
+    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step, flywheel_angle))
+
+
+def check_setting(name: str, rtol: float | None, step: float | None) -> None:
+    """Raise InputError unless the registered solver `name` takes this tolerance, or this step in s."""
+    entry = SOLVERS[name]
     if rtol is not None:
         if entry.setting != "rtol":
             raise InputError(f"rtol is not a setting of solver {name}")
@@ -93,10 +103,6 @@ def solve(system: System, *, cycles: int | None = None, duration: float | None =
             raise InputError(f"step is not a setting of solver {name}")
         if not (math.isfinite(step) and 1e-9 <= step <= 1.0):
             raise InputError(f"step is {step:g} s; it must be 1e-9 to 1 s")
-    if state is None:
-        i = system.initial
-        state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
-    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step, flywheel_angle))
 
 
 def choose(system: System, solver: str) -> str:
@@ -112,4 +118,4 @@ def choose(system: System, solver: str) -> str:
     return solver
 
 
-__all__ = ["SOLVERS", "Entry", "Problem", "State", "Status", "Trajectory", "choose", "solve"]
+__all__ = ["SOLVERS", "Entry", "Problem", "State", "Status", "Trajectory", "check_setting", "choose", "solve"]
