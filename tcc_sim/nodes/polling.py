@@ -106,6 +106,11 @@ def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -
         return body()
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
+    except RuntimeError:
+        # A signal that arrives within a call of rclpy makes that call fail, since the context is no longer valid.
+        if rclpy.ok():
+            raise
+        return 0
     except (TccError, OSError) as error:
         sys.stderr.write(f"{name}: {error}\n")
         return 2 if isinstance(error, InputError) else 1

@@ -85,12 +85,12 @@ class Recorder:
         known = {node.resolve_topic_name(row.name): row.type for row in TOPICS}
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
-        self.bag = BagWriter(directory)
-        self._scenes = SceneQuery(node, self.bag)
+        self._scenes = SceneQuery(node)
         self.tracks: dict[str, Track] = {}
         # joint_states come last: the driveline may wait for their subscriber, and then all the others are there.
         for topic in sorted(wanted, key=lambda topic: known[topic] == JOINT_STATE):
             self._add(topic, known[topic])
+        self.bag = BagWriter(directory)
 
     def spin(self) -> None:
         """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
@@ -150,7 +150,8 @@ class Recorder:
                     self._subscribe(track, best_effort, latched)
             if track.type == JOINT_STATE:
                 self._scenes.look(track.topic, offered)
-        self._scenes.collect()
+        for scene in self._scenes.collect():
+            self.bag.describe(scene, log_ns=time.time_ns())
 
     def close(self) -> str:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line."""

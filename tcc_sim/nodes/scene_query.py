@@ -13,8 +13,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from tcc_sim.recording.bag import McapFile
-
 _ASK_AGAIN = 1.0
 _PATIENCE = 5.0
 
@@ -37,9 +35,8 @@ class SceneQuery:
     there. The client of a driveline of the usual name exists from the start, which saves one round of discovery.
     """
 
-    def __init__(self, node: Node, bag: McapFile) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
-        self._bag = bag
         self._publishers: dict[str, dict[bytes, str]] = {}
         self._open: dict[bytes, _Question] = {}
         self._clients: dict[str, Client[Any, Any]] = {}
@@ -57,13 +54,14 @@ class SceneQuery:
             self._node.get_logger().warning(f"the publisher of {topic} is gone; the recording goes on")
         self._publishers[topic] = now
 
-    def collect(self) -> None:
-        """Send what waits for its service and take in the answers."""
+    def collect(self) -> list[str]:
+        """Send what waits for its service; gives the scenes (YAML) that were answered."""
+        answers = []
         now = time.monotonic()
         for publisher, question in list(self._open.items()):
             client = self._client(question.driveline)
             if question.future is not None and question.future.done():
-                self._answer(question)
+                answers.append(self._answer(question))
                 del self._open[publisher]
                 continue
             if now - question.sent > _ASK_AGAIN and client.service_is_ready():
@@ -73,6 +71,7 @@ class SceneQuery:
             if not question.warned and now - question.since > _PATIENCE:
                 question.warned = True
                 self._node.get_logger().warning(f"{question.driveline} does not say its scene; the recording holds none yet")
+        return list(filter(None, answers))
 
     def _client(self, driveline: str) -> Client[Any, Any]:
         """The client of a driveline's parameter service, made once."""
@@ -80,12 +79,12 @@ class SceneQuery:
             self._clients[driveline] = self._node.create_client(GetParameters, f"{driveline}/get_parameters")
         return self._clients[driveline]
 
-    def _answer(self, question: _Question) -> None:
-        """Write the scene into the bag."""
+    def _answer(self, question: _Question) -> str:
+        """The scene that was answered; empty where the driveline has none."""
         assert question.future is not None
         response = question.future.result()
         values = [] if response is None else response.values
         if len(values) == 1 and values[0].type == ParameterType.PARAMETER_STRING and values[0].string_value:
-            self._bag.describe(values[0].string_value, log_ns=time.time_ns())
-        else:
-            self._node.get_logger().warning(f"{question.driveline} has no scene; the recording holds none of it")
+            return str(values[0].string_value)
+        self._node.get_logger().warning(f"{question.driveline} has no scene; the recording holds none of it")
+        return ""
