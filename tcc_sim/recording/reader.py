@@ -166,6 +166,10 @@ class Run:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
         if self.stamps.lost:
             self.warnings.append(f"{self.stamps.lost} messages of {self.joint_states_topic} are missing, by their stamps")
+        lost = self.result.get("lost") if isinstance(self.result, dict) else None
+        for topic, count in lost.items() if isinstance(lost, dict) else ():
+            if isinstance(count, int) and count > 0 and topic != self.joint_states_topic:
+                self.warnings.append(f"{count} messages of {topic} were lost while recording")
         if self.stamps.restarts:
             self.warnings.append(f"simulation time started again {self.stamps.restarts} times: these are separate runs")
         if self.stamps.repeated:

@@ -25,7 +25,7 @@ def columns(count, seed=1):
     return np.random.default_rng(seed).normal(size=(count, 6)) * 100.0
 
 
-def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50):
+def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50, lost=0):
     """A bag as the recorder makes it: topics in blocks, flushed now and then."""
     bag = BagWriter(directory, SCENE, "1.2.3")
     joints = bag.channel("/joint_states", topic("joint_states").type)
@@ -45,7 +45,7 @@ def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50
             late = start + 25
         bag.flush()
     if close:
-        bag.close({"lost": {"/joint_states": 0}})
+        bag.close({"lost": {"/joint_states": 0, "/slip_speed": lost}})
     else:
         bag.flush()
         bag.abandon()
@@ -71,7 +71,13 @@ def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
         assert all(batch.applied_pressure is None and batch.run == 0 for batch in batches)
         assert (run.complete, run.warnings, run.lost_messages) == (True, [], 0)
         assert run.messages == {"/joint_states": 333, "/slip_speed": 333}
-        assert (run.scene_text, run.version, run.result) == (SCENE, "1.2.3", {"lost": {"/joint_states": 0}})
+        assert (run.scene_text, run.version, run.result) == (
+            SCENE, "1.2.3", {"lost": {"/joint_states": 0, "/slip_speed": 0}})
+
+
+def test_what_the_recorder_counted_as_lost_is_told(tmp_path):
+    write(tmp_path / "run", columns(10), [n * TICK for n in range(10)], lost=7)
+    assert read(tmp_path / "run")[0].warnings == ["7 messages of /slip_speed were lost while recording"]
 
 
 def test_one_cut_short_gives_what_was_flushed_and_says_so(tmp_path):

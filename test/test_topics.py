@@ -1,0 +1,20 @@
+"""The table of topics."""
+
+import pytest
+
+from tcc_sim.recording.definitions import type_parts
+from tcc_sim.topics import JOINT_NAMES, TOPICS, topic
+
+
+def test_every_row_is_whole_and_found_by_its_name():
+    assert len({row.name for row in TOPICS}) == len(TOPICS)
+    assert len({row.view for row in TOPICS if row.view}) == sum(bool(row.view) for row in TOPICS)
+    for row in TOPICS:
+        assert topic(row.name) is row
+        assert row.direction in ("in", "out")
+        assert row.carries
+        type_parts(row.type)
+    assert [row.name for row in TOPICS if row.direction == "in"] == ["engine_torque", "actuation_pressure"]
+    assert JOINT_NAMES == ("flywheel", "clutch_plate")
+    with pytest.raises(KeyError):
+        topic("clutch")
