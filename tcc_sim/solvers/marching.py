@@ -1,0 +1,363 @@
+"""The compiled march of the smoothed engine: which method takes the next step, how long it is, and what is kept of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import polynomial, radau, taylor
+from tcc_sim.solvers.compiled import accelerations, compiled, engine_torque, smoothed
+from tcc_sim.solvers.radau import LAST_TERM, NODES, STAGES
+from tcc_sim.solvers.taylor import FALLING, LAYER, ORDER_MAXIMUM, SLIDING
+
+STEPS, REJECTED, ITERATIONS, ITERATIONS_MAX, TRANSITIONS, SAMPLES, MODE, STATUS, CYCLES = range(9)
+DONE, STEP_LIMIT, STEP_TOO_SMALL, NOT_FINITE = range(4)
+
+TWO_PI = 2.0 * math.pi
+
+
+@compiled
+def segment_end(tau: float, end: float, shift: float, mean_load: float,
+                pulsation: tuple[float, float, float] | None) -> tuple[float, bool]:
+    """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then."""
+    if pulsation is None:
+        return end, mean_load > 0.0
+    else:
+        amplitude, rate = pulsation[0], pulsation[1]
+        if abs(amplitude) <= mean_load:
+            return end, mean_load > 0.0
+        angle = (rate * tau + shift) % TWO_PI
+        below = math.asin(mean_load / abs(amplitude))
+        closing = math.pi + below if amplitude > 0.0 else below
+        opening = TWO_PI - below if amplitude > 0.0 else math.pi - below
+        ahead = math.inf
+        for turn in range(3):
+            for edge in (closing, opening):
+                distance = edge + (turn - 1) * TWO_PI - angle
+                if distance > 1e-11:
+                    ahead = min(ahead, distance)
+        until = min(end, tau + ahead / rate)
+        middle = rate * (0.5 * (tau + until)) + shift
+        return until, mean_load + amplitude * math.sin(middle) > 0.0
+
+
+@compiled
+def record(series: Any, degree: int, unit: float, x: float, tau: float, time: float, inside: bool, sign: float,
+           stick_speed: float, tally: Any, extent: Any, period: float, per_cycle: int, first_sample: int, samples: Any,
+           times: Any, before: Any, after: Any, angle: Any) -> None:
+    """Keep what a step of length x * unit says: samples, extremes, time in stick and transitions."""
+    slip = series[0]
+    extent[0], extent[1] = polynomial.extremes(slip, degree, x, extent[0], extent[1])
+    if per_cycle > 0:
+        spacing = period / per_cycle
+        end = tau + x * unit
+        while tally[SAMPLES] < samples.shape[0] and (tally[SAMPLES] - first_sample) * spacing < end:
+            local = (tally[SAMPLES] - first_sample) * spacing
+            if tally[SAMPLES] - first_sample >= per_cycle:
+                break
+            at = min(max((local - tau) / unit, 0.0), x)
+            row = tally[SAMPLES]
+            samples[row, 0] = polynomial.value(slip, degree, at)
+            samples[row, 1] = polynomial.value(series[1], degree, at)
+            samples[row, 2] = polynomial.value(series[2], degree, at)
+            if angle is not None:
+                samples[row, 3] = polynomial.value(series[3], degree, at)
+            tally[SAMPLES] += 1
+    mode = tally[MODE]
+    start = 0.0
+    reach = polynomial.variation(slip, degree, x) if inside else 0.0
+    while inside or mode != sign:
+        low, high = abs(slip[0]) - reach, abs(slip[0]) + reach
+        if (mode == 0 and high <= stick_speed) or (mode != 0 and low > stick_speed and mode * slip[0] > 0.0):
+            break
+        at = polynomial.stick_crossing(slip, degree, start, x, mode, stick_speed)
+        if at > x:
+            break
+        if mode == 0:
+            extent[2] += (at - start) * unit
+            new = 1 if polynomial.value(slip, degree, at) > 0.0 else -1
+        else:
+            new = 0
+        row = tally[TRANSITIONS]
+        if row < times.shape[0]:
+            times[row] = time + tau + at * unit
+            before[row] = mode
+            after[row] = new
+            tally[TRANSITIONS] += 1
+        mode = new
+        start = at
+    if mode == 0:
+        extent[2] += (x - start) * unit
+    tally[MODE] = mode
+
+
+@compiled
+def add_angle(series: Any, order: int, unit: float, state: Any) -> None:
+    """Taylor coefficients of theta1, the integral of slip speed + plate speed."""
+    series[3, 0] = state[3]
+    for k in range(order):
+        series[3, k + 1] = unit * (series[0, k] + series[2, k]) / (k + 1.0)
+
+
+@compiled
+def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: float, period: float, frequency_ratio: float,
+          step_limit: int, rtol: float, order: int, linear_order: int, per_cycle: int, samples: Any, section: Any,
+          highest: Any, lowest: Any, stick_time: Any, times: Any, before: Any, after: Any, stick_speed: float, angle: Any,
+          linear: Linear, mean_torque: float, torque: tuple[float, float] | None, harmonics: Any, mean_load: float,
+          pulsation: tuple[float, float, float] | None, sigma: float, stribeck: Stribeck) -> None:
+    """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more."""
+    series = np.zeros((11, ORDER_MAXIMUM + 2))
+    trial = np.zeros((4, STAGES + 1))
+    previous = np.zeros(STAGES + 1)
+    work = np.zeros((5, STAGES, STAGES + 2))
+    stage = np.zeros((7, STAGES))
+    extent = np.zeros(3)
+    i1, i2, damping, stiffness = linear
+    beta = 1.0 / i1 + 1.0 / i2
+    base_rate = math.sqrt(stiffness / i2) + damping / i2 + TWO_PI / period
+    if harmonics is not None:
+        base_rate += harmonics[:, 0].max()
+    if pulsation is not None:
+        base_rate += pulsation[1]
+    layer = max(19.0 / sigma, 1.01 * stick_speed)
+    far = layer
+    if stribeck is not None and stribeck[0] > 0.0:
+        far = max(layer, (math.log(stribeck[0]) + 39.2) / stribeck[1]) if stribeck[1] > 0.0 else math.inf
+    nearly_zero = 1e-7 / sigma
+    dense = min(0.3 * rtol ** 0.6, 1e-2)
+    stiff = False
+    released = 0.0
+    h_radau = 0.0
+    h_taylor = 0.0
+    streak = 0
+    patience = 64
+    prepared = 0.0
+    base = 0.0
+    h_previous = 1.0
+    status = DONE
+    sign = 1.0
+    for n in range(count + (1 if tail > 0.0 else 0)):
+        cycle = first + n
+        time = cycle * period
+        cycle_end = period if n < count else tail
+        shift = 0.0
+        if pulsation is not None:
+            shift = TWO_PI * ((frequency_ratio * cycle) % 1.0) + pulsation[2]
+        if n <= count:
+            for i in range(3):
+                section[n, i] = state[i]
+        extent[0] = state[0]
+        extent[1] = state[0]
+        extent[2] = 0.0
+        scales[0] = max(scales[2], abs(state[0]))
+        scales[1] = max(scales[3], abs(state[2]))
+        scales[2] = 0.0
+        scales[3] = 0.0
+        first_sample = tally[SAMPLES]
+        tau = 0.0
+        while tau < cycle_end and status == DONE:
+            until, loaded = segment_end(tau, cycle_end, shift, mean_load, pulsation)
+            if not until > tau:
+                until = cycle_end
+            while tau < until:
+                v = state[0]
+                scales[0] = max(scales[0], abs(v))
+                scales[1] = max(scales[1], abs(state[2]))
+                scales[2] = max(scales[2], abs(v))
+                scales[3] = max(scales[3], abs(state[2]))
+                slip_tolerance = rtol * max(scales[0], 0.01 / sigma)
+                speed_tolerance = rtol * max(scales[1], 1e-3 * scales[0], scales[4])
+                if tally[STEPS] + tally[REJECTED] >= step_limit:
+                    status = STEP_LIMIT
+                    break
+                remaining = until - tau
+                region = SLIDING
+                if loaded:
+                    if abs(v) <= layer * (1.0 + 1e-6):
+                        region = LAYER
+                    elif stribeck is not None and abs(v) <= far * (1.0 + 1e-6):
+                        region = FALLING
+                sign = 1.0 if v > 0.0 else -1.0
+                if region == LAYER and abs(v) < 0.1 * nearly_zero:
+                    te = engine_torque(tau, mean_torque, torque, harmonics)
+                    ts = mean_load
+                    if pulsation is not None:
+                        ts = max(mean_load + pulsation[0] * math.sin(pulsation[1] * tau + shift), 0.0)
+                    rate, _ = accelerations(state[1], state[2], te, ts * smoothed(v, sigma, stribeck), linear)
+                    sign = 1.0 if rate >= 0.0 else -1.0
+                if stiff:
+                    h = h_radau
+                    full = h >= remaining * (1.0 - 1e-9)
+                    if full:
+                        h = remaining
+                    if h != prepared:
+                        radau.prepare(work, h, linear)
+                        prepared = h
+                    for i in range(STAGES):
+                        t = tau + NODES[i] * h
+                        stage[4, i] = engine_torque(t, mean_torque, torque, harmonics)
+                        ts = mean_load
+                        if pulsation is not None:
+                            ts = max(mean_load + pulsation[0] * math.sin(pulsation[1] * t + shift), 0.0)
+                        stage[5, i] = ts if loaded else 0.0
+                        stage[0, i] = polynomial.value(previous, STAGES, base + h / h_previous * NODES[i])
+                    used = radau.solve_stages(work, stage, h, state, sign, linear, sigma, stribeck, 0.01 * slip_tolerance)
+                    tally[ITERATIONS] += abs(used)
+                    tally[ITERATIONS_MAX] = max(tally[ITERATIONS_MAX], abs(used))
+                    error = math.inf
+                    crossing = math.inf
+                    if used > 0:
+                        radau.collocation(trial[0], v, stage[0])
+                        radau.collocation(trial[2], state[2], stage[1])
+                        error = LAST_TERM * max(abs(trial[0, STAGES]) / min(dense / rtol * slip_tolerance, 0.02 / sigma),
+                                                abs(trial[2, STAGES]) * rtol / (dense * speed_tolerance))
+                    if not error <= 1.0:
+                        tally[REJECTED] += 1
+                        shrink = max(0.2, 0.85 * error ** -0.2) if error < math.inf else 0.25
+                        h_radau = h * shrink
+                        slope = radau.law_and_slope(v, sign, sigma, stribeck)[1]
+                        explicit = h_taylor
+                        if region == LAYER:
+                            explicit = 6.0 / (beta * stage[5, 0] * abs(slope) + base_rate)
+                        if h_radau < explicit:
+                            stiff = False
+                            released = beta * stage[5, 0] * slope
+                        continue
+                    if region == LAYER and stribeck is not None:
+                        crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, -2.0 * nearly_zero, 0.1 * nearly_zero)
+                        if crossing <= 1.0:
+                            crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, -nearly_zero, 0.1 * nearly_zero)
+                    elif loaded and region != LAYER:
+                        crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, layer * (1.0 - 1e-6), 1e-7 * layer)
+                        if crossing <= 1.0:
+                            crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, layer, 1e-7 * layer)
+                    if 0.0 < crossing < 1.0:
+                        for i in range(STAGES + 1):
+                            previous[i] = trial[0, i]
+                        base = 0.0
+                        h_previous = h
+                        h_radau = h * crossing
+                        tally[REJECTED] += 1
+                        continue
+                    radau.collocation(trial[1], state[1], stage[2])
+                    if angle is not None:
+                        for i in range(STAGES):
+                            stage[6, i] = state[3]
+                            for j in range(STAGES):
+                                stage[6, i] += h * radau.MATRIX[i, j] * (stage[0, j] + stage[1, j])
+                        radau.collocation(trial[3], state[3], stage[6])
+                    record(trial, STAGES, h, 1.0, tau, time, True, sign, stick_speed, tally, extent, period, per_cycle,
+                           first_sample, samples, times, before, after, angle)
+                    state[0] = stage[0, STAGES - 1]
+                    state[1] = stage[2, STAGES - 1]
+                    state[2] = stage[1, STAGES - 1]
+                    if angle is not None:
+                        state[3] = stage[6, STAGES - 1]
+                    for i in range(STAGES + 1):
+                        previous[i] = trial[0, i]
+                    base = 1.0
+                    h_previous = h
+                    h_next = h * min(5.0, 0.85 * max(error, 1e-12) ** -0.2)
+                    if full:
+                        h_next = max(h_next, h_radau)
+                    h_radau = h_next
+                    tau = until if full else tau + h
+                    tally[STEPS] += 1
+                    slope = radau.law_and_slope(state[0], sign, sigma, stribeck)[1]
+                    explicit = h_taylor
+                    if abs(state[0]) <= layer and loaded:
+                        explicit = 6.0 / (beta * stage[5, STAGES - 1] * abs(slope) + base_rate)
+                    if h_radau < explicit:
+                        stiff = False
+                        released = beta * stage[5, STAGES - 1] * slope
+                        streak = 0
+                    continue
+                p = linear_order if region == SLIDING else order
+                unit, rho = taylor.expand(series, p, base_rate, state, tau, shift, region, sign, loaded, linear, mean_torque,
+                                          torque, harmonics, mean_load, pulsation, sigma, stribeck)
+                if region == LAYER:
+                    slip_tolerance = min(slip_tolerance, 1e-3 / sigma)
+                x = 0.9 * taylor.step_length(series[0], series[2], p, slip_tolerance, speed_tolerance)
+                if not x > 0.0:
+                    status = STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
+                    break
+                full = x * unit >= remaining * (1.0 - 1e-9)
+                if full:
+                    x = remaining / unit
+                if loaded and (region != LAYER or stribeck is not None):
+                    level = layer
+                    accuracy = 1e-10 * layer
+                    if region == LAYER:
+                        level = -nearly_zero
+                        accuracy = 0.1 * nearly_zero
+                    elif region == SLIDING and stribeck is not None:
+                        level = far
+                        accuracy = 1e-7 * far
+                    crossing = polynomial.first_crossing(series[0], p, x, sign, level, accuracy)
+                    if 0.0 < crossing < x:
+                        x = crossing
+                        full = False
+                if angle is not None:
+                    add_angle(series, p, unit, state)
+                record(series, p, unit, x, tau, time, region == LAYER or not loaded, sign, stick_speed, tally, extent,
+                       period, per_cycle, first_sample, samples, times, before, after, angle)
+                h = x * unit
+                state[0], slope = polynomial.value_and_slope(series[0], p, x)
+                state[1] = polynomial.value(series[1], p, x)
+                state[2] = polynomial.value(series[2], p, x)
+                if angle is not None:
+                    state[3] = polynomial.value(series[3], p, x)
+                if not abs(state[0]) + abs(state[1]) + abs(state[2]) < math.inf:
+                    status = NOT_FINITE
+                    break
+                tau = until if full else tau + h
+                tally[STEPS] += 1
+                h_taylor = h
+                streak += 1
+                if region == LAYER:
+                    slope /= unit
+                    if released > 0.0 and rho > 2.0 * released:
+                        released = 0.0
+                    if released == 0.0 and h * rho > 2.0 and abs(slope) < 0.02 * rho / sigma and abs(state[0]) < layer:
+                        stiff = True
+                        h_radau = 3.0 / rho
+                        h_previous = h_radau
+                        base = 0.0
+                        for i in range(STAGES + 1):
+                            previous[i] = 0.0
+                        previous[0] = state[0]
+                        previous[1] = slope * h_radau
+                else:
+                    released = 0.0
+                if streak > patience and not stiff:
+                    streak = 0
+                    patience *= 2
+                    stiff = True
+                    h_radau = 2.0 * h
+                    h_previous = h
+                    base = 0.0
+                    for i in range(STAGES + 1):
+                        previous[i] = 0.0
+                    previous[0] = state[0]
+        if status != DONE:
+            break
+        streak = 0
+        patience = 64
+        if n < count:
+            highest[n] = extent[0]
+            lowest[n] = extent[1]
+            stick_time[n] = extent[2]
+            tally[CYCLES] += 1
+            if per_cycle > 0:
+                tally[SAMPLES] = first_sample + per_cycle
+        if n + 1 == count:
+            for i in range(3):
+                section[count, i] = state[i]
+    scales[5] = tau
+    tally[STATUS] = status
+
+

@@ -1,0 +1,192 @@
+"""Radau IIA collocation for the layer and for stick, its stages reduced to as many scalar equations.
+
+The only nonlinearity is the friction torque f(v), and it enters through a constant vector, so the linear part is
+eliminated by hand. With a = h A (A the Runge-Kutta matrix), V, W the stage slip and plate speeds and F the friction torques,
+
+    (I2 + C23 a + K23 a^2) W = I2 w0 - K23 theta0 h c + a F,    V + W = v0 + w0 + a (Te - F)/I1,
+
+hence V + G F = V_free with G = a/I1 + (I2 + C23 a + K23 a^2)^-1 a, solved by Newton's method.
+
+Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.5 and IV.8.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers.compiled import compiled
+from tcc_sim.solvers.polynomial import value
+
+STAGES = 5
+ITERATIONS_MAXIMUM = 10
+
+Floats = NDArray[np.float64]
+
+
+def tableau(stages: int) -> tuple[Floats, Floats, Floats]:
+    """Nodes c (s,), matrix A (s, s), and the matrix that gives a collocation polynomial's coefficients of x to x^s.
+
+    The nodes are the zeros of P_s(2 c - 1) - P_(s-1)(2 c - 1), the last of them 1.
+    """
+    legendre = np.zeros(stages + 1)
+    legendre[stages], legendre[stages - 1] = 1.0, -1.0
+    nodes = np.sort(np.real(np.polynomial.legendre.legroots(legendre)))
+    nodes[-1] = 1.0
+    c = (nodes + 1.0) / 2.0
+    c[-1] = 1.0
+    k = np.arange(1, stages + 1)
+    powers = c[:, None] ** (k - 1)
+    matrix = (c[:, None] ** k / k) @ np.linalg.inv(powers)
+    return c, np.asarray(matrix, np.float64), np.asarray(np.linalg.inv(c[:, None] ** k), np.float64)
+
+
+NODES, MATRIX, MONOMIALS = tableau(STAGES)
+SQUARE = MATRIX @ MATRIX
+LAST_TERM = 0.5 ** (2 * STAGES - 1)
+"""Size over [0, 1] of a polynomial's last term in shifted Chebyshev form, per coefficient of x^s."""
+
+
+@compiled
+def eliminate(matrix: Any, right: Any, columns: int) -> None:
+    """Solve matrix X = right in place (right becomes X) by Gaussian elimination with partial pivoting."""
+    n = STAGES
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(k, n):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+            for j in range(columns):
+                right[k, j], right[pivot, j] = right[pivot, j], right[k, j]
+        inverse = 1.0 / matrix[k, k]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] * inverse
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    matrix[i, j] -= factor * matrix[k, j]
+                for j in range(columns):
+                    right[i, j] -= factor * right[k, j]
+    for j in range(columns):
+        for k in range(n - 1, -1, -1):
+            total = right[k, j]
+            for i in range(k + 1, n):
+                total -= matrix[k, i] * right[i, j]
+            right[k, j] = total / matrix[k, k]
+
+
+@compiled
+def prepare(work: Any, h: float, linear: Linear) -> None:
+    """What depends on the step only: (I2 + C23 a + K23 a^2)^-1 [1, h c, a] in rows 0 to s - 1, and G after it."""
+    n = STAGES
+    matrix, right, gain = work[0], work[1], work[2]
+    for i in range(n):
+        right[i, 0] = 1.0
+        right[i, 1] = h * NODES[i]
+        for j in range(n):
+            matrix[i, j] = linear[2] * h * MATRIX[i, j] + linear[3] * h * h * SQUARE[i, j]
+            right[i, 2 + j] = h * MATRIX[i, j]
+        matrix[i, i] += linear[1]
+    eliminate(matrix, right, n + 2)
+    for i in range(n):
+        for j in range(n):
+            gain[i, j] = h * MATRIX[i, j] / linear[0] + right[i, 2 + j]
+
+
+@compiled
+def law_and_slope(v: float, sign: float, sigma: float, stribeck: Stribeck) -> tuple[float, float]:
+    """mubar of (7) and its slope, with |v| continued as sign * v through v = 0: the kink there is a step boundary."""
+    e = math.exp(-2.0 * sigma * abs(v))
+    tanh = math.copysign((1.0 - e) / (1.0 + e), v)
+    slope = sigma * 4.0 * e / ((1.0 + e) * (1.0 + e))
+    if stribeck is None:
+        return tanh, slope
+    else:
+        decay = -stribeck[1] * sign
+        falling = stribeck[0] * math.exp(min(decay * v, 1.0))
+        return (1.0 + falling) * tanh, slope * (1.0 + falling) + decay * falling * tanh
+
+
+@compiled
+def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linear: Linear, sigma: float, stribeck: Stribeck,
+                 accuracy: float) -> int:
+    """Newton's method for the stage slip speeds: rows 0 to 5 of `stage` are V, W, theta2, F, Te, Ts.
+
+    V holds the first guess, Te and Ts are given. F comes out as the linear equations have it, so that momentum is kept to
+    rounding whatever the last correction was. Returns the number of iterations, negative where it did not converge.
+    """
+    n = STAGES
+    matrix, right, newton, free = work[0], work[1], work[3], work[4]
+    gain = work[2]
+    slip, plate, angle, friction, engine, load = stage[0], stage[1], stage[2], stage[3], stage[4], stage[5]
+    v, theta, speed = state[0], state[1], state[2]
+    for i in range(n):
+        impulse = 0.0
+        for j in range(n):
+            impulse += h * MATRIX[i, j] * engine[j]
+        plate[i] = linear[1] * speed * right[i, 0] - linear[3] * theta * right[i, 1]
+        free[i, 0] = v + ((speed - plate[i]) + impulse / linear[0])
+    count = 0
+    last = math.inf
+    while True:
+        count += 1
+        for i in range(n):
+            mubar, slope = law_and_slope(slip[i], sign, sigma, stribeck)
+            friction[i] = load[i] * mubar
+            free[i, 1] = load[i] * slope
+        for i in range(n):
+            residual = free[i, 0] - slip[i]
+            for j in range(n):
+                residual -= gain[i, j] * friction[j]
+                matrix[i, j] = gain[i, j] * free[j, 1]
+            matrix[i, i] += 1.0
+            newton[i, 0] = residual
+        eliminate(matrix, newton, 1)
+        size = 0.0
+        for i in range(n):
+            size = max(size, abs(newton[i, 0]))
+        if not size < math.inf:
+            return -count
+        limit = min(1.0, 2.0 / (sigma * size)) if size > 0.0 else 1.0
+        for i in range(n):
+            step = limit * newton[i, 0]
+            slip[i] += step
+            friction[i] += free[i, 1] * step
+        if limit == 1.0 and (sigma * size * size <= accuracy and sigma * size <= 0.1):
+            break
+        if count >= ITERATIONS_MAXIMUM or (count > 4 and size > 2.0 * last):
+            return -count
+        last = size
+    for i in range(n):
+        for j in range(n):
+            plate[i] += right[i, 2 + j] * friction[j]
+    for i in range(n):
+        angle[i] = theta
+        for j in range(n):
+            angle[i] += h * MATRIX[i, j] * plate[j]
+    return count
+
+
+@compiled
+def collocation(coefficients: Any, first: float, values: Any) -> None:
+    """Coefficients 0 to s in x = t/h of the polynomial through `first` at 0 and `values` at the nodes."""
+    coefficients[0] = first
+    for k in range(STAGES):
+        total = 0.0
+        for i in range(STAGES):
+            total += MONOMIALS[k, i] * (values[i] - first)
+        coefficients[k + 1] = total
+
+
+@compiled
+def extrapolate(slip: Any, previous: Any, ratio: float) -> None:
+    """First guess of the stage slip speeds: the last step's polynomial continued, the new step being `ratio` times as long."""
+    for i in range(STAGES):
+        slip[i] = value(previous, STAGES, 1.0 + ratio * NODES[i])

@@ -1,0 +1,176 @@
+"""Taylor series of the equations of motion about a point, with friction law (7) by recurrence.
+
+The recurrences are those of automatic differentiation (Hairer, Norsett and Wanner, Solving Ordinary Differential
+Equations I, Sec. I.8): E = exp(-alpha |v|) from E' = -alpha sgn(v) v' E, T = tanh(sigma v) from T' = sigma (1 - T^2) v',
+sines by their own recurrence. Coefficients are in scaled time x = t/H, so that none of them overflows.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers.compiled import compiled
+
+SLIDING, FALLING, LAYER = 0, 1, 2
+"""Which parts of mubar vary: none (|v| so large that mubar = sgn v to the last bit), the exponential, all."""
+
+ORDER_MAXIMUM = 30
+
+
+@compiled
+def add_sine(out: Any, count: int, amplitude: float, rate: float, angle: float) -> None:
+    """Add the first `count` Taylor coefficients of amplitude sin(angle + rate x) to `out`."""
+    a, b = amplitude * math.sin(angle), amplitude * math.cos(angle)
+    for k in range(count):
+        out[k] += a
+        g = rate / (k + 1.0)
+        a, b = g * b, -g * a
+
+
+@compiled
+def excitation(engine: Any, load: Any, count: int, scale: float, tau: float, shift: float, loaded: bool, mean_torque: float,
+               torque: tuple[float, float] | None, harmonics: Any, mean_load: float,
+               pulsation: tuple[float, float, float] | None) -> None:
+    """Taylor coefficients in t/scale of Te and Ts at time `tau` into a cycle that starts at pressure angle `shift`."""
+    for k in range(count):
+        engine[k] = 0.0
+    engine[0] = mean_torque
+    if torque is not None:
+        add_sine(engine, count, torque[0], torque[1] * scale, torque[1] * tau)
+    if harmonics is not None:
+        for i in range(harmonics.shape[0]):
+            rate = harmonics[i, 0]
+            add_sine(engine, count, harmonics[i, 1], rate * scale, rate * tau + harmonics[i, 2])
+    if pulsation is None:
+        load[0] = mean_load
+    else:
+        for k in range(count):
+            load[k] = 0.0
+        if loaded:
+            load[0] = mean_load
+            add_sine(load, count, pulsation[0], pulsation[1] * scale, pulsation[1] * tau + shift)
+
+
+@compiled
+def product(a: Any, b: Any, k: int) -> float:
+    """Coefficient k of the product of two series."""
+    even = 0.0
+    odd = 0.0
+    j = 0
+    while j < k:
+        even += a[j] * b[k - j]
+        odd += a[j + 1] * b[k - j - 1]
+        j += 2
+    if j == k:
+        even += a[k] * b[0]
+    return even + odd
+
+
+@compiled
+def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, shift: float, region: int, sign: float,
+           loaded: bool, linear: Linear, mean_torque: float, torque: tuple[float, float] | None, harmonics: Any,
+           mean_load: float, pulsation: tuple[float, float, float] | None, sigma: float,
+           stribeck: Stribeck) -> tuple[float, float]:
+    """Taylor coefficients 0 to `order` of slip speed, plate angle and plate speed (rows 0, 1, 2 of `series`).
+
+    Parameters
+    ----------
+    series : (10, ORDER_MAXIMUM + 2) array, filled; the rows from 3 on are work space
+    base_rate : sum of the rates (1/s) that are there in every region; it scales time together with those of friction
+    state : (3,) array, slip speed, plate angle, plate speed
+    region, sign : SLIDING, FALLING or LAYER; the sign of v, which is kept over the step
+    loaded : False where Ts is clamped at 0
+
+    Returns
+    -------
+    H (s), the unit of time of the coefficients, and the slope -d(v')/dv of friction, 1/s
+    """
+    v_, angle_, speed_, engine, load = series[0], series[1], series[2], series[4], series[5]
+    falling, tanh, sech, weighted, law = series[6], series[7], series[8], series[9], series[10]
+    inertia1, inertia2 = linear[0], linear[1]
+    scale = 1.0 / base_rate
+    excitation(engine, load, order, scale, tau, shift, loaded, mean_torque, torque, harmonics, mean_load, pulsation)
+    v, angle, speed = state[0], state[1], state[2]
+    v_[0] = v
+    angle_[0] = angle
+    speed_[0] = speed
+    law[0] = sign
+    slope = 0.0
+    excess = 0.0
+    decay = 0.0
+    if stribeck is not None and region != SLIDING:
+        excess = stribeck[0]
+        decay = -stribeck[1] * sign
+        falling[0] = excess * math.exp(decay * v)
+        law[0] = sign * (1.0 + falling[0])
+        slope = sign * decay * falling[0]
+    if region == LAYER:
+        e = math.exp(-2.0 * sigma * abs(v))
+        tanh[0] = math.copysign((1.0 - e) / (1.0 + e), v)
+        sech[0] = 4.0 * e / ((1.0 + e) * (1.0 + e))
+        if stribeck is None:
+            law[0] = tanh[0]
+            slope = sigma * sech[0]
+        else:
+            law[0] = tanh[0] * (1.0 + falling[0])
+            slope = sigma * sech[0] * (1.0 + falling[0]) + decay * falling[0] * tanh[0]
+    if not loaded:
+        law[0] = 0.0
+        slope = 0.0
+    beta = 1.0 / inertia1 + 1.0 / inertia2
+    friction = law[0] * load[0]
+    spring = linear[2] * speed + linear[3] * angle
+    rate = abs((engine[0] - friction) / inertia1 - (friction - spring) / inertia2)
+    rho = beta * load[0] * slope
+    if region == SLIDING:
+        unit = scale
+    elif region == FALLING:
+        unit = 1.0 / (base_rate + abs(decay) * rate + abs(rho))
+    else:
+        unit = 1.0 / (base_rate + (abs(decay) + sigma) * rate + abs(rho))
+    ratio = unit * base_rate
+    power = 1.0
+    for k in range(order):
+        if region == SLIDING:
+            friction = law[0] * load[k] * power if (pulsation is not None or k == 0) else 0.0
+        else:
+            if k > 0:
+                weighted[k - 1] = k * v_[k]
+                if stribeck is not None:
+                    falling[k] = decay * product(weighted, falling, k - 1) / k
+                    law[k] = sign * falling[k]
+                if region == LAYER:
+                    tanh[k] = sigma * product(weighted, sech, k - 1) / k
+                    sech[k] = -product(tanh, tanh, k)
+                    if stribeck is None:
+                        law[k] = tanh[k]
+                    else:
+                        law[k] = tanh[k] + product(falling, tanh, k)
+            if pulsation is None:
+                friction = law[k] * load[0]
+            else:
+                load[k] *= power
+                friction = product(law, load, k)
+        spring = linear[2] * speed_[k] + linear[3] * angle_[k]
+        step = unit / (k + 1.0)
+        v_[k + 1] = step * ((engine[k] * power - friction) / inertia1 - (friction - spring) / inertia2)
+        speed_[k + 1] = step * (friction - spring) / inertia2
+        angle_[k + 1] = step * speed_[k]
+        power *= ratio
+    return unit, rho
+
+
+@compiled
+def step_length(slip: Any, speed: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
+    """The step, in units of the series' own time, at which its last two terms reach the tolerance."""
+    x = math.inf
+    for k in range(order - 1, order + 1):
+        size = max(abs(slip[k]) / slip_tolerance, abs(speed[k]) / speed_tolerance)
+        if size > 0.0:
+            x = min(x, size ** (-1.0 / k))
+    return x
+
+
