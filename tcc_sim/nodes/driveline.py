@@ -22,6 +22,7 @@ from tcc_sim.nodes import parameters
 from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import RealTimeLoop
 from tcc_sim.nodes.polling import run
+from tcc_sim.nodes.processes import CLOCK_STARTED
 
 SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
@@ -41,6 +42,7 @@ class DrivelineNode(Node):
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.diagnostics = Diagnostics(self, self.loop) if self.scene.operation.publish_diagnostics else None
+        self._announced = False
         self._warned: dict[str, tuple[int, float]] = {}
 
     def start(self) -> None:
@@ -54,6 +56,9 @@ class DrivelineNode(Node):
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
         now = time.monotonic()
+        if self.loop.clock_started.is_set() and not self._announced:
+            self._announced = True
+            self.get_logger().info(CLOCK_STARTED)
         for command in self.loop.commands:
             count, when = self._warned.get(command.name, (0, -1.0))
             if command.refused > count and now - when >= 1.0:

@@ -29,7 +29,7 @@ from tcc_sim.solvers.fixed_step import Stepper, substeps
 from tcc_sim.solvers.terms import Terms, general_terms, terms_of
 from tcc_sim.solvers.trajectory import stick_speed_of
 
-HISTORY = 2.0
+HISTORY = 5.0
 """Seconds of messages that a publisher keeps for a slow reader."""
 SETTLED = 0.3
 """Real time, s, without a new subscription, after which the subscribers waited for count as complete."""
@@ -68,6 +68,7 @@ class RealTimeLoop:
         self._stick_speed = stick_speed_of(self._own)
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._stop = threading.Event()
+        self.clock_started = threading.Event()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
         engine, pressure = scene.system.engine, scene.system.pressure
@@ -120,7 +121,8 @@ class RealTimeLoop:
     def pause(self, paused: bool) -> bool:
         """Stop or resume; simulated time stands still while paused."""
         self.paused = paused
-        self.pacer.anchor()
+        if not paused:
+            self.pacer.anchor()
         return True
 
     def single_step(self) -> bool:
@@ -163,6 +165,7 @@ class RealTimeLoop:
                 return
             self._publish()
             self.pacer.anchor()
+            self.clock_started.set()
             stopped, lockstep = self._stop.is_set, self.scene.operation.pacing == "lockstep"
             while not stopped():
                 while not self._requests.empty():

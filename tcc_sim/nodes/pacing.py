@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 CATCH_UP = 0.1
 """Real time, s, that a late loop makes good by ticks without a wait; beyond it the deadlines are moved."""
@@ -32,17 +33,17 @@ class Pacer:
         self.late_ticks = 0
         self.missed_ticks = 0
         self.lateness_max = 0.0
+        self.drift = 0.0
+        """Real time at the last tick since the last `anchor()`, beyond what the ticks since then stand for, s."""
         self._recent = np.zeros(kept)
         self._anchor = self._first = 0.0
-        self._since_anchor = 0
+        self._since_anchor = self._since_first = 0
         self.anchor()
 
     def anchor(self) -> None:
         """Count deadlines from now: at the start, after a pause, after a change of the period."""
-        self._anchor = float(time.monotonic_ns())
-        self._since_anchor = 0
-        if self.ticks == 0:
-            self._first = self._anchor
+        self._anchor = self._first = float(time.monotonic_ns())
+        self._since_anchor = self._since_first = 0
 
     def wait(self, stopped: Callable[[], bool]) -> None:
         """Sleep until the next deadline, or return at once where it has passed or `stopped()` holds."""
@@ -57,6 +58,8 @@ class Pacer:
         lateness = (now - deadline) * 1e-9
         self._recent[self.ticks % len(self._recent)] = lateness
         self.ticks += 1
+        self._since_first += 1
+        self.drift = (now - self._first - self._since_first * self.period_ns) * 1e-9
         if lateness > self.lateness_max:
             self.lateness_max = lateness
         if now - deadline > self.period_ns:
@@ -66,13 +69,13 @@ class Pacer:
             self._anchor = float(now)
             self._since_anchor = 0
 
+    def latenesses(self) -> NDArray[np.float64]:
+        """Lateness of the last ticks, s, in no order."""
+        return self._recent[:min(self.ticks, len(self._recent))]
+
     def lateness(self) -> tuple[float, float]:
         """Median and 99th percentile of the lateness of the last ticks, s."""
         if not self.ticks:
             return 0.0, 0.0
-        middle, high = np.percentile(self._recent[:min(self.ticks, len(self._recent))], (50, 99))
+        middle, high = np.percentile(self.latenesses(), (50, 99))
         return float(middle), float(high)
-
-    def drift(self) -> float:
-        """Real time since the start beyond what the ticks stand for, s; ticks missed on the way show here."""
-        return (time.monotonic_ns() - self._first - self.ticks * self.period_ns) * 1e-9

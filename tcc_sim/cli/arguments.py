@@ -1,0 +1,71 @@
+"""What several verbs ask for: numbers within a range, and files that must not exist yet."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from tcc_sim.errors import InputError
+
+
+def number(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """An argparse type: a number from `low` to `high`; the error names the value, the unit and the range."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} must be a number from {low:g} to {high:g} {unit}".rstrip())
+        return value
+
+    return read
+
+
+def whole_number(low: int, high: int) -> Callable[[str], int]:
+    """An argparse type: a whole number from `low` to `high`."""
+
+    def read(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from {low} to {high}")
+        return value
+
+    return read
+
+
+def new_file(path: Path, force: bool = False) -> Path:
+    """`path`, once it is sure that nothing is overwritten and that its directory is there.
+
+    Raises
+    ------
+    InputError
+        The file exists and `force` is off, it is a directory, or it has no directory to be in.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; name a file")
+    if path.exists() and not force:
+        raise InputError(f"{path} exists; it is not overwritten")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}")
+    return path
+
+
+def new_directory(path: Path) -> Path:
+    """`path`, once it is sure that it does not exist and can be created.
+
+    Raises
+    ------
+    InputError
+        It exists, or it has no directory to be in.
+    """
+    if path.exists():
+        raise InputError(f"{path} exists; name a directory that does not")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.absolute().parent}")
+    return path

@@ -1,0 +1,145 @@
+"""Driveline and recorder as processes of their own on this machine, for commands that run the whole chain. Free of rclpy."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from tcc_sim.errors import MissingPackage, TccError
+
+CLOCK_STARTED = "clock started"
+"""What the driveline node logs when its first tick is due."""
+START_LIMIT = 60.0
+"""Real time, s, that a start may take: compiling the kernels for the first time is most of it."""
+END_LIMIT = 10.0
+"""Real time, s, that an end may take before the process is killed."""
+
+
+def require_ros() -> None:
+    """Raise MissingPackage where rclpy or a message package is not installed."""
+    for name in ("rclpy", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rosgraph_msgs", "std_srvs"):
+        if importlib.util.find_spec(name) is None:
+            raise MissingPackage(f"ROS 2 package {name} is not installed: source your ROS 2, or pip install 'tcc_sim[ros]'")
+
+
+def isolated_environment() -> dict[str, str]:
+    """The environment with discovery kept on this machine and a random domain, unless the user has chosen one."""
+    environment = dict(os.environ)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    # Domains up to 101 keep clear of the ephemeral ports of Linux.
+    environment.setdefault("ROS_DOMAIN_ID", str(1 + secrets.randbelow(101)))
+    return environment
+
+
+class NodeProcess:
+    """One node of this package in a process of its own; what it says on standard error is kept."""
+
+    def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
+        self.name = module
+        words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
+        # A session of its own: Ctrl-C on the terminal reaches the command, which ends its nodes in order.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment, stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        self.lines: list[str] = []
+        self._said = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        """Keep every line of standard error."""
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            with self._said:
+                self.lines.append(line.rstrip("\n"))
+                self._said.notify_all()
+        with self._said:
+            self._said.notify_all()
+
+    def await_line(self, text: str, limit: float = START_LIMIT) -> None:
+        """Return when the node has said `text`; TccError with its last words where it ends or `limit` seconds pass first."""
+        with self._said:
+            self._said.wait_for(lambda: self._has(text) or not self._reader.is_alive(), timeout=limit)
+        if not self._has(text):
+            self.check()
+            raise TccError(f"{self.name} did not start within {limit:g} s")
+
+    def _has(self, text: str) -> bool:
+        """Whether the node has said `text`."""
+        return any(text in line for line in self.lines)
+
+    def check(self) -> None:
+        """Raise TccError with its last words where the node has ended."""
+        status = self._process.poll()
+        if status is not None:
+            self._reader.join(timeout=1.0)
+            raise TccError(f"{self.name} ended with status {status}: {self.lines[-1] if self.lines else 'without a word'}")
+
+    def stop(self) -> int:
+        """End it as Ctrl-C would and give its status; it is killed where it takes longer than END_LIMIT."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            status = self._process.wait(timeout=END_LIMIT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            status = self._process.wait()
+        self._reader.join(timeout=1.0)
+        return status
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+
+class Session:
+    """A driveline node with a recorder node, started so that the recording holds the first message.
+
+    Parameters
+    ----------
+    recording : directory that the recorder creates
+    driveline : parameters of the driveline node
+
+    Raises
+    ------
+    MissingPackage
+        ROS 2 is not installed.
+    TccError
+        A node did not start; its own words are in the message.
+    """
+
+    def __init__(self, recording: Path, driveline: dict[str, object]) -> None:
+        require_ros()
+        self.environment = isolated_environment()
+        self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
+        self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": 1}, self.environment)
+        try:
+            self.driveline.await_line(CLOCK_STARTED)
+            self.recorder.check()
+        except BaseException:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """End the driveline, then the recorder, which then has everything."""
+        self.driveline.stop()
+        self.recorder.stop()
+
+    def watch(self, seconds: float) -> None:
+        """Sleep, and raise TccError where a node has ended meanwhile."""
+        time.sleep(seconds)
+        self.driveline.check()
+        self.recorder.check()
+
+
+def _word(value: object) -> str:
+    """A parameter value on the command line of a node."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
