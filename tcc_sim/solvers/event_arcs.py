@@ -193,13 +193,14 @@ def start_arc(u: float, mode: int, speed: float, angle: float, rate: float, row:
 
 
 @compiled
-def evaluate(tau: float, u: float, count: int, row: Floats, phase: Floats, arc: Floats, out: Floats) -> tuple[float, float]:
-    """Value, first and second derivative of the first `count` signals at u + tau, into out (3, 3); bounds of |f|, |g|."""
+def evaluate(tau: float, u: float, count: int, row: Floats, phase: Floats, arc: Floats, work: Floats,
+             slot: int) -> tuple[float, float]:
+    """Value, first and second derivative of the first `count` signals at u + tau, into work[slot] (3, 3); bounds of |f|, |g|."""
     f, g, fade, other = free_pair(tau, row)
     for j in range(count):
-        out[j, 0] = arc[j, 0] + arc[j, 1] * tau + arc[j, 2] * f + arc[j, 3] * g
-        out[j, 1] = arc[j, 1] + arc[j, 4] * f + arc[j, 5] * g
-        out[j, 2] = arc[j, 6] * f + arc[j, 7] * g
+        work[slot, j, 0] = arc[j, 0] + arc[j, 1] * tau + arc[j, 2] * f + arc[j, 3] * g
+        work[slot, j, 1] = arc[j, 1] + arc[j, 4] * f + arc[j, 5] * g
+        work[slot, j, 2] = arc[j, 6] * f + arc[j, 7] * g
     for k in range(len(phase)):
         i = FIRST + PER_SINE * k
         w = row[i]
@@ -208,9 +209,9 @@ def evaluate(tau: float, u: float, count: int, row: Floats, phase: Floats, arc: 
         for j in range(count):
             re, im = row[i + 1 + 2 * j], row[i + 2 + 2 * j]
             value = re * sine + im * cosine
-            out[j, 0] += value
-            out[j, 1] += w * (re * cosine - im * sine)
-            out[j, 2] -= w * w * value
+            work[slot, j, 0] += value
+            work[slot, j, 1] += w * (re * cosine - im * sine)
+            work[slot, j, 2] -= w * w * value
     return fade, other
 
 

@@ -77,11 +77,11 @@ def until_clamp(u: float, loaded: bool, inputs: Floats, phase: Floats) -> float:
 
 
 @compiled
-def friction_torque(u: float, mode: int, speed: float, out: Floats, stribeck: Any, inputs: Floats,
+def friction_torque(u: float, mode: int, speed: float, work: Floats, stribeck: Any, inputs: Floats,
                     phase: Floats) -> float:
     """Tf, N m: the law in slip, lambda in stick (from the two margins), 0 when free."""
     if mode == STICK:
-        return 0.5 * (out[1, 0] - out[0, 0])  # type: ignore[no-any-return]
+        return 0.5 * (work[2, 1, 0] - work[2, 0, 0])  # type: ignore[no-any-return]
     if mode == FREE:
         return 0.0
     sign = 1.0 if mode == POSITIVE else -1.0
@@ -108,16 +108,16 @@ def slip_angle_of(tau: float, u: float, kind: int, mode: int, row: Floats, phase
 
 @compiled
 def record(tau: float, u: float, kind: int, mode: int, offset: float, slipped: float, tables: Tables, arc: Floats, stribeck: Any,
-           series: Any, flywheel: Any, out: Floats, kept: Floats) -> None:
+           series: Any, flywheel: Any, work: Floats, kept: Floats) -> None:
     """Fill a sample at u + tau of the arc that starts at u with theta1 - theta2 = slipped."""
     row = tables.modes[mode]
-    look(tau, u, kind, 3, row, tables.phase, arc, series, out)
+    look(tau, u, kind, 3, row, tables.phase, arc, series, work, 2)
     v = 0.0
     if mode != STICK:
-        v = out[0, 0] + offset if mode != NEGATIVE else -out[0, 0] - offset
-    kept[0], kept[1], kept[2], kept[4] = v, out[2, 0], out[2, 1], float(mode)
-    kept[3] = friction_torque(u + tau, mode, v, out, stribeck, tables.inputs, tables.phase)
-    kept[5] = out[2, 0]
+        v = work[2, 0, 0] + offset if mode != NEGATIVE else -work[2, 0, 0] - offset
+    kept[0], kept[1], kept[2], kept[4] = v, work[2, 2, 0], work[2, 2, 1], float(mode)
+    kept[3] = friction_torque(u + tau, mode, v, work, stribeck, tables.inputs, tables.phase)
+    kept[5] = work[2, 2, 0]
     if flywheel is not None:
         turned = offset * tau if mode != NEGATIVE else -offset * tau
         kept[5] += slipped + turned + slip_angle_of(tau, u, kind, mode, row, tables.phase, arc, series)
@@ -146,7 +146,6 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
     steepest = 2.0 * tolerance * (1.0 / inputs[I1] + 1.0 / inputs[I2])
     arc, work, extremes, scratch = np.zeros((3, 8)), np.zeros((3, 3, 3)), np.zeros(2), np.zeros((4, 32))
     counts = np.zeros(2, dtype=np.int64)
-    out = work[2]
     cycles = whole + (1 if rest > 0.0 else 0)
     mode, loaded = progress[0], progress[1] == 1
     v, angle, rate, slipped = state[0], state[1], state[2], state[3]
@@ -164,7 +163,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                 0.0, angle, rate, ratio, tolerance, inputs, phase)
             section[0, 0], section[0, 1], section[0, 2] = v, angle, rate
             start_arc(0.0, mode, v, angle, rate, modes[mode], phase, arc)
-            record(0.0, 0.0, mode, mode, 0.0, slipped, tables, arc, stribeck, series, flywheel, out, rows[0])
+            record(0.0, 0.0, mode, mode, 0.0, slipped, tables, arc, stribeck, series, flywheel, work, rows[0])
             rows[0, 0], rows[0, 1], rows[0, 2] = v, angle, rate
             progress[2] = 1
         extremes[0], extremes[1] = v, v
@@ -207,17 +206,17 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                 at = cycle if number == per_cycle else number * (cycle / per_cycle)
                 if number > per_cycle or at > finish:
                     break
-                record(at - u, u, kind, mode, offset, slipped, tables, arc, stribeck, series, flywheel, out,
+                record(at - u, u, kind, mode, offset, slipped, tables, arc, stribeck, series, flywheel, work,
                        rows[progress[2]])
                 progress[2] += 1
-            look(tau, u, kind, 3, row, phase, arc, series, out)
+            look(tau, u, kind, 3, row, phase, arc, series, work, 2)
             if flywheel is not None:
                 slipped += slip_angle_of(tau, u, kind, mode, row, phase, arc, series) + offset * upward * tau
             if mode == STICK:
                 stuck += tau
             else:
-                v = upward * (out[0, 0] + offset)
-            angle, rate = out[2, 0], out[2, 1]
+                v = upward * (work[2, 0, 0] + offset)
+            angle, rate = work[2, 2, 0], work[2, 2, 1]
             u = finish
             if found == EXHAUSTED or not (np.isfinite(v) and np.isfinite(angle) and np.isfinite(rate)):
                 progress[4] = EXHAUSTED_STEPS if np.isfinite(v) and np.isfinite(angle) and np.isfinite(rate) else NOT_FINITE
@@ -253,7 +252,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
             section[n + 1, 0], section[n + 1, 1], section[n + 1, 2] = v, angle, rate
         progress[5] += 1
         if progress[5] == cycles and progress[2] < len(rows):
-            record(tau, u - tau, kind, mode, offset, 0.0, tables, arc, stribeck, series, flywheel, out,
+            record(tau, u - tau, kind, mode, offset, 0.0, tables, arc, stribeck, series, flywheel, work,
                    rows[progress[2]])
             rows[progress[2], 0], rows[progress[2], 1], rows[progress[2], 2] = v, angle, rate
             rows[progress[2], 5] = slipped + angle

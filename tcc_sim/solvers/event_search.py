@@ -20,7 +20,7 @@ EXHAUSTED = -2
 
 
 @compiled
-def evaluate_series(tau: float, rows: int, series: Floats, out: Floats) -> None:
+def evaluate_series(tau: float, rows: int, series: Floats, work: Floats, slot: int) -> None:
     """`evaluate` for an arc that is a power series: series (3, order + 1) of the signals in tau."""
     last = series.shape[1] - 1
     for j in range(0, rows, 2):
@@ -29,34 +29,35 @@ def evaluate_series(tau: float, rows: int, series: Floats, out: Floats) -> None:
             bend = bend * tau + slope
             slope = slope * tau + value
             value = value * tau + series[j, i]
-        out[j, 0] = value
-        out[j, 1] = slope
-        out[j, 2] = 2.0 * bend
+        work[slot, j, 0] = value
+        work[slot, j, 1] = slope
+        work[slot, j, 2] = 2.0 * bend
 
 
 @compiled
 def look(tau: float, u: float, mode: int, rows: int, row: Floats, phase: Floats, arc: Floats, series: Any,
-         out: Floats) -> tuple[float, float]:
+         work: Floats, slot: int) -> tuple[float, float]:
     """Evaluate the arc, whichever kind it is; a power series where mode is negative."""
     if series is None:
-        return evaluate(tau, u, rows, row, phase, arc, out)
+        return evaluate(tau, u, rows, row, phase, arc, work, slot)
     else:
         if mode < 0:
-            evaluate_series(tau, rows, series, out)
+            evaluate_series(tau, rows, series, work, slot)
             return 1.0, 1.0
-        return evaluate(tau, u, rows, row, phase, arc, out)
+        return evaluate(tau, u, rows, row, phase, arc, work, slot)
 
 
 @compiled
 def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, row: Floats, phase: Floats, arc: Floats,
-              series: Any, out: Floats, at_zero: bool, left: float, right: float, counts: Any) -> float:
-    """The one root of signal j in (a, b], by Newton's method within a bracket; `out` is left at the root."""
+              series: Any, work: Floats, at_zero: bool, counts: Any) -> float:
+    """The one root of signal j in (a, b], by Newton's method within a bracket; work[2] is left near it."""
+    left, right = work[0, j, 0], work[1, j, 0]
     x = b if at_zero else a + (b - a) * left / (left - right)
     low, high = a, b
     for _ in range(80):
-        look(x, u, mode, rows, row, phase, arc, series, out)
+        look(x, u, mode, rows, row, phase, arc, series, work, 2)
         counts[0] += 1
-        value, slope = out[j, 0], out[j, 1]
+        value, slope = work[2, j, 0], work[2, j, 1]
         if value > 0.0:
             low = x
         else:
@@ -73,24 +74,25 @@ def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, row: F
 
 
 @compiled
-def find_extreme(a: float, b: float, p: float, q: float, u: float, mode: int, row: Floats, phase: Floats, arc: Floats,
-                 series: Any, out: Floats, size: float, counts: Any) -> float:
-    """The value of signal 0 where its slope, p at a and q at b of opposite sign, is 0."""
+def find_extreme(a: float, b: float, u: float, mode: int, row: Floats, phase: Floats, arc: Floats, series: Any,
+                 work: Floats, size: float, counts: Any) -> float:
+    """The value of signal 0 where its slope, of opposite sign at a and b, is 0."""
+    p, q = work[0, 0, 1], work[1, 0, 1]
     x = a + (b - a) * p / (p - q)
     low, high = a, b
     for _ in range(60):
-        look(x, u, mode, 1, row, phase, arc, series, out)
+        look(x, u, mode, 1, row, phase, arc, series, work, 2)
         counts[0] += 1
-        slope, bend = out[0, 1], out[0, 2]
+        slope, bend = work[2, 0, 1], work[2, 0, 2]
         if (slope > 0.0) == (p > 0.0):
             low = x
         else:
             high = x
         step = -slope / bend if bend != 0.0 else 0.0
         if abs(slope * step) <= 1e-15 * size or high - low <= 1e-15 * b:
-            return out[0, 0] + 0.5 * slope * step  # type: ignore[no-any-return]
+            return work[2, 0, 0] + 0.5 * slope * step  # type: ignore[no-any-return]
         x = x + step if low < x + step < high else 0.5 * (low + high)
-    return out[0, 0]  # type: ignore[no-any-return]
+    return work[2, 0, 0]  # type: ignore[no-any-return]
 
 
 @compiled
@@ -104,10 +106,9 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
     negative for a power series, whose fourth derivative is bounded by `bend`. v = upward (signal 0 + offset).
     """
     rows = 2 if mode == STICK else 1
-    left, right, out = work[0], work[1], work[2]
-    fade, other = look(0.0, u, mode, rows, row, phase, arc, series, left)
-    fresh0, fresh1 = mode != FREE and left[0, 0] <= tolerance, rows == 2 and left[1, 0] <= tolerance
-    if fresh0 and left[0, 1] < -steepest:
+    fade, other = look(0.0, u, mode, rows, row, phase, arc, series, work, 0)
+    fresh0, fresh1 = mode != FREE and work[0, 0, 0] <= tolerance, rows == 2 and work[0, 1, 0] <= tolerance
+    if fresh0 and work[0, 0, 1] < -steepest:
         return 0, 0.0
     a, grow = 0.0, np.inf
     while a < span:
@@ -115,7 +116,7 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         if mode >= 0:
             free = abs(arc[0, 2]) * fade + abs(arc[0, 3]) * other
             bound0 = row[BEND] + fourth_bound(arc[0, 2], arc[0, 3], fade, other, row)
-            size = row[SIZE] + free + abs(left[0, 0])
+            size = row[SIZE] + free + abs(work[0, 0, 0])
             if rows == 2:
                 bound1 = row[BEND + 1] + fourth_bound(arc[1, 2], arc[1, 3], fade, other, row)
         room = 8.0 * size / max(bound0, bound1) if max(bound0, bound1) > 0.0 else np.inf
@@ -125,16 +126,16 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         crossing = False
         while True:
             b = a + h if a + h < span else span
-            fade, other = look(b, u, mode, rows, row, phase, arc, series, right)
+            fade, other = look(b, u, mode, rows, row, phase, arc, series, work, 1)
             counts[0] += 1
-            if counts[0] > counts[1] or not np.isfinite(right[0, 0]):
+            if counts[0] > counts[1] or not np.isfinite(work[1, 0, 0]):
                 return EXHAUSTED, a
             proven, crossing = True, False
             if mode != FREE:
-                verdict = passes(h, left[0], right[0], bound0, fresh0)
+                verdict = passes(h, work, 0, bound0, fresh0)
                 proven, crossing = verdict >= 0, verdict == 1
             if rows == 2:
-                verdict = passes(h, left[1], right[1], bound1, fresh1)
+                verdict = passes(h, work, 1, bound1, fresh1)
                 proven, crossing = proven and verdict >= 0, crossing or verdict == 1
             if proven and mode != STICK:
                 proven = note_inside(a, b, u, mode, upward, offset, crossing, row, phase, arc, series, bound0, size, work,
@@ -142,17 +143,16 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
             if proven:
                 break
             if h <= shortest:
-                crossing = mode != FREE and ((right[0, 0] <= 0.0 and not fresh0)
-                                             or (rows == 2 and right[1, 0] <= 0.0 and not fresh1))
+                crossing = mode != FREE and ((work[1, 0, 0] <= 0.0 and not fresh0)
+                                             or (rows == 2 and work[1, 1, 0] <= 0.0 and not fresh1))
                 break
             h *= 0.5
         if crossing:
             first, signal = np.inf, NONE
             for j in range(rows):
-                if right[j, 0] <= 0.0:
+                if work[1, j, 0] <= 0.0:
                     at_zero = fresh0 if j == 0 else fresh1
-                    tau = find_root(a, b, j, u, mode, rows, row, phase, arc, series, out, at_zero, left[j, 0], right[j, 0],
-                                    counts)
+                    tau = find_root(a, b, j, u, mode, rows, row, phase, arc, series, work, at_zero, counts)
                     if tau < first:
                         first, signal = tau, j
             return signal, first
@@ -160,12 +160,12 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         grow = 2.0 * h
         for j in range(rows):
             for i in range(3):
-                left[j, i] = right[j, i]
-        fresh0, fresh1 = fresh0 and left[0, 0] <= tolerance, fresh1 and left[1, 0] <= tolerance
+                work[0, j, i] = work[1, j, i]
+        fresh0, fresh1 = fresh0 and work[0, 0, 0] <= tolerance, fresh1 and work[0, 1, 0] <= tolerance
         if mode == FREE:
-            note(left[0, 0], extremes)
+            note(work[0, 0, 0], extremes)
         elif mode != STICK:
-            note(upward * max(left[0, 0] + offset, 0.0), extremes)
+            note(upward * max(work[0, 0, 0] + offset, 0.0), extremes)
     return NONE, span
 
 
@@ -181,56 +181,59 @@ def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: 
                 phase: Floats, arc: Floats, series: Any, fourth: float, size: float, work: Floats, extremes: Floats,
                 counts: Any) -> bool:
     """Take in an extreme inside the cell, if it matters; False where the cell is too long to tell whether there is one."""
-    left, right = work[0, 0], work[1, 0]
     h = b - a
     slack = fourth * h * h * h
     e = slack * h / 384.0
-    p, q = left[1], right[1]
-    one, two = left[0] + h * p / 3.0, right[0] - h * q / 3.0
-    top = upward * (max(max(left[0], one), max(two, right[0])) + e + offset)
-    foot = upward * (min(min(left[0], one), min(two, right[0])) - e + offset)
+    g, p, g1, q = work[0, 0, 0], work[0, 0, 1], work[1, 0, 0], work[1, 0, 1]
+    one, two = g + h * p / 3.0, g1 - h * q / 3.0
+    top = upward * (max(max(g, one), max(two, g1)) + e + offset)
+    foot = upward * (min(min(g, one), min(two, g1)) - e + offset)
     if max(top, foot) <= extremes[0] and min(top, foot) >= extremes[1]:
         return True
-    if bent(h, left[2], right[2], fourth) != 0 and (p > 0.0) != (q > 0.0):
-        value = find_extreme(a, b, p, q, u, mode, row, phase, arc, series, work[2], size, counts)
+    curve = bent(h, work[0, 0, 2], work[1, 0, 2], fourth)
+    if curve != 0 and (p > 0.0) != (q > 0.0):
+        value = find_extreme(a, b, u, mode, row, phase, arc, series, work, size, counts)
         if mode == FREE:
             note(value, extremes)
         elif value > 0.0 or not crossing:
             note(upward * max(value + offset, 0.0), extremes)
         return True
-    return steady(h, left, right, fourth) != 0 or bent(h, left[2], right[2], fourth) != 0 or e <= 1e-15 * size
+    return curve != 0 or steady(h, g, p, g1, q, fourth) != 0 or e <= 1e-15 * size
 
 
 @compiled
 def bent(h: float, s: float, s1: float, fourth: float) -> int:
     """1 or -1 where the second derivative is proven to keep that sign over the cell, else 0."""
     lean = fourth * h * h / 8.0
-    return 1 if min(s, s1) > lean else -1 if max(s, s1) < -lean else 0
+    if s > lean and s1 > lean:
+        return 1
+    return -1 if s < -lean and s1 < -lean else 0
 
 
 @compiled
-def steady(h: float, left: Floats, right: Floats, fourth: float) -> int:
+def steady(h: float, g: float, p: float, g1: float, q: float, fourth: float) -> int:
     """1 or -1 where the slope is proven to keep that sign over the cell, else 0."""
     slack = 0.00802 * fourth * h * h * h
-    p, q = left[1], right[1]
-    middle = 3.0 * (right[0] - left[0]) / h - p - q
-    return 1 if min(min(p, q), middle) > slack else -1 if max(max(p, q), middle) < -slack else 0
+    middle = 3.0 * (g1 - g) / h - p - q
+    if p > slack and q > slack and middle > slack:
+        return 1
+    return -1 if p < -slack and q < -slack and middle < -slack else 0
 
 
 @compiled
-def passes(h: float, left: Floats, right: Floats, fourth: float, at_zero: bool) -> int:
+def passes(h: float, work: Floats, j: int, fourth: float, at_zero: bool) -> int:
     """0: no root in (a, b] is proven; 1: exactly one is proven (or the one at b); -1: neither."""
-    g, p, g1, p1 = left[0], left[1], right[0], right[1]
-    curve = bent(h, left[2], right[2], fourth)
+    g, p, g1, p1 = work[0, j, 0], work[0, j, 1], work[1, j, 0], work[1, j, 1]
+    curve = bent(h, work[0, j, 2], work[1, j, 2], fourth)
     if g1 <= 0.0:
-        if curve < 0 or (not at_zero and (curve > 0 or steady(h, left, right, fourth) < 0)):
+        if curve < 0 or (not at_zero and (curve > 0 or steady(h, g, p, g1, p1, fourth) < 0)):
             return 1
         return -1
     if at_zero:
-        if curve < 0 or (p >= 0.0 and (curve > 0 or steady(h, left, right, fourth) > 0)):
+        if curve < 0 or (p >= 0.0 and (curve > 0 or steady(h, g, p, g1, p1, fourth) > 0)):
             return 0
         return 0 if (3.0 * g1 / h - 2.0 * p - p1) / h + max(p, 0.0) / h > fourth * h * h / 24.0 else -1
     if curve < 0:
         return 0
-    least = min(min(g, g + h * p / 3.0), min(g1, g1 - h * p1 / 3.0))
-    return 0 if least > fourth * h * h * h * h / 384.0 else -1
+    third, e = h / 3.0, fourth * h * h * h * h / 384.0
+    return 0 if g > e and g1 > e and g + third * p > e and g1 - third * p1 > e else -1
