@@ -29,13 +29,18 @@ RESONANT = 1e-8
 """Relative distance kept from an undamped resonance, where sine and free motion lose their digits: the stiffness moves."""
 
 
-# Layout of a row of Tables.modes.
-KIND, RATE_F, RATE_G, ROOT, FACTOR, POWER, DRIFT, MEAN, MIX, SIZE, BEND, FIRST = 4, 5, 6, 7, 8, 9, 13, 14, 17, 23, 25, 27
-PER_SINE = 7
+# Layout of the pad, the one array of the inner loops (each further array would cost a reference count per call): three looks
+# of 3 signals (value, slope, second derivative); the largest and smallest v; evaluations and their limit; the present arc, 3
+# signals of c0, c1, A, B and A, B of their first two derivatives; and the row of Tables.modes of the present mode.
+LEFT, RIGHT, HERE, HIGHEST, LOWEST, COUNT, MOST, ARC, ROW = 0, 9, 18, 27, 28, 29, 30, 32, 56
+# Layout of a row of Tables.modes, from ROW on.
+KIND, RATE_F, RATE_G, ROOT, FACTOR, POWER = ROW + 4, ROW + 5, ROW + 6, ROW + 7, ROW + 8, ROW + 9
+DRIFT, MEAN, MIX, SIZE, BEND, FIRST = ROW + 13, ROW + 14, ROW + 17, ROW + 23, ROW + 25, ROW + 27
+PER_SINE = 8
 # Layout of Tables.inputs.
 I1, I2, C23, K23, TM, TSM, TSP, LOAD_PHASE, LOAD_INDEX, FIRST_INPUT = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
-PER_INPUT = 6
-ENGINE, LOAD = 2, 4
+PER_INPUT = 7
+ENGINE, LOAD = 3, 5
 
 
 class Tables(NamedTuple):
@@ -46,15 +51,13 @@ class Tables(NamedTuple):
     """
 
     modes: Floats
-    """(4, 27 + 7 m). Free motion: x' as a matrix on (A, B) (4), kind of damping, decay rates that bound f and g, wd or its
+    """(4, 27 + 8 m). Free motion: x' as a matrix on (A, B) (4), kind of damping, decay rates that bound f and g, wd or its
     like, factor of g, moduli of the matrix to the power 4 (4). Then c1 of signal 0; constants of the 3 signals; their free
     part as a x + b x' of the free part x of theta2 (3 times 2); sums of |Z| and of |Z| w^4 of signals 0 and 1. Then for each
-    frequency w and Z of the three signals (real, imaginary)."""
+    frequency w, its phase at the start of the present engine cycle (rad, set by the kernel), Z of the three signals."""
     inputs: Floats
-    """(9 + 6 m,) I1, I2, C23, K23, Tm, Tsm, Tsp, phase of the load at t = 0, index of its frequency (-1 for a constant load).
-    Then for each frequency w, w/omega, Z of Te and Z of Ts."""
-    phase: Floats
-    """(m,) phases of the frequencies at the start of the present engine cycle, rad; the kernel sets them."""
+    """(9 + 7 m,) I1, I2, C23, K23, Tm, Tsm, Tsp, phase of the load at t = 0, index of its frequency (-1 for a constant load).
+    Then for each frequency w, w/omega, its phase as above, Z of Te and Z of Ts."""
 
 
 def tables_of(system: System, terms: Terms) -> Tables:
@@ -77,9 +80,9 @@ def tables_of(system: System, terms: Terms) -> Tables:
     load = np.array([r[1] for r in rows.values()], dtype=np.complex128)
     modes = [_mode_row(mode, sign, terms, w, engine, load)
              for mode, sign in ((STICK, 0.0), (POSITIVE, 1.0), (NEGATIVE, -1.0), (FREE, 0.0))]
-    sines = np.stack([w, turns, engine.real, engine.imag, load.real, load.imag], axis=1)
+    sines = np.stack([w, turns, 0.0 * w, engine.real, engine.imag, load.real, load.imag], axis=1)
     constants = [*terms.linear, terms.mean_torque, terms.mean_load, pulsation[0], pulsation[2], float(index)]
-    return Tables(np.stack(modes), np.concatenate([constants, sines.ravel()]), np.zeros(len(w)))
+    return Tables(np.stack(modes), np.concatenate([constants, sines.ravel()]))
 
 
 def _mode_row(mode: int, sign: float, terms: Terms, w: Floats, engine: NDArray[np.complex128],
@@ -105,7 +108,8 @@ def _mode_row(mode: int, sign: float, terms: Terms, w: Floats, engine: NDArray[n
         drift = upward * (terms.mean_torque - sign * terms.mean_load) / i1
         mix[0, 1] = -upward
     size = np.abs(phasor[:2])
-    sines = np.concatenate([w[:, None], np.stack([phasor.real, phasor.imag], axis=-1).transpose(1, 0, 2).reshape(-1, 6)], axis=1)
+    parts = np.stack([phasor.real, phasor.imag], axis=-1).transpose(1, 0, 2).reshape(-1, 6)
+    sines = np.concatenate([np.stack([w, 0.0 * w], axis=1), parts], axis=1)
     return np.concatenate([_oscillator(inertia, c, stiffness), [drift], mean, mix.ravel(), size.sum(axis=1),
                            (size * w**4).sum(axis=1), sines.ravel()])
 
@@ -138,111 +142,110 @@ def _oscillator(inertia: float, c: float, k: float) -> Floats:
 
 
 @compiled
-def free_pair(tau: float, row: Floats) -> tuple[float, float, float, float]:
-    """f, g of a mode at tau >= 0, and bounds of |f|, |g| from there on."""
-    fade = np.exp(-row[RATE_F] * tau)
-    if row[KIND] == LIGHT:
-        return fade * np.cos(row[ROOT] * tau), fade * np.sin(row[ROOT] * tau), fade, fade
-    other = np.exp(-row[RATE_G] * tau)
-    if row[KIND] == HEAVY:
+def free_pair(tau: float, pad: Floats) -> tuple[float, float, float, float]:
+    """f, g of the mode at tau >= 0, and bounds of |f|, |g| from there on."""
+    fade = np.exp(-pad[RATE_F] * tau)
+    if pad[KIND] == LIGHT:
+        return fade * np.cos(pad[ROOT] * tau), fade * np.sin(pad[ROOT] * tau), fade, fade
+    other = np.exp(-pad[RATE_G] * tau)
+    if pad[KIND] == HEAVY:
         return fade, other, fade, other
-    if row[ROOT] > 0.0:
-        return fade * np.cos(row[ROOT] * tau), row[FACTOR] * fade * np.sin(row[ROOT] * tau) / row[ROOT], fade, other
-    shrunk = np.expm1(2.0 * row[ROOT] * tau)
-    return fade * (1.0 + 0.5 * shrunk), row[FACTOR] * fade * 0.5 * shrunk / row[ROOT], fade, other
+    if pad[ROOT] > 0.0:
+        return fade * np.cos(pad[ROOT] * tau), pad[FACTOR] * fade * np.sin(pad[ROOT] * tau) / pad[ROOT], fade, other
+    shrunk = np.expm1(2.0 * pad[ROOT] * tau)
+    return fade * (1.0 + 0.5 * shrunk), pad[FACTOR] * fade * 0.5 * shrunk / pad[ROOT], fade, other
 
 
 @compiled
-def fourth_bound(a: float, b: float, fade: float, other: float, row: Floats) -> float:
-    """Bound of the fourth derivative of A f + B g where |f| <= fade, |g| <= other."""
-    a, b = abs(a), abs(b)
-    near, far = row[POWER] * a + row[POWER + 1] * b, row[POWER + 2] * a + row[POWER + 3] * b
-    return near * fade + far * other  # type: ignore[no-any-return]
+def fourth_bound(j: int, fade: float, other: float, pad: Floats) -> float:
+    """Bound of the fourth derivative of signal j, where |f| <= fade, |g| <= other."""
+    a, b = abs(pad[ARC + 8 * j + 2]), abs(pad[ARC + 8 * j + 3])
+    near, far = pad[POWER] * a + pad[POWER + 1] * b, pad[POWER + 2] * a + pad[POWER + 3] * b
+    return pad[BEND + j] + near * fade + far * other  # type: ignore[no-any-return]
 
 
 @compiled
-def start_arc(u: float, mode: int, speed: float, angle: float, rate: float, row: Floats, phase: Floats, arc: Floats) -> None:
-    """Fill arc (3, 8), rows of c0, c1, A, B and A, B of the first two derivatives, from v, theta2 and theta2' at u."""
-    steady, steady_rate, signal = row[MEAN + 2], 0.0, 0.0
-    for k in range(len(phase)):
-        i = FIRST + PER_SINE * k
-        w = row[i]
-        x = w * u + phase[k]
+def start_arc(u: float, mode: int, speed: float, angle: float, rate: float, modes: Floats, pad: Floats) -> None:
+    """Bring the row of the mode and the arc that starts at u with v, theta2 and theta2' into the pad."""
+    for i in range(modes.shape[1]):
+        pad[ROW + i] = modes[mode, i]
+    steady, steady_rate, signal = pad[MEAN + 2], 0.0, 0.0
+    for i in range(FIRST, len(pad), PER_SINE):
+        w = pad[i]
+        x = w * u + pad[i + 1]
         sine, cosine = np.sin(x), np.cos(x)
-        steady += row[i + 5] * sine + row[i + 6] * cosine
-        steady_rate += w * (row[i + 5] * cosine - row[i + 6] * sine)
-        signal += row[i + 1] * sine + row[i + 2] * cosine
+        steady += pad[i + 6] * sine + pad[i + 7] * cosine
+        steady_rate += w * (pad[i + 6] * cosine - pad[i + 7] * sine)
+        signal += pad[i + 2] * sine + pad[i + 3] * cosine
     x, y = angle - steady, rate - steady_rate
+    m0, m1, m2, m3 = pad[ROW], pad[ROW + 1], pad[ROW + 2], pad[ROW + 3]
     at_start = 0.0
-    if row[KIND] == HEAVY:
+    if pad[KIND] == HEAVY:
         at_start = 1.0
-        a, b = (y - row[3] * x) / (row[0] - row[3]), (y - row[0] * x) / (row[3] - row[0])
+        a, b = (y - m3 * x) / (m0 - m3), (y - m0 * x) / (m3 - m0)
     else:
-        a, b = x, (y - row[0] * x) / row[1]
-    da, db = row[0] * a + row[1] * b, row[2] * a + row[3] * b
+        a, b = x, (y - m0 * x) / m1
+    da, db = m0 * a + m1 * b, m2 * a + m3 * b
     for j in range(3):
-        p, q = row[MIX + 2 * j], row[MIX + 2 * j + 1]
-        arc[j, 0], arc[j, 1] = row[MEAN + j], 0.0
-        arc[j, 2], arc[j, 3] = p * a + q * da, p * b + q * db
-        arc[j, 4], arc[j, 5] = row[0] * arc[j, 2] + row[1] * arc[j, 3], row[2] * arc[j, 2] + row[3] * arc[j, 3]
-        arc[j, 6], arc[j, 7] = row[0] * arc[j, 4] + row[1] * arc[j, 5], row[2] * arc[j, 4] + row[3] * arc[j, 5]
+        p, q, i = pad[MIX + 2 * j], pad[MIX + 2 * j + 1], ARC + 8 * j
+        pad[i], pad[i + 1] = pad[MEAN + j], 0.0
+        pad[i + 2], pad[i + 3] = p * a + q * da, p * b + q * db
+        pad[i + 4], pad[i + 5] = m0 * pad[i + 2] + m1 * pad[i + 3], m2 * pad[i + 2] + m3 * pad[i + 3]
+        pad[i + 6], pad[i + 7] = m0 * pad[i + 4] + m1 * pad[i + 5], m2 * pad[i + 4] + m3 * pad[i + 5]
     if mode != STICK:
         upward = -speed if mode == NEGATIVE else speed
-        arc[0, 0] = upward - signal - arc[0, 2] - at_start * arc[0, 3]
-        arc[0, 1] = row[DRIFT]
+        pad[ARC] = upward - signal - pad[ARC + 2] - at_start * pad[ARC + 3]
+        pad[ARC + 1] = pad[DRIFT]
 
 
 @compiled
-def evaluate(tau: float, u: float, count: int, row: Floats, phase: Floats, arc: Floats, work: Floats,
-             slot: int) -> tuple[float, float]:
-    """Value, first and second derivative of the first `count` signals at u + tau, into work[slot] (3, 3); bounds of |f|, |g|."""
-    f, g, fade, other = free_pair(tau, row)
+def evaluate(tau: float, u: float, count: int, slot: int, pad: Floats) -> tuple[float, float]:
+    """Value and first two derivatives of the first `count` signals at u + tau, into `slot`; bounds of |f|, |g|."""
+    f, g, fade, other = free_pair(tau, pad)
     for j in range(count):
-        work[slot, j, 0] = arc[j, 0] + arc[j, 1] * tau + arc[j, 2] * f + arc[j, 3] * g
-        work[slot, j, 1] = arc[j, 1] + arc[j, 4] * f + arc[j, 5] * g
-        work[slot, j, 2] = arc[j, 6] * f + arc[j, 7] * g
-    for k in range(len(phase)):
-        i = FIRST + PER_SINE * k
-        w = row[i]
-        x = w * (u + tau) + phase[k]
+        a, i = ARC + 8 * j, slot + 3 * j
+        pad[i] = pad[a] + pad[a + 1] * tau + pad[a + 2] * f + pad[a + 3] * g
+        pad[i + 1] = pad[a + 1] + pad[a + 4] * f + pad[a + 5] * g
+        pad[i + 2] = pad[a + 6] * f + pad[a + 7] * g
+    for k in range(FIRST, len(pad), PER_SINE):
+        w = pad[k]
+        x = w * (u + tau) + pad[k + 1]
         sine, cosine = np.sin(x), np.cos(x)
         for j in range(count):
-            re, im = row[i + 1 + 2 * j], row[i + 2 + 2 * j]
+            re, im, i = pad[k + 2 + 2 * j], pad[k + 3 + 2 * j], slot + 3 * j
             value = re * sine + im * cosine
-            work[slot, j, 0] += value
-            work[slot, j, 1] += w * (re * cosine - im * sine)
-            work[slot, j, 2] -= w * w * value
+            pad[i] += value
+            pad[i + 1] += w * (re * cosine - im * sine)
+            pad[i + 2] -= w * w * value
     return fade, other
 
 
 @compiled
-def slip_angle(tau: float, u: float, mode: int, row: Floats, phase: Floats, arc: Floats) -> float:
+def slip_angle(tau: float, u: float, mode: int, pad: Floats) -> float:
     """The integral of v over [u, u + tau], rad; 0 in stick."""
     if mode == STICK:
         return 0.0
-    f, g, _, _ = free_pair(tau, row)
+    f, g, _, _ = free_pair(tau, pad)
     f -= 1.0
-    if row[KIND] == HEAVY:
+    if pad[KIND] == HEAVY:
         g -= 1.0
     upward = -1.0 if mode == NEGATIVE else 1.0
-    total = upward * (arc[0, 0] + 0.5 * arc[0, 1] * tau) * tau - arc[2, 2] * f - arc[2, 3] * g
-    for k in range(len(phase)):
-        i = FIRST + PER_SINE * k
-        half = 0.5 * row[i] * tau
-        middle = row[i] * u + phase[k] + half
-        total += upward * (row[i + 1] * np.sin(middle) + row[i + 2] * np.cos(middle)) * 2.0 * np.sin(half) / row[i]
+    total = upward * (pad[ARC] + 0.5 * pad[ARC + 1] * tau) * tau - pad[ARC + 18] * f - pad[ARC + 19] * g
+    for i in range(FIRST, len(pad), PER_SINE):
+        half = 0.5 * pad[i] * tau
+        middle = pad[i] * u + pad[i + 1] + half
+        total += upward * (pad[i + 2] * np.sin(middle) + pad[i + 3] * np.cos(middle)) * 2.0 * np.sin(half) / pad[i]
     return total  # type: ignore[no-any-return]
 
 
 @compiled
-def sines(u: float, mean: float, which: int, inputs: Floats, phase: Floats) -> tuple[float, float]:
+def sines(u: float, mean: float, which: int, inputs: Floats) -> tuple[float, float]:
     """Value and derivative at u of mean + the sines of Te (`which` ENGINE) or Ts (LOAD)."""
     value, slope = mean, 0.0
-    for k in range(len(phase)):
-        i = FIRST_INPUT + PER_INPUT * k
+    for i in range(FIRST_INPUT, len(inputs), PER_INPUT):
         re, im = inputs[i + which], inputs[i + which + 1]
         if re != 0.0 or im != 0.0:
-            x = inputs[i] * u + phase[k]
+            x = inputs[i] * u + inputs[i + 2]
             sine, cosine = np.sin(x), np.cos(x)
             value += re * sine + im * cosine
             slope += inputs[i] * (re * cosine - im * sine)
@@ -250,11 +253,15 @@ def sines(u: float, mean: float, which: int, inputs: Floats, phase: Floats) -> t
 
 
 @compiled
-def set_phases(cycle: float, inputs: Floats, phase: Floats) -> None:
+def set_phases(cycle: float, tables: Tables) -> None:
     """Phases at the start of engine cycle number `cycle`; the fraction of turns x cycle is taken without rounding."""
-    for k in range(len(phase)):
-        turns = inputs[FIRST_INPUT + PER_INPUT * k + 1]
-        large = 134217729.0 * turns
-        head = large - (large - turns)
-        whole, rest = head * cycle, (turns - head) * cycle
-        phase[k] = 2.0 * np.pi * ((whole - np.floor(whole)) + (rest - np.floor(rest)))
+    inputs, modes = tables.inputs, tables.modes
+    for k in range((len(inputs) - FIRST_INPUT) // PER_INPUT):
+        i = FIRST_INPUT + PER_INPUT * k
+        large = 134217729.0 * inputs[i + 1]
+        head = large - (large - inputs[i + 1])
+        whole, rest = head * cycle, (inputs[i + 1] - head) * cycle
+        phase = 2.0 * np.pi * ((whole - np.floor(whole)) + (rest - np.floor(rest)))
+        inputs[i + 2] = phase
+        for mode in range(4):
+            modes[mode, FIRST - ROW + PER_SINE * k + 1] = phase

@@ -13,14 +13,29 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers.compiled import compiled
-from tcc_sim.solvers.event_arcs import BEND, FREE, SIZE, STICK, Floats, evaluate, fourth_bound
+from tcc_sim.solvers.event_arcs import (
+    ARC,
+    COUNT,
+    FREE,
+    HERE,
+    HIGHEST,
+    LEFT,
+    LOWEST,
+    MOST,
+    RIGHT,
+    SIZE,
+    STICK,
+    Floats,
+    evaluate,
+    fourth_bound,
+)
 
 NONE = -1
 EXHAUSTED = -2
 
 
 @compiled
-def evaluate_series(tau: float, rows: int, series: Floats, work: Floats, slot: int) -> None:
+def evaluate_series(tau: float, rows: int, series: Floats, slot: int, pad: Floats) -> None:
     """`evaluate` for an arc that is a power series: series (3, order + 1) of the signals in tau."""
     last = series.shape[1] - 1
     for j in range(0, rows, 2):
@@ -29,35 +44,34 @@ def evaluate_series(tau: float, rows: int, series: Floats, work: Floats, slot: i
             bend = bend * tau + slope
             slope = slope * tau + value
             value = value * tau + series[j, i]
-        work[slot, j, 0] = value
-        work[slot, j, 1] = slope
-        work[slot, j, 2] = 2.0 * bend
+        pad[slot + 3 * j] = value
+        pad[slot + 3 * j + 1] = slope
+        pad[slot + 3 * j + 2] = 2.0 * bend
 
 
 @compiled
-def look(tau: float, u: float, mode: int, rows: int, row: Floats, phase: Floats, arc: Floats, series: Any,
-         work: Floats, slot: int) -> tuple[float, float]:
+def look(tau: float, u: float, mode: int, rows: int, slot: int, pad: Floats, series: Any) -> tuple[float, float]:
     """Evaluate the arc, whichever kind it is; a power series where mode is negative."""
     if series is None:
-        return evaluate(tau, u, rows, row, phase, arc, work, slot)
+        return evaluate(tau, u, rows, slot, pad)
     else:
         if mode < 0:
-            evaluate_series(tau, rows, series, work, slot)
+            evaluate_series(tau, rows, series, slot, pad)
             return 1.0, 1.0
-        return evaluate(tau, u, rows, row, phase, arc, work, slot)
+        return evaluate(tau, u, rows, slot, pad)
 
 
 @compiled
-def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, row: Floats, phase: Floats, arc: Floats,
-              series: Any, work: Floats, at_zero: bool, counts: Any) -> float:
-    """The one root of signal j in (a, b], by Newton's method within a bracket; work[2] is left near it."""
-    left, right = work[0, j, 0], work[1, j, 0]
+def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, pad: Floats, series: Any,
+              at_zero: bool) -> float:
+    """The one root of signal j in (a, b], by Newton's method within a bracket; the look HERE is left near it."""
+    left, right = pad[LEFT + 3 * j], pad[RIGHT + 3 * j]
     x = b if at_zero else a + (b - a) * left / (left - right)
     low, high = a, b
     for _ in range(80):
-        look(x, u, mode, rows, row, phase, arc, series, work, 2)
-        counts[0] += 1
-        value, slope = work[2, j, 0], work[2, j, 1]
+        look(x, u, mode, rows, HERE, pad, series)
+        pad[COUNT] += 1.0
+        value, slope = pad[HERE + 3 * j], pad[HERE + 3 * j + 1]
         if value > 0.0:
             low = x
         else:
@@ -74,51 +88,50 @@ def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, row: F
 
 
 @compiled
-def find_extreme(a: float, b: float, u: float, mode: int, row: Floats, phase: Floats, arc: Floats, series: Any,
-                 work: Floats, size: float, counts: Any) -> float:
+def find_extreme(a: float, b: float, u: float, mode: int, pad: Floats, series: Any, size: float) -> float:
     """The value of signal 0 where its slope, of opposite sign at a and b, is 0."""
-    p, q = work[0, 0, 1], work[1, 0, 1]
+    p, q = pad[LEFT + 1], pad[RIGHT + 1]
     x = a + (b - a) * p / (p - q)
     low, high = a, b
     for _ in range(60):
-        look(x, u, mode, 1, row, phase, arc, series, work, 2)
-        counts[0] += 1
-        slope, bend = work[2, 0, 1], work[2, 0, 2]
+        look(x, u, mode, 1, HERE, pad, series)
+        pad[COUNT] += 1.0
+        slope, bend = pad[HERE + 1], pad[HERE + 2]
         if (slope > 0.0) == (p > 0.0):
             low = x
         else:
             high = x
         step = -slope / bend if bend != 0.0 else 0.0
         if abs(slope * step) <= 1e-15 * size or high - low <= 1e-15 * b:
-            return work[2, 0, 0] + 0.5 * slope * step  # type: ignore[no-any-return]
+            return pad[HERE] + 0.5 * slope * step  # type: ignore[no-any-return]
         x = x + step if low < x + step < high else 0.5 * (low + high)
-    return work[2, 0, 0]  # type: ignore[no-any-return]
+    return pad[HERE]  # type: ignore[no-any-return]
 
 
 @compiled
 def search(span: float, u: float, mode: int, upward: float, offset: float, tolerance: float, steepest: float, shortest: float,
-           row: Floats, phase: Floats, arc: Floats, series: Any, bend: float, size: float, work: Floats, extremes: Floats,
-           counts: Any) -> tuple[int, float]:
-    """The first event in (0, span] of the arc that starts at u; the extremes of v until then, less its ends, go to `extremes`.
+           pad: Floats, series: Any, bend: float, size: float) -> tuple[int, float]:
+    """The first event in (0, span] of the arc that starts at u; the extremes of v until then, less its ends, go to the
+    pad.
 
-    Returns (signal, tau), or (NONE, span), or (EXHAUSTED, tau) where `counts` (evaluations, limit) run out. A signal that
+    Returns (signal, tau), or (NONE, span), or (EXHAUSTED, tau) where the evaluations run out. A signal that
     starts at `tolerance` or below starts at its root, which is no event unless it falls faster than `steepest`. `mode` is
     negative for a power series, whose fourth derivative is bounded by `bend`. v = upward (signal 0 + offset).
     """
     rows = 2 if mode == STICK else 1
-    fade, other = look(0.0, u, mode, rows, row, phase, arc, series, work, 0)
-    fresh0, fresh1 = mode != FREE and work[0, 0, 0] <= tolerance, rows == 2 and work[0, 1, 0] <= tolerance
-    if fresh0 and work[0, 0, 1] < -steepest:
+    fade, other = look(0.0, u, mode, rows, LEFT, pad, series)
+    fresh0, fresh1 = mode != FREE and pad[LEFT] <= tolerance, rows == 2 and pad[LEFT + 3] <= tolerance
+    if fresh0 and pad[LEFT + 1] < -steepest:
         return 0, 0.0
     a, grow = 0.0, np.inf
     while a < span:
         bound0, bound1 = bend, 0.0
         if mode >= 0:
-            free = abs(arc[0, 2]) * fade + abs(arc[0, 3]) * other
-            bound0 = row[BEND] + fourth_bound(arc[0, 2], arc[0, 3], fade, other, row)
-            size = row[SIZE] + free + abs(work[0, 0, 0])
+            free = abs(pad[ARC + 2]) * fade + abs(pad[ARC + 3]) * other
+            bound0 = fourth_bound(0, fade, other, pad)
+            size = pad[SIZE] + free + abs(pad[LEFT])
             if rows == 2:
-                bound1 = row[BEND + 1] + fourth_bound(arc[1, 2], arc[1, 3], fade, other, row)
+                bound1 = fourth_bound(1, fade, other, pad)
         room = 8.0 * size / max(bound0, bound1) if max(bound0, bound1) > 0.0 else np.inf
         h = min(np.sqrt(np.sqrt(room)), grow)
         if a + 1.2 * h >= span:
@@ -126,33 +139,32 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         crossing = False
         while True:
             b = a + h if a + h < span else span
-            fade, other = look(b, u, mode, rows, row, phase, arc, series, work, 1)
-            counts[0] += 1
-            if counts[0] > counts[1] or not np.isfinite(work[1, 0, 0]):
+            fade, other = look(b, u, mode, rows, RIGHT, pad, series)
+            pad[COUNT] += 1.0
+            if pad[COUNT] > pad[MOST] or not np.isfinite(pad[RIGHT]):
                 return EXHAUSTED, a
             proven, crossing = True, False
             if mode != FREE:
-                verdict = passes(h, work, 0, bound0, fresh0)
+                verdict = passes(h, 0, bound0, fresh0, pad)
                 proven, crossing = verdict >= 0, verdict == 1
             if rows == 2:
-                verdict = passes(h, work, 1, bound1, fresh1)
+                verdict = passes(h, 1, bound1, fresh1, pad)
                 proven, crossing = proven and verdict >= 0, crossing or verdict == 1
             if proven and mode != STICK:
-                proven = note_inside(a, b, u, mode, upward, offset, crossing, row, phase, arc, series, bound0, size, work,
-                                     extremes, counts)
+                proven = note_inside(a, b, u, mode, upward, offset, crossing, pad, series, bound0, size)
             if proven:
                 break
             if h <= shortest:
-                crossing = mode != FREE and ((work[1, 0, 0] <= 0.0 and not fresh0)
-                                             or (rows == 2 and work[1, 1, 0] <= 0.0 and not fresh1))
+                crossing = mode != FREE and ((pad[RIGHT] <= 0.0 and not fresh0)
+                                             or (rows == 2 and pad[RIGHT + 3] <= 0.0 and not fresh1))
                 break
             h *= 0.5
         if crossing:
             first, signal = np.inf, NONE
             for j in range(rows):
-                if work[1, j, 0] <= 0.0:
+                if pad[RIGHT + 3 * j] <= 0.0:
                     at_zero = fresh0 if j == 0 else fresh1
-                    tau = find_root(a, b, j, u, mode, rows, row, phase, arc, series, work, at_zero, counts)
+                    tau = find_root(a, b, j, u, mode, rows, pad, series, at_zero)
                     if tau < first:
                         first, signal = tau, j
             return signal, first
@@ -160,43 +172,42 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         grow = 2.0 * h
         for j in range(rows):
             for i in range(3):
-                work[0, j, i] = work[1, j, i]
-        fresh0, fresh1 = fresh0 and work[0, 0, 0] <= tolerance, fresh1 and work[0, 1, 0] <= tolerance
+                pad[LEFT + 3 * j + i] = pad[RIGHT + 3 * j + i]
+        fresh0, fresh1 = fresh0 and pad[LEFT] <= tolerance, fresh1 and pad[LEFT + 3] <= tolerance
         if mode == FREE:
-            note(work[0, 0, 0], extremes)
+            note(pad[LEFT], pad)
         elif mode != STICK:
-            note(upward * max(work[0, 0, 0] + offset, 0.0), extremes)
+            note(upward * max(pad[LEFT] + offset, 0.0), pad)
     return NONE, span
 
 
 @compiled
-def note(v: float, extremes: Floats) -> None:
+def note(v: float, pad: Floats) -> None:
     """Widen the extremes (largest, smallest) to take in v."""
-    extremes[0] = max(extremes[0], v)
-    extremes[1] = min(extremes[1], v)
+    pad[HIGHEST] = max(pad[HIGHEST], v)
+    pad[LOWEST] = min(pad[LOWEST], v)
 
 
 @compiled
-def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: float, crossing: bool, row: Floats,
-                phase: Floats, arc: Floats, series: Any, fourth: float, size: float, work: Floats, extremes: Floats,
-                counts: Any) -> bool:
+def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: float, crossing: bool, pad: Floats,
+                series: Any, fourth: float, size: float) -> bool:
     """Take in an extreme inside the cell, if it matters; False where the cell is too long to tell whether there is one."""
     h = b - a
     slack = fourth * h * h * h
     e = slack * h / 384.0
-    g, p, g1, q = work[0, 0, 0], work[0, 0, 1], work[1, 0, 0], work[1, 0, 1]
+    g, p, g1, q = pad[LEFT], pad[LEFT + 1], pad[RIGHT], pad[RIGHT + 1]
     one, two = g + h * p / 3.0, g1 - h * q / 3.0
     top = upward * (max(max(g, one), max(two, g1)) + e + offset)
     foot = upward * (min(min(g, one), min(two, g1)) - e + offset)
-    if max(top, foot) <= extremes[0] and min(top, foot) >= extremes[1]:
+    if max(top, foot) <= pad[HIGHEST] and min(top, foot) >= pad[LOWEST]:
         return True
-    curve = bent(h, work[0, 0, 2], work[1, 0, 2], fourth)
+    curve = bent(h, pad[LEFT + 2], pad[RIGHT + 2], fourth)
     if curve != 0 and (p > 0.0) != (q > 0.0):
-        value = find_extreme(a, b, u, mode, row, phase, arc, series, work, size, counts)
+        value = find_extreme(a, b, u, mode, pad, series, size)
         if mode == FREE:
-            note(value, extremes)
+            note(value, pad)
         elif value > 0.0 or not crossing:
-            note(upward * max(value + offset, 0.0), extremes)
+            note(upward * max(value + offset, 0.0), pad)
         return True
     return curve != 0 or steady(h, g, p, g1, q, fourth) != 0 or e <= 1e-15 * size
 
@@ -221,10 +232,10 @@ def steady(h: float, g: float, p: float, g1: float, q: float, fourth: float) -> 
 
 
 @compiled
-def passes(h: float, work: Floats, j: int, fourth: float, at_zero: bool) -> int:
+def passes(h: float, j: int, fourth: float, at_zero: bool, pad: Floats) -> int:
     """0: no root in (a, b] is proven; 1: exactly one is proven (or the one at b); -1: neither."""
-    g, p, g1, p1 = work[0, j, 0], work[0, j, 1], work[1, j, 0], work[1, j, 1]
-    curve = bent(h, work[0, j, 2], work[1, j, 2], fourth)
+    g, p, g1, p1 = pad[LEFT + 3 * j], pad[LEFT + 3 * j + 1], pad[RIGHT + 3 * j], pad[RIGHT + 3 * j + 1]
+    curve = bent(h, pad[LEFT + 3 * j + 2], pad[RIGHT + 3 * j + 2], fourth)
     if g1 <= 0.0:
         if curve < 0 or (not at_zero and (curve > 0 or steady(h, g, p, g1, p1, fourth) < 0)):
             return 1

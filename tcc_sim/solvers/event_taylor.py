@@ -30,17 +30,16 @@ ORDER = 20
 
 
 @compiled
-def fill_sines(u: float, mean: float, which: int, inputs: Floats, phase: Floats, out: Floats) -> None:
+def fill_sines(u: float, mean: float, which: int, inputs: Floats, out: Floats) -> None:
     """Coefficients of mean + sum of sines at u, into out (order + 1,)."""
     for i in range(len(out)):
         out[i] = 0.0
     out[0] = mean
-    for k in range(len(phase)):
-        j = FIRST_INPUT + PER_INPUT * k
+    for j in range(FIRST_INPUT, len(inputs), PER_INPUT):
         re, im = inputs[j + which], inputs[j + which + 1]
         if re != 0.0 or im != 0.0:
             w = inputs[j]
-            x = w * u + phase[k]
+            x = w * u + inputs[j + 2]
             sine, cosine = np.sin(x), np.cos(x)
             a, b = re * sine + im * cosine, re * cosine - im * sine
             for i in range(len(out)):
@@ -50,7 +49,7 @@ def fill_sines(u: float, mean: float, which: int, inputs: Floats, phase: Floats,
 
 
 @compiled
-def expand(u: float, sign: float, speed: float, angle: float, rate: float, stribeck: Any, inputs: Floats, phase: Floats,
+def expand(u: float, sign: float, speed: float, angle: float, rate: float, stribeck: Any, inputs: Floats,
            scale: float, tolerance: float, series: Floats, work: Floats) -> float:
     """Fill series (3, order + 1): |v| in row 0, theta2 in row 2. Returns the step.
 
@@ -58,8 +57,8 @@ def expand(u: float, sign: float, speed: float, angle: float, rate: float, strib
     """
     order = series.shape[1] - 1
     engine, load, fade, plate = work[0], work[1], work[2], work[3]
-    fill_sines(u, inputs[TM], ENGINE, inputs, phase, engine)
-    fill_sines(u, inputs[TSM], LOAD, inputs, phase, load)
+    fill_sines(u, inputs[TM], ENGINE, inputs, engine)
+    fill_sines(u, inputs[TSM], LOAD, inputs, load)
     excess, decay = stribeck[0], stribeck[1]
     v, q = series[0], series[2]
     v[0], q[0], plate[0] = sign * speed, angle, rate
