@@ -58,6 +58,8 @@ class Tables(NamedTuple):
     inputs: Floats
     """(9 + 7 m,) I1, I2, C23, K23, Tm, Tsm, Tsp, phase of the load at t = 0, index of its frequency (-1 for a constant load).
     Then for each frequency w, w/omega, its phase as above, Z of Te and Z of Ts."""
+    noise: float
+    """Relative rounding of the torques: that of double precision, magnified next to an undamped resonance."""
 
 
 def tables_of(system: System, terms: Terms) -> Tables:
@@ -82,19 +84,21 @@ def tables_of(system: System, terms: Terms) -> Tables:
              for mode, sign in ((STICK, 0.0), (POSITIVE, 1.0), (NEGATIVE, -1.0), (FREE, 0.0))]
     sines = np.stack([w, turns, 0.0 * w, engine.real, engine.imag, load.real, load.imag], axis=1)
     constants = [*terms.linear, terms.mean_torque, terms.mean_load, pulsation[0], pulsation[2], float(index)]
-    return Tables(np.stack(modes), np.concatenate([constants, sines.ravel()]))
+    return Tables(np.stack([row for row, _ in modes]), np.concatenate([constants, sines.ravel()]), max(n for _, n in modes))
 
 
 def _mode_row(mode: int, sign: float, terms: Terms, w: Floats, engine: NDArray[np.complex128],
-              load: NDArray[np.complex128]) -> Floats:
-    """The row of Tables.modes of a mode whose friction torque is sign Ts (or what stick needs)."""
+              load: NDArray[np.complex128]) -> tuple[Floats, float]:
+    """The row of Tables.modes of a mode whose friction torque is sign Ts (or what stick needs), and its noise."""
     i1, i2, c, k = terms.linear
     ratio = 1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)
     phasor, mean, mix = np.zeros((3, len(w)), np.complex128), np.zeros(3), np.zeros((3, 2))
     inertia, drift = (i1 + i2 if mode == STICK else i2), 0.0
     force, constant = (engine, terms.mean_torque) if mode == STICK else (sign * load, sign * terms.mean_load)
     stiffness = _clear_of_resonance(k, c, inertia, w[np.abs(force) > 0.0])
-    angle = force / np.where(force == 0.0, 1.0, stiffness - inertia * w**2 + 1j * c * w)
+    dynamic = np.where(force == 0.0, k, stiffness - inertia * w**2 + 1j * c * w)
+    angle = force / dynamic
+    noise = max(1e-12, 4e-15 * float(np.max(k / np.abs(dynamic), initial=0.0)), 10.0 * abs(stiffness / k - 1.0))
     phasor[2], mean[2], mix[2, 0] = angle, constant / stiffness, 1.0
     if mode == STICK:
         interface = (i2 * engine + i1 * (stiffness + 1j * c * w) * angle) / (i1 + i2)
@@ -110,8 +114,9 @@ def _mode_row(mode: int, sign: float, terms: Terms, w: Floats, engine: NDArray[n
     size = np.abs(phasor[:2])
     parts = np.stack([phasor.real, phasor.imag], axis=-1).transpose(1, 0, 2).reshape(-1, 6)
     sines = np.concatenate([np.stack([w, 0.0 * w], axis=1), parts], axis=1)
-    return np.concatenate([_oscillator(inertia, c, stiffness), [drift], mean, mix.ravel(), size.sum(axis=1),
-                           (size * w**4).sum(axis=1), sines.ravel()])
+    row = np.concatenate([_oscillator(inertia, c, stiffness), [drift], mean, mix.ravel(), size.sum(axis=1),
+                          (size * w**4).sum(axis=1), sines.ravel()])
+    return row, noise
 
 
 def _clear_of_resonance(k: float, c: float, inertia: float, w: Floats) -> float:

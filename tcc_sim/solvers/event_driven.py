@@ -53,7 +53,7 @@ def solve(problem: Problem) -> Trajectory:
     section = np.empty((whole + 1, 3))
     highest, lowest, stick_time = np.empty(whole), np.empty(whole), np.empty(whole)
     torque = max(abs(terms.mean_torque) + _swing(terms) + (1.0 + _excess(terms)) * peak_load(terms), 1e-300)
-    settings = np.array([cycle, rest, 1e-12 * torque, _far(terms), 1e-3 * rtol,
+    settings = np.array([cycle, rest, tables.noise * torque, _far(terms), 1e-3 * rtol,
                          torque / math.sqrt(terms.linear[3] * terms.linear[1]), problem.samples_per_cycle])
     progress = np.array([-1, 0, 0, 0, 0, 0, 0, EVALUATIONS, limit], dtype=np.int64)
     series = None if terms.stribeck is None else np.zeros((3, ORDER + 1))

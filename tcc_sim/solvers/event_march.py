@@ -178,7 +178,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                 if gap <= stop:
                     stop, clamp = gap, True
             upward = -1.0 if mode == NEGATIVE else 1.0
-            kind, offset, bend, size, limit = mode, 0.0, 0.0, 0.0, 1e-13 * scale
+            kind, offset, bend, size, limit = mode, 0.0, 0.0, 0.0, 0.1 * tables.noise * scale
             far_off = False
             if mode == STICK:
                 limit = tolerance

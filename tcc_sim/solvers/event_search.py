@@ -132,7 +132,7 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
             size = pad[SIZE] + free + abs(pad[LEFT])
             if rows == 2:
                 bound1 = fourth_bound(1, fade, other, pad)
-        room = 8.0 * size / max(bound0, bound1) if max(bound0, bound1) > 0.0 else np.inf
+        room = 4.0 * size / max(bound0, bound1) if max(bound0, bound1) > 0.0 else np.inf
         h = min(np.sqrt(np.sqrt(room)), grow)
         if a + 1.2 * h >= span:
             h = span - a
