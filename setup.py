@@ -36,7 +36,7 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
     python_requires=">=3.10",
-    install_requires=["numpy>=1.22", "scipy>=1.8", "numba>=0.57", "PyYAML>=5.4", "tqdm>=4.60", "mcap>=1.6"],
+    install_requires=["numpy>=1.22", "scipy>=1.8", "numba>=0.57", "PyYAML>=5.4", "tqdm>=4.60", "mcap>=1.6", "zstandard", "lz4"],
     extras_require={"ros": ROS, "view": VIEW, "cluster": CLUSTER, "test": TEST, "all": [*ROS, *VIEW, *CLUSTER, *TEST]},
     entry_points={"console_scripts": [
         "tcc-sim = tcc_sim.cli:main",

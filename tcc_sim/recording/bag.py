@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 from mcap.writer import CompressionType, Writer
 
-import tcc_sim
+from tcc_sim import __version__
 from tcc_sim.errors import RecordingError
 from tcc_sim.recording.definitions import Definition, definition
 
@@ -73,7 +73,7 @@ class McapFile:
         The file exists or cannot be created.
     """
 
-    def __init__(self, path: Path, scene_text: str | None = None, version: str = tcc_sim.__version__) -> None:
+    def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__) -> None:
         try:
             self._output = _Output(path)
         except FileExistsError:
@@ -89,11 +89,11 @@ class McapFile:
         self._topics: dict[int, dict[str, Any]] = {}
         self._writer = Writer(self._output, chunk_size=_CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._add_message = self._writer.add_message
-        self._writer.start(profile="ros2", library=f"tcc_sim {tcc_sim.__version__}")
+        self._writer.start(profile="ros2", library=f"tcc_sim {__version__}")
         if scene_text is not None:
             self.describe(scene_text, version)
 
-    def describe(self, scene_text: str, version: str = tcc_sim.__version__, log_ns: int = 0) -> None:
+    def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
         """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one."""
         self.scenes.append(scene_text)
         self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
@@ -180,7 +180,7 @@ class BagWriter(McapFile):
         The directory exists or cannot be created.
     """
 
-    def __init__(self, directory: Path, scene_text: str | None = None, version: str = tcc_sim.__version__) -> None:
+    def __init__(self, directory: Path, scene_text: str | None = None, version: str = __version__) -> None:
         try:
             directory.mkdir(parents=True)
         except FileExistsError:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-import tcc_sim
+from tcc_sim import __version__
 from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import McapFile
 from tcc_sim.solvers.trajectory import Trajectory
@@ -14,7 +14,7 @@ from tcc_sim.topics import topic
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None,
-                     version: str = tcc_sim.__version__) -> None:
+                     version: str = __version__) -> None:
     """Write joint_states, slip_speed, friction_torque and stick_slip_state of every sample to a new MCAP file.
 
     All times in it are simulation time. The flywheel angle, where the trajectory has none, is the plate angle plus the

@@ -1,0 +1,95 @@
+"""The frame of the command: exit statuses, one line for wrong input, and nothing written then."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from tcc_sim import __version__, cli
+from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
+from tcc_sim.scene import bundled_scenes
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    assert cli.main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("tcc-sim")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_scenes_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["scenes"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(bundled_scenes())
+    assert all(len(line) < 130 for line in lines)
+
+
+@pytest.mark.parametrize("words", [[], ["sceens"], ["scenes", "--all"], ["scenes", "more"], ["sweep"], ["sweep", "fig02"],
+                                   ["sweep", "fig02", "--over"], ["recover"]])
+def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    refused(words, capsys)
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (["sweep", "fig20", "--over", "engine.frequency=1:2:3"], "did you mean fig02?"),
+    (["sweep", "fig02", "--over", "engine.frequncy=1:2:3"], "did you mean engine.frequency?"),
+    (["sweep", "fig02", "--over", "engine.frequency=1:2"], "engine.frequency=1:2"),
+    (["sweep", "fig02", "--over", "engine.frequency=-5:2:3"], "0.001 to 100000 rad/s"),
+    (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--set", "pressure.mean=-3"], "pressure.mean is -3 Pa"),
+    (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--cycles", "0"], "cycles"),
+    (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--solver", "euler"], "euler")])
+def test_wrong_input_is_one_line_and_status_2_and_nothing_is_written(words: list[str], says: str, tmp_path: Path,
+                                                                     capsys: pytest.CaptureFixture[str]) -> None:
+    assert says in refused([*words, "--json", str(tmp_path / "out.json")], capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_and_version_go_to_standard_output(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"tcc-sim {__version__}\n"
+    assert cli.main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for verb, text in cli.VERBS.items():
+        assert verb in out
+        assert " ".join(text.split()) in " ".join(out.split())
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([verb, "--help"]) == 0
+    assert f"tcc-sim {verb}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("error", "status", "line"), [
+    (InputError("rate is 0 Hz"), 2, "tcc-sim: rate is 0 Hz\n"),
+    (MissingPackage("install tcc_sim[view]"), 1, "tcc-sim: install tcc_sim[view]\n"),
+    (NumericalFailure("the step became too small"), 1, "tcc-sim: the step became too small\n"),
+    (FileNotFoundError(2, "No such file or directory", "a.json"), 1, "tcc-sim: a.json: No such file or directory\n"),
+    (OSError(28, "No space left on device"), 1, "tcc-sim: No space left on device\n"),
+    (KeyboardInterrupt(), 130, "tcc-sim: interrupted\n")])
+def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, status: int, line: str,
+                                                     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def run(_: object) -> int:
+        raise error
+
+    monkeypatch.setitem(cli.VERBS, "fail", "fail on purpose")
+    monkeypatch.setitem(sys.modules, "tcc_sim.cli.fail", SimpleNamespace(add_arguments=lambda parser: None, run=run))
+    assert cli.main(["fail"]) == status
+    assert capsys.readouterr() == ("", line)
+
+
+def test_a_reader_that_goes_away_gets_no_traceback() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        ended = subprocess.run([sys.executable, "-m", "tcc_sim", "scenes"], stdout=writing, stderr=subprocess.PIPE, text=True,
+                               check=False)
+    finally:
+        os.close(writing)
+    assert (ended.returncode, ended.stderr) == (1, "")

@@ -1,0 +1,186 @@
+"""The house holds: who may import whom, what stays unloaded, how long files get, and what the bundled scenes say."""
+
+import ast
+import dataclasses
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "tcc_sim"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+ORDER = ["errors", "model", "solvers", "analysis", "scene", "topics", "recording", "nodes", "views", "reports", "cli", "__main__"]
+"""A part imports only from itself and from parts before it."""
+
+ROS = ["nodes"]
+ROOMS = {
+    "numba": ["solvers.compiled"], "scipy": ["solvers", "analysis"], "distributed": ["analysis.cluster"],
+    "dask": ["analysis.cluster"],
+    "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"], "yaml": ["scene", "recording"],
+    "rclpy": ROS, "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS, "sensor_msgs": ROS, "std_srvs": ROS,
+    "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
+    "rerun": ["views"], "matplotlib": ["views"], "cycler": ["views"], "argparse": ["cli"],
+}
+"""Where a package that not everyone has, or that is slow to load, may be imported."""
+
+HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed", "tqdm"]
+LONGEST = 300
+LONGER = {"tcc_sim/solvers/marching.py": 370}
+"""Lines that a file may have; more only where one compiled march cannot be cut."""
+
+
+def name_of(path: Path) -> str:
+    """Dotted name below tcc_sim; empty for its __init__."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_of(path: Path) -> list[tuple[int, str]]:
+    """Line and absolute dotted name of every import, function-local and type-checking ones included."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno} is a relative import"
+            found += [(node.lineno, f"{node.module}.{alias.name}") for alias in node.names]
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "import_module":
+            word = node.args[0]
+            if isinstance(word, ast.Constant):
+                found.append((node.lineno, str(word.value)))
+            elif isinstance(word, ast.JoinedStr) and isinstance(word.values[0], ast.Constant):
+                found.append((node.lineno, str(word.values[0].value) + "?"))
+    return found
+
+
+@pytest.mark.parametrize("path", [p for p in MODULES if p != PACKAGE / "__init__.py"], ids=name_of)
+def test_a_part_imports_only_from_parts_before_it(path: Path) -> None:
+    own = name_of(path).split(".")[0]
+    for line, imported in imports_of(path):
+        package, *rest = imported.split(".")
+        if package == "tcc_sim" and rest != ["__version__"]:
+            assert rest[0] in ORDER, f"{path}:{line} imports {imported}, a part that ORDER does not know"
+            assert ORDER.index(rest[0]) <= ORDER.index(own), f"{path}:{line}: {own} imports {imported}, which comes after it"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_what_is_heavy_or_optional_is_imported_in_its_room_only(path: Path) -> None:
+    own = name_of(path)
+    for line, imported in imports_of(path):
+        room = ROOMS.get(imported.split(".")[0])
+        assert room is None or any(own == r or own.startswith(r + ".") for r in room), f"{path}:{line} imports {imported}"
+
+
+def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
+    from tcc_sim.solvers import SOLVERS
+
+    for entry in SOLVERS.values():
+        assert entry.module.startswith("tcc_sim.solvers.")
+        assert (ROOT / (entry.module.replace(".", "/") + ".py")).is_file()
+
+
+def loaded_by(statement: str) -> set[str]:
+    """Which heavy packages a fresh interpreter has loaded after a statement."""
+    code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
+    words = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    return {word.split(".")[0] for word in words} & set(HEAVY)
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    assert loaded_by("import tcc_sim") == set()
+
+
+def test_the_list_of_scenes_loads_what_it_needs_only() -> None:
+    silent = "out, sys.stdout = sys.stdout, io.StringIO()"
+    assert loaded_by(f"import io, tcc_sim.cli; {silent}; tcc_sim.cli.main(['scenes']); sys.stdout = out") <= {"yaml"}
+
+
+def test_no_parser_needs_an_optional_package() -> None:
+    code = ("import sys\n"
+            "for name in ('rclpy', 'rerun', 'matplotlib', 'distributed'): sys.modules[name] = None\n"
+            "from tcc_sim.cli import build_parser; build_parser()")
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+
+
+@pytest.mark.parametrize("path", [*MODULES, *sorted((ROOT / "test").rglob("*.py"))], ids=lambda p: str(p.relative_to(ROOT)))
+def test_files_stay_readable(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= LONGER.get(str(path.relative_to(ROOT)), LONGEST)
+    if path.is_relative_to(PACKAGE):
+        assert ast.get_docstring(ast.parse(text)), f"{path} has no docstring"
+
+
+def test_test_modules_have_names_of_their_own() -> None:
+    names = [path.name for path in (ROOT / "test").rglob("test_*.py")]
+    assert len(names) == len(set(names))
+    assert not list((ROOT / "test").rglob("__init__.py"))
+
+
+def test_every_key_says_what_it_means() -> None:
+    for key, quantity in QUANTITIES.items():
+        assert quantity.description, key
+        assert quantity.choices or quantity.low > -float("inf"), f"{key} has no range"
+
+
+def keys_in(path: Path) -> dict[str, object]:
+    """The dotted keys of a parameter file, read without this package."""
+    (node,) = yaml.safe_load(path.read_text()).values()
+    found: dict[str, object] = {}
+    for name, value in node["ros__parameters"].items():
+        found |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {name: value}
+    return found
+
+
+def without_effect(keys: dict[str, object]) -> set[str]:
+    """Keys that may be left out since nothing depends on them."""
+    free = {"engine.harmonic_amplitudes", "engine.harmonic_phases"}
+    if keys["engine.source"] == "topic":
+        free |= {"engine.torque_amplitude"}
+    if keys["pressure.source"] == "topic":
+        free |= {"pressure.amplitude", "pressure.frequency_ratio", "pressure.phase"}
+    if keys.get("pressure.amplitude") == 0.0:
+        free |= {"pressure.frequency_ratio", "pressure.phase"}
+    return free
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*")), ids=lambda p: p.name)
+def test_a_bundled_scene_is_complete_and_comes_back_from_its_own_text(path: Path) -> None:
+    keys = keys_in(path)
+    assert set(QUANTITIES) - without_effect(keys) <= set(keys)
+    scene = load_scene(path.stem)
+    assert scene.description
+    again = parse_scene(scene.text(), scene.name)
+    assert again == scene
+    assert again.text() == scene.text()
+    for key, value in keys.items():
+        holder, name = (getattr(scene.system, key.split(".")[0]), key.split(".")[1]) if "." in key else (scene.operation, key)
+        assert getattr(holder, name) == value
+        # ROS 2 gives a parameter the type that the file shows, and a double must not look like an integer.
+        assert isinstance(value, (float, str, bool)) or isinstance(getattr(holder, name), int), f"{key}: {value}"
+
+
+def test_the_scenes_that_others_rely_on_are_there() -> None:
+    assert {"fig02", "commands", "minimal", "slip", "stick", "chaos"} <= set(bundled_scenes())
+
+
+def test_installed_files_and_versions_agree() -> None:
+    from tcc_sim import __version__
+
+    text = (ROOT / "package.xml").read_text()
+    assert f"<version>{__version__}</version>" in text
+    keys = re.findall(r"<exec_depend>(.*?)</exec_depend>", text)
+    assert len(keys) == len(set(keys))
+    messages = {line.split(".")[0] for path in (PACKAGE / "nodes").glob("*.py") for _, line in imports_of(path)}
+    assert {name for name in messages if name.endswith(("_msgs", "_srvs", "_interfaces")) or name == "rclpy"} <= set(keys)
+
+
+def test_node_options_say_what_they_mean() -> None:
+    for item in dataclasses.fields(Operation):
+        assert item.metadata["quantity"].description, item.name

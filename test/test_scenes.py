@@ -1,0 +1,198 @@
+"""Scene files: what is accepted, and what a wrong one is told."""
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from tcc_sim import scene as scene_module
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.scene import (
+    LARGEST_FILE,
+    Operation,
+    bundled_scenes,
+    load_scene,
+    parse_assignments,
+    parse_scene,
+)
+
+
+def body(*lines: str) -> str:
+    return "/**:\n  ros__parameters:\n" + "".join(f"    {line}\n" for line in lines)
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        parse_scene(text, "s")
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_what_a_file_leaves_out_keeps_its_default() -> None:
+    found = parse_scene(body("rate: 500.0"), "s")
+    assert found.system == System()
+    assert found.operation == Operation(rate=500.0)
+
+
+@pytest.mark.parametrize("lines", [
+    ("engine:", "  mean_torque: 100", "  frequency: 90"), ("engine.mean_torque: 100", "engine.frequency: 90"),
+    ("engine: {mean_torque: 1.0e+2, frequency: 9e1}",)])
+def test_nested_and_dotted_keys_and_every_way_to_write_a_number_mean_the_same(lines: tuple[str, ...]) -> None:
+    engine = parse_scene(body(*lines), "s").system.engine
+    assert (engine.mean_torque, engine.frequency) == (100.0, 90.0)
+    assert isinstance(engine.mean_torque, float)
+
+
+def test_an_integer_serves_as_a_double_and_a_whole_double_as_an_integer() -> None:
+    operation = parse_scene(body("rate: 2000", "wait_for_subscribers: 2.0", "command_timeout: 1"), "s").operation
+    assert (operation.rate, operation.wait_for_subscribers, operation.command_timeout) == (2000.0, 2, 1.0)
+    assert isinstance(operation.rate, float)
+    assert isinstance(operation.wait_for_subscribers, int)
+
+
+def test_harmonics_come_as_lists() -> None:
+    found = parse_scene(body("engine: {harmonic_amplitudes: [10, 2.5], harmonic_phases: [0, 1.5]}"), "s")
+    assert found.system.engine.harmonic_amplitudes == (10.0, 2.5)
+    assert parse_scene(found.text(), "s").system == found.system
+
+
+def test_the_first_comment_is_the_description() -> None:
+    assert parse_scene("# a clutch\n# more\n" + body("rate: 1.0"), "s").description == "a clutch"
+
+
+@pytest.mark.parametrize(("line", "words"), [
+    ("engine.frequency: -1.0", ["engine.frequency is -1 rad/s", "0.001 to 100000 rad/s"]),
+    ("engine.frequency: .nan", ["engine.frequency is nan rad/s", "0.001 to 100000 rad/s"]),
+    ("engine.frequency: .inf", ["engine.frequency is inf rad/s"]),
+    ("engine.frequency: 1e999", ["engine.frequency is inf rad/s"]),
+    ("engine.frequency: fast", ["engine.frequency is 'fast'", "number", "rad/s"]),
+    ("engine.frequency: true", ["engine.frequency is True", "number"]),
+    ("engine.frequency: [1.0]", ["engine.frequency is [1.0]", "number"]),
+    ("engine.frequency: ", ["engine.frequency is None", "number"]),
+    (f"engine.frequency: {'9' * 400}", ["engine.frequency is inf rad/s"]),
+    ("engine: 5", ["engine is not a scene key", "did you mean"]),
+    ("engine.frequncy: 1.0", ["engine.frequncy is not a scene key", "did you mean engine.frequency?"]),
+    ("engin.mean_torque: 1.0", ["did you mean engine.mean_torque?"]),
+    ("publish_clok: true", ["publish_clok", "did you mean publish_clock?"]),
+    ("driveline.stiffness: 0.0", ["driveline.stiffness is 0 N m/rad", "above 0"]),
+    ("pressure.mean: -1", ["pressure.mean is -1 Pa", "0 to 1e+07 Pa"]),
+    ("friction.law: coulomb", ["friction.law is 'coulomb'", "smoothed or set_valued"]),
+    ("friction.law: 3", ["friction.law is '3'", "smoothed or set_valued"]),
+    ("friction.kinetic_coefficient: 0.5", ["friction.kinetic_coefficient is 0.5", "at most friction.static_coefficient, 0.3"]),
+    ("engine.harmonic_amplitudes: [1.0]", ["engine.harmonic_phases has 0 values", "engine.harmonic_amplitudes, 1"]),
+    ("engine.harmonic_amplitudes: 1.0", ["engine.harmonic_amplitudes is 1.0", "list of numbers"]),
+    ("engine.harmonic_amplitudes: [a]", ["engine.harmonic_amplitudes", "list of numbers"]),
+    ("publish_clock: 1", ["publish_clock is 1", "true or false"]),
+    ("publish_clock: maybe", ["publish_clock is 'maybe'", "true or false"]),
+    ("wait_for_subscribers: 1.5", ["wait_for_subscribers is 1.5", "whole number"]),
+    ("rate: 0", ["rate is 0 Hz", "1 to 20000 Hz"]),
+    ("rate: fast", ["rate is 'fast'", "number", "1 to 20000 Hz"]),
+    ("pacing: hurried", ["pacing is 'hurried'", "real_time or lockstep"]),
+    ("5: 1.0", ["5 is not a parameter name"])])
+def test_a_wrong_value_is_named_with_key_value_unit_and_range(line: str, words: list[str]) -> None:
+    message = refusal(body(line))
+    for word in words:
+        assert word in message, message
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "not a scene"), ("# only words\n", "not a scene"), ("3\n", "not a scene"), ("- a\n- b\n", "not a scene"),
+    ("a: 1\nb: 2\n", "one node"), ("/**: 3\n", "ros__parameters"), ("/**:\n  ros__parameters: 3\n", "ros__parameters"),
+    ("/**:\n  ros__parameters: {}\n  more: 1\n", "nothing else"), ("/**:\n  parameters: {}\n", "ros__parameters"),
+    (body("rate: 1.0", "rate: 2.0"), "line 4: rate is given twice"),
+    (body("engine: {frequency: 1.0}", "engine.frequency: 2.0"), "engine.frequency is given twice"),
+    (body("engine: &a {frequency: 1.0}", "pressure: *a"), "line 3: YAML anchors and aliases"),
+    (body("rate: !!float 3"), "line 3: YAML tags"), (body("rate: !!python/name:os.system x"), "line 3: YAML tags"),
+    ("/**: [\n", "not valid YAML"), (body("rate: 'a"), "not valid YAML"), ("\t: 1\n", "not valid YAML"),
+    ("a: 1\n---\nb: 2\n", "not valid YAML"), ("\x00\x01", "not valid YAML"),
+    ("[" * 3000, "not valid YAML"), (body("a: {b: {c: {d: {e: {f: 1}}}}}"), "is not a scene key"),
+    (body("? [rate]\n    : 1.0"), "not")])
+def test_what_is_not_a_scene_is_refused_in_one_line(text: str, words: str) -> None:
+    assert words in refusal(text)
+
+
+def test_the_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(body("rate: -1.0"))
+    with pytest.raises(InputError, match=r"mine\.yaml: rate is -1 Hz; it must be 1 to 20000 Hz"):
+        load_scene(path)
+
+
+def test_bytes_that_are_no_text_and_files_that_are_too_large_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(InputError, match=r"mine\.yaml: not a text file in UTF-8"):
+        load_scene(path)
+    path.write_text(body("rate: 10.0") + "#" * LARGEST_FILE)
+    with pytest.raises(InputError, match="larger than 1048576 bytes"):
+        load_scene(path)
+    path.write_text((body("rate: 10.0") + "#" * LARGEST_FILE)[:LARGEST_FILE])
+    assert load_scene(path).operation.rate == 10.0
+
+
+def test_a_scene_that_is_not_there_is_refused_with_the_nearest_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no scene 'fig20'; did you mean fig02"):
+        load_scene("fig20")
+    with pytest.raises(InputError, match="the bundled ones are chaos, commands, fig02"):
+        load_scene(tmp_path / "nowhere.yaml")
+    with pytest.raises(InputError, match="there is no scene"):
+        load_scene(tmp_path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(body("rate: 10.0"))
+    path.chmod(stat.S_IWUSR)
+    with pytest.raises(InputError, match="Permission denied"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("where", ["lib/python3.11/site-packages", "lib/python3/dist-packages",
+                                   "local/lib/python3.10/dist-packages"])
+def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wheels and colcon both put the module below the prefix whose share holds the scenes."""
+    package = tmp_path / "prefix" / where / "tcc_sim"
+    config = tmp_path / "prefix" / "share" / "tcc_sim" / "config"
+    package.mkdir(parents=True)
+    config.mkdir(parents=True)
+    (config / "own.yaml").write_text(body("rate: 10.0"))
+    monkeypatch.setattr(scene_module, "__file__", str(package / "scene.py"))
+    assert bundled_scenes() == {"own": config / "own.yaml"}
+    assert load_scene("own").operation.rate == 10.0
+
+
+def test_a_module_outside_any_prefix_finds_the_scenes_of_the_interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = tmp_path / "prefix" / "share" / "tcc_sim" / "config"
+    config.mkdir(parents=True)
+    (config / "own.yaml").write_text(body("rate: 10.0"))
+    monkeypatch.setattr(scene_module, "__file__", str(tmp_path / "elsewhere" / "tcc_sim" / "scene.py"))
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "prefix"))
+    assert list(bundled_scenes()) == ["own"]
+
+
+def test_assignments_are_read_as_a_file_would_be() -> None:
+    assert parse_assignments(["engine.frequency=90", "friction.law=set_valued", "engine.harmonic_phases=[0, 1.5]"]) == {
+        "engine.frequency": 90, "friction.law": "set_valued", "engine.harmonic_phases": [0, 1.5]}
+
+
+@pytest.mark.parametrize(("words", "match"), [
+    (["rate"], "'rate' is not KEY=VALUE"), (["=3"], "'=3' is not KEY=VALUE"), (["rate="], "'rate=' is not KEY=VALUE"),
+    (["rat=3"], "rat is not a scene key; did you mean rate"), (["rate=1", "rate=2"], "rate is given twice"),
+    (["rate=[1"], "rate: '\\[1' is not a number, a word or a list")])
+def test_a_wrong_assignment_is_named(words: list[str], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        parse_assignments(words)
+
+
+def test_changed_keys_are_checked_together() -> None:
+    scene = load_scene("fig02")
+    changed = scene.with_values({"friction.static_coefficient": 0.9, "friction.kinetic_coefficient": 0.8, "rate": 100})
+    assert changed.system.friction_ratio == pytest.approx(0.9 / 0.8, rel=1e-15)
+    assert changed.operation.rate == 100.0
+    assert scene.operation.rate == 1000.0
+    with pytest.raises(InputError, match="at most friction"):
+        scene.with_values({"friction.kinetic_coefficient": 0.8})
