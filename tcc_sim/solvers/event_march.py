@@ -149,7 +149,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
         ratio = 1.0 + stribeck[0]
     clamped = inputs[TSP] > inputs[TSM]
     steepest = 2.0 * tolerance * (1.0 / inputs[I1] + 1.0 / inputs[I2])
-    pad, scratch = np.zeros(ROW + modes.shape[1]), np.zeros((4, 32))
+    pad, scratch = np.zeros(ROW + modes.shape[1]), np.zeros((5, 32))
     cycles = whole + (1 if rest > 0.0 else 0)
     mode, loaded = progress[0], progress[1] == 1
     v, angle, rate, slipped = state[0], state[1], state[2], state[3]

@@ -19,7 +19,6 @@ from tcc_sim.solvers.event_arcs import (
     I2,
     K23,
     LOAD,
-    LOAD_INDEX,
     PER_INPUT,
     TM,
     TSM,
@@ -56,36 +55,40 @@ def expand(u: float, sign: float, speed: float, angle: float, rate: float, strib
     The last terms kept are below `tolerance` times the largest term of |v|, and times `scale` (rad/s) in theta2'.
     """
     order = series.shape[1] - 1
-    engine, load, fade, plate = work[0], work[1], work[2], work[3]
+    engine, load, fade, plate, slope = work[0], work[1], work[2], work[3], work[4]
     fill_sines(u, inputs[TM], ENGINE, inputs, engine)
     fill_sines(u, inputs[TSM], LOAD, inputs, load)
     excess, decay = stribeck[0], stribeck[1]
     v, q = series[0], series[2]
     v[0], q[0], plate[0] = sign * speed, angle, rate
     fade[0] = np.exp(-decay * v[0])
-    steady = inputs[LOAD_INDEX] < 0.0
-    flywheel, inertia, damping, stiffness = inputs[I1], inputs[I2], inputs[C23], inputs[K23]
+    damping, stiffness, per_flywheel, per_inertia = inputs[C23], inputs[K23], 1.0 / inputs[I1], 1.0 / inputs[I2]
     for i in range(order):
-        grip = load[0] * fade[i]
-        if not steady:
-            for k in range(1, i + 1):
-                grip += load[k] * fade[i - k]
-        friction = sign * (load[i] + excess * grip)
-        n = i + 1.0
-        plate[i + 1] = (friction - damping * plate[i] - stiffness * q[i]) / (inertia * n)
-        q[i + 1] = plate[i] / n
-        v[i + 1] = sign * ((engine[i] - friction) / (flywheel * n) - plate[i + 1])
-        total = 0.0
-        for k in range(i + 1):
-            total += (k + 1.0) * v[k + 1] * fade[i - k]
-        fade[i + 1] = -decay * total / n
+        # Two sums of each kind: one long sum would wait for every addition in turn.
+        grip, grip1, total, total1 = load[0] * fade[i], 0.0, 0.0, 0.0
+        for k in range(0, i - 1, 2):
+            grip += load[k + 1] * fade[i - 1 - k]
+            total += slope[k] * fade[i - k]
+            grip1 += load[k + 2] * fade[i - 2 - k]
+            total1 += slope[k + 1] * fade[i - 1 - k]
+        if i % 2 == 1:
+            grip += load[i] * fade[0]
+            total += slope[i - 1] * fade[1]
+        friction = sign * (load[i] + excess * (grip + grip1))
+        part = 1.0 / (i + 1.0)
+        bend = (friction - damping * plate[i] - stiffness * q[i]) * per_inertia
+        plate[i + 1] = bend * part
+        q[i + 1] = plate[i] * part
+        slope[i] = sign * ((engine[i] - friction) * per_flywheel - bend)
+        v[i + 1] = slope[i] * part
+        fade[i + 1] = -decay * part * (total + total1 + slope[i] * fade[0])
     step = np.inf
     for last in (order - 1, order):
         if plate[last] != 0.0:
             step = min(step, (tolerance * scale / abs(plate[last])) ** (1.0 / last))
         if v[last] != 0.0:
             best = 0.0
-            for i in range(4):
+            for i in range(4 if decay * v[0] < 0.1 else 1):
                 if v[i] != 0.0:
                     best = max(best, (tolerance * abs(v[i] / v[last])) ** (1.0 / (last - i)))
             step = min(step, best)
