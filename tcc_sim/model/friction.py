@@ -33,15 +33,18 @@ def smoothed(v: Any, sigma: float, stribeck: Stribeck) -> Any:
         return (1.0 + stribeck[0] * np.exp(-stribeck[1] * np.abs(v))) * np.tanh(sigma * v)
 
 
-def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck) -> Any:
-    """mubar of (7) and its slope d(mubar)/dv of (20b), s/rad, from one tanh and at most one exponential."""
-    tanh = np.tanh(sigma * v)
+def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = None) -> Any:
+    """mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `tanh` is tanh(sigma v) where it is known already."""
+    if tanh is None:
+        step = np.tanh(sigma * v)
+    else:
+        step = tanh
     if stribeck is None:
-        return tanh, sigma * (1.0 - tanh * tanh)
+        return step, sigma * (1.0 - step * step)
     else:
         falling = stribeck[0] * np.exp(-stribeck[1] * np.abs(v))
-        slope = sigma * (1.0 + falling) * (1.0 - tanh * tanh) - stribeck[1] * falling * np.sign(v) * tanh
-        return (1.0 + falling) * tanh, slope
+        slope = sigma * (1.0 + falling) * (1.0 - step * step) - stribeck[1] * falling * np.sign(v) * step
+        return (1.0 + falling) * step, slope
 
 
 def sliding(v: Any, sign: float, stribeck: Stribeck) -> Any:

@@ -56,7 +56,7 @@ class DrivelineNode(Node):
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
         now = time.monotonic()
-        if self.loop.clock_started.is_set() and not self._announced:
+        if self.loop.clock_started.is_set() and not self._announced and self.context.ok():
             self._announced = True
             self.get_logger().info(CLOCK_STARTED)
         for command in self.loop.commands:
@@ -124,6 +124,10 @@ def _spin() -> int:
         while rclpy.ok():
             executor.spin_once(timeout_sec=HOUSEKEEPING)
             node.housekeeping()
+    except RuntimeError:
+        # Publishing fails in the moment between a signal and the end of the loop.
+        if rclpy.ok():
+            raise
     finally:
         node.destroy_node()
     return 0

@@ -55,6 +55,7 @@ class RealTimeLoop:
 
     def __init__(self, node: Node, scene: Scene) -> None:
         self.scene = scene
+        self._context = node.context
         operation = scene.operation
         self.stepper = Stepper(scene.system, 1.0 / operation.rate)
         self.pacer = Pacer(self._period(scene))
@@ -182,7 +183,8 @@ class RealTimeLoop:
                         return
                 self._tick(lockstep)
         except BaseException as error:
-            if not self._stop.is_set():
+            # A signal ends the context first; what publishing says to that is no failure.
+            if not self._stop.is_set() and self._context.ok():
                 self.failure = error
 
     def _tick(self, lockstep: bool = False) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
@@ -67,6 +68,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any]) -> d
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         recorder = NodeProcess("recorder", {"output": str(Path(folder) / "recording")}, environment)
         node = DrivelineNode(parameter_overrides=[Parameter("rate", value=rate), Parameter("wait_for_subscribers", value=1)])
+        node.get_logger().set_level(LoggingSeverity.WARN)
         try:
             node.start()
             loop = node.loop

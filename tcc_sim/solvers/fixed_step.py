@@ -69,19 +69,28 @@ def substeps(terms: Terms, step: float) -> int:
 
 
 @compiled
-def _stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float, linear: Linear,
-           smoothing: float | None, stribeck: Stribeck) -> tuple[float, float, float, int]:
+def _stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float,
+           plate: tuple[float, float, float, float, float, float], smoothing: float | None,
+           stribeck: Stribeck) -> tuple[float, float, float, int]:
     """One implicit stage x = known + hg f(x): the new v, theta2, omega2, and the iterations it took."""
+    share, gain, drop, push, slip, per_slip = plate
+    # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
+    free = share * known[2] - drop * known[1]
+    w = known[0] + known[2] - free + push * engine
+    v, count = scalar_root(w, slip * load, guess, smoothing, stribeck)
+    omega = free + gain * ((w - v) * per_slip)
+    return v, known[1] + hg * omega, omega, count
+
+
+@compiled
+def _plate(hg: float, linear: Linear) -> tuple[float, float, float, float, float, float]:
+    """What every stage of a step needs of the linear part; `slip`: how much v falls per N m of friction torque."""
     inertia1, inertia2, damping, stiffness = linear
     share = 1.0 / (1.0 + hg * (damping + hg * stiffness) / inertia2)
-    # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
     gain = share * hg / inertia2
-    free = share * known[2] - gain * stiffness * known[1]
-    w = known[0] + known[2] - free + hg * engine / inertia1
-    v, count = scalar_root(w, (hg / inertia1 + gain) * load, guess, smoothing, stribeck)
-    torque = (w - v) / (hg / inertia1 + gain)
-    omega = free + gain * torque
-    return v, known[1] + hg * omega, omega, count
+    push = hg / inertia1
+    slip = push + gain
+    return share, gain, gain * stiffness, push, slip, 1.0 / slip
 
 
 @compiled
@@ -99,7 +108,8 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
     -------
     (iterations in all, most iterations in one stage)
     """
-    hg = h * GAMMA
+    hg, rate = h * GAMMA, 1.0 / GAMMA
+    plate = _plate(hg, terms.linear)
     total, most = 0, 0
     v, theta, omega = state[0], state[1], state[2]
     for k in range(n):
@@ -107,21 +117,21 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
         known = (v, theta, omega)
         v1, theta1, omega1, count1 = _stage(
             known, v, engine_torque(start + hg, terms.mean_torque, terms.torque, terms.harmonics),
-            saturation_torque(start + hg, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing, terms.stribeck)
+            saturation_torque(start + hg, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
         # A stage's slope times h is (its value - what was known) / gamma.
-        dv1, dtheta1, domega1 = (v1 - known[0]) / GAMMA, (theta1 - known[1]) / GAMMA, (omega1 - known[2]) / GAMMA
+        dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
         a21 = 0.5 * (1.0 - GAMMA)
         known2 = (v + a21 * dv1, theta + a21 * dtheta1, omega + a21 * domega1)
         middle = start + _C2 * h
         v2, theta2, omega2, count2 = _stage(
             known2, v1, engine_torque(middle, terms.mean_torque, terms.torque, terms.harmonics),
-            saturation_torque(middle, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing, terms.stribeck)
-        dv2, dtheta2, domega2 = (v2 - known2[0]) / GAMMA, (theta2 - known2[1]) / GAMMA, (omega2 - known2[2]) / GAMMA
+            saturation_torque(middle, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
+        dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
         known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2, omega + _B1 * domega1 + _B2 * domega2)
         finish = start + h
         v, theta, omega, count3 = _stage(
             known3, v2, engine_torque(finish, terms.mean_torque, terms.torque, terms.harmonics),
-            saturation_torque(finish, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing, terms.stribeck)
+            saturation_torque(finish, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
         total += count1 + count2 + count3
         most = max(most, count1, count2, count3)
         if flywheel is not None:

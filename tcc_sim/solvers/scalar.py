@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiled import compiled, smoothed_and_slope
 
 NEWTON_LIMIT = 20
+SATURATED = 19.1
+"""tanh(x) is 1 to the last bit beyond this."""
 ITERATION_BOUND = NEWTON_LIMIT + 60
 """After NEWTON_LIMIT steps, 60 halvings shrink any bracket [0, |w|] below 1e-18 |w|."""
 
@@ -40,14 +44,18 @@ def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck
     ratio = 1.0
     if stribeck is not None:
         ratio = 1.0 + stribeck[0]
+    elif (target - a) * sigma > SATURATED:
+        # Slip with mu_k = mu_s: tanh is 1 to the last bit, and nothing is left to solve.
+        return sign * (target - a), 0
     low, high = max(target / (1.0 + a * ratio * sigma), target - a * ratio), target
     v = guess * sign
     if not low <= v <= high:
         v = low
+    tanh = np.tanh(sigma * v)
     count = 0
     while count < ITERATION_BOUND:
         count += 1
-        value, slope = smoothed_and_slope(v, sigma, stribeck)
+        value, slope = smoothed_and_slope(v, sigma, stribeck, tanh)
         excess = v + a * value - target
         if excess > 0.0:
             high = v
@@ -59,7 +67,16 @@ def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck
         else:
             following = min(max(v - excess / derivative, low), high)
         change = abs(following - v)
+        angle = sigma * (following - v)
+        if abs(angle) < 1e-2:
+            # tanh(a + b) from tanh(a) and the series of tanh(b), which is exact to the last bit here.
+            square = angle * angle
+            step = angle * (1.0 - square * (1.0 / 3.0 - square * (2.0 / 15.0 - square * (17.0 / 315.0))))
+            tanh = (tanh + step) / (1.0 + tanh * step)
+        else:
+            tanh = np.tanh(sigma * following)
         v = following
-        if change <= 1e-13 * v or high - low <= 4e-16 * target:
+        # F''/(2 F') is at most about sigma, so the error that is left is at most sigma change^2; 4 is for safety.
+        if 4.0 * sigma * change * change <= 1e-13 * v or high - low <= 4e-16 * target:
             break
     return sign * v, count

@@ -31,6 +31,7 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.
     assert node.stderr is not None
     line = node.stderr.readline()
     assert "scene minimal, 1000 Hz" in line
+    assert "clock started" in node.stderr.readline()
     node.send_signal(number)
     _, rest = node.communicate(timeout=10)
     assert node.returncode == 0

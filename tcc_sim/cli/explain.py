@@ -1,0 +1,42 @@
+"""`tcc-sim explain`: what a scene builds and what it leaves out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from tcc_sim.cli.arguments import new_file
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The scene and where the answer goes."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the answer here")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print what is held and left out, and what a step costs."""
+    from tcc_sim.scene import load_scene
+
+    scene = load_scene(arguments.scene)
+    if arguments.json is not None:
+        new_file(arguments.json)
+    from tcc_sim.reports.explain import explain
+
+    found = explain(scene)
+    print(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")
+    for what in ("terms", "topics", "modules"):
+        print(f"{what}\n  held:     {', '.join(found[what]['held']) or 'none'}"
+              f"\n  left out: {', '.join(found[what]['left_out']) or 'none'}")
+    print("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
+    step = found["step"]
+    if step is None:
+        print("real-time step: none, the real-time solver takes the smoothed law only")
+    else:
+        print(f"real-time step: one {step['tick_s'] * 1e3:g} ms tick in {step['sub_steps']} sub-steps costs "
+              f"{step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
+              f"{step['ratio']:.2f} times as much")
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+    return 0

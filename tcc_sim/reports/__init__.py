@@ -1,0 +1,1 @@
+"""What is written for people and programs: replays, tables, files of samples, reports. Nothing here reads a command line."""
