@@ -39,7 +39,7 @@ def explain(scene: Scene) -> dict[str, Any]:
     return {
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
         "terms": {"held": held, "left_out": left_out},
-        "kernel": {name: _kind(value) for name, value in zip(Terms._fields, terms)},
+        "kernel": {name: _kind(value) for name, value in zip(terms._fields, terms)},
         "topics": {"held": needed, "left_out": [row.name for row in TOPICS if row.name not in needed]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
         "step": _cost(scene) if terms.smoothing is not None else None,
