@@ -108,6 +108,17 @@ def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance:
         cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0)
 
 
+def summarise_samples(trajectory: Trajectory) -> Summary:
+    """The summary of a run shorter than an engine cycle: extremes of its samples, no section and no period."""
+    v, t = trajectory.slip_speed, trajectory.t
+    stuck = (trajectory.state == 0).astype(np.float64)
+    fraction = float(np.sum(0.5 * (stuck[1:] + stuck[:-1]) * np.diff(t))) / float(t[-1] - t[0])
+    return Summary(
+        max_slip_speed=float(np.abs(v).max()), min_slip_speed=float(v.min()), period=0, section=[], stick_fraction=fraction,
+        regime=regime_of(fraction), cycles=0, discarded=0, settled=False, section_change=math.nan, solver=trajectory.solver,
+        elapsed_s=trajectory.statistics.seconds)
+
+
 def regime_of(stick_fraction: float) -> str:
     """stick, slip or stick-slip."""
     if stick_fraction >= 1.0 - PASSING:

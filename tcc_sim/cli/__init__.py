@@ -17,6 +17,7 @@ from tcc_sim.errors import InputError, TccError
 VERBS: dict[str, str] = {
     "scenes": "list the bundled scenes",
     "explain": "show what a scene builds and what it leaves out",
+    "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
     "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
     "recover": "make a complete, indexed bag from a recording that was cut short or damaged",

@@ -1,0 +1,202 @@
+"""`tcc-sim simulate` against closed forms, and what it refuses."""
+
+import _thread
+import cmath
+import json
+import math
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+
+I1, I2, C23, K23 = 0.2, 0.02, 0.6, 3000.0
+KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver", "elapsed_s"}
+
+
+def values_of(capsys, *arguments):
+    status = main(["simulate", *map(str, arguments), "--json", "-"])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def refused(capsys, *arguments):
+    assert main(["simulate", *map(str, arguments)]) == 2
+    out = capsys.readouterr()
+    assert out.out == ""
+    assert out.err.count("\n") == 1
+    assert "Traceback" not in out.err
+    return out.err
+
+
+def plate_on_section(torque_mean, torque_amplitude, omega):
+    """Plate angle at t = 2 pi n/omega of both inertias as one oscillator: (9) with its amplitude put right."""
+    response = torque_amplitude / (K23 - (I1 + I2) * omega**2 + 1j * C23 * omega)
+    return torque_mean / K23 + abs(response) * math.sin(cmath.phase(response))
+
+
+@pytest.mark.parametrize("solver", ["auto", "fixed_step", "radau"])
+def test_pure_slip_is_the_closed_form(capsys, solver):
+    found = values_of(capsys, "slip", "--cycles", 60, "--discard", 40, "--solver", solver)
+    assert set(found) >= KEYS
+    # (17a) corrected: v = Omega_e + Tp/(I1 omega) (1 - cos omega t) once the plate is at rest.
+    from tcc_sim.scene import load_scene
+
+    system = load_scene("slip").system
+    swing = system.engine.torque_amplitude / (I1 * system.engine.frequency)
+    assert found["regime"] == "slip"
+    assert found["stick_fraction"] == 0.0
+    assert found["period"] == 1
+    assert found["max_slip_speed"] == pytest.approx(system.initial.slip_speed + 2.0 * swing, rel=1e-4)
+    assert found["min_slip_speed"] == pytest.approx(system.initial.slip_speed, rel=1e-4)
+    (angle, speed), = found["section"]
+    assert angle == pytest.approx(system.saturation_mean / K23, rel=1e-4)
+    assert speed == pytest.approx(system.initial.slip_speed, rel=1e-4)
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_pure_stick_is_the_closed_form(capsys, law):
+    from tcc_sim.scene import load_scene
+
+    engine = load_scene("stick").system.engine
+    found = values_of(capsys, "stick", "--set", f"friction.law={law}", "--cycles", 300, "--discard", 280)
+    assert found["regime"] == "stick"
+    assert found["stick_fraction"] == pytest.approx(1.0)
+    assert found["period"] == 1
+    expected = plate_on_section(engine.mean_torque, engine.torque_amplitude, engine.frequency)
+    assert found["section"][0][0] == pytest.approx(expected, rel=2e-3 if law == "smoothed" else 1e-9)
+    if law == "set_valued":
+        assert found["max_slip_speed"] == 0.0
+
+
+def test_samples_in_npz_end_at_the_end_and_satisfy_the_equations(tmp_path):
+    path = tmp_path / "run.npz"
+    assert main(["simulate", "slip", "--duration", "0.3", "--out", str(path)]) == 0
+    with np.load(path) as arrays:
+        assert set(arrays) == {"t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque",
+                               "friction_torque", "state"}
+        t, v = arrays["t"], arrays["slip_speed"]
+        assert t[0] == 0.0
+        assert t[-1] == 0.3
+        assert len(set(map(len, arrays.values()))) == 1
+        assert np.all(arrays["state"] == 1)
+        # Momentum of the whole driveline: I1 theta1'' + I2 theta2'' = Te - C theta2' - K theta2.
+        momentum = I1 * (v + arrays["plate_speed"]) + I2 * arrays["plate_speed"]
+        load = arrays["engine_torque"] - C23 * arrays["plate_speed"] - K23 * arrays["plate_angle"]
+        impulse = np.concatenate([[0.0], np.cumsum(0.5 * (load[1:] + load[:-1]) * np.diff(t))])
+        assert momentum - momentum[0] == pytest.approx(impulse, abs=2e-3 * float(np.ptp(momentum)))
+
+
+def test_csv_keeps_every_digit(tmp_path):
+    one, two = tmp_path / "run.npz", tmp_path / "run.csv"
+    for path in (one, two):
+        assert main(["simulate", "minimal", "--cycles", "3", "--samples", "20", "--out", str(path)]) == 0
+    table = np.genfromtxt(two, delimiter=",", names=True)
+    with np.load(one) as arrays:
+        assert len(table) == 61
+        for name in arrays:
+            assert np.array_equal(table[name], arrays[name])
+
+
+def test_mcap_is_a_recording_that_holds_its_scene(tmp_path):
+    pytest.importorskip("mcap")
+    from tcc_sim.recording.reader import open_run
+
+    path = tmp_path / "run.mcap"
+    words = ["slip", "--set", "engine.mean_torque=501", "--cycles", "3", "--samples", "50", "--out", str(path)]
+    assert main(["simulate", *words]) == 0
+    run = open_run(path)
+    assert sum(map(len, run.batches())) == 151
+    assert "501.0" in run.scene_text
+
+
+def test_the_defaults_are_150_cycles_and_50_dropped(capsys):
+    found = values_of(capsys, "slip")
+    assert (found["cycles"], found["discarded"]) == (150, 50)
+    found = values_of(capsys, "slip", "--cycles", 30)
+    assert (found["cycles"], found["discarded"]) == (30, 15)
+    cycle = 2.0 * math.pi / 150.0
+    found = values_of(capsys, "slip", "--set", "engine.frequency=150", "--duration", 9.5 * cycle)
+    assert (found["cycles"], found["discarded"]) == (9, 3)
+
+
+def test_a_run_shorter_than_a_cycle_has_no_section(capsys):
+    found = values_of(capsys, "slip", "--duration", 0.001)
+    assert found["cycles"] == 0
+    assert found["period"] == 0
+    assert found["section"] == []
+    assert main(["simulate", "slip", "--duration", "0.001"]) == 0
+
+
+def test_the_table_names_units(capsys):
+    assert main(["simulate", "slip", "--cycles", "20", "--lyapunov"]) == 0
+    out = capsys.readouterr().out
+    for words in ("largest |slip speed|", "rad/s", "section: plate angle", "the first 10 dropped", "Lyapunov exponent", "1/s"):
+        assert words in out
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["nowhere"], "there is no scene"),
+    (["fig02", "--set", "friction.smothing=3"], "did you mean friction.smoothing"),
+    (["fig02", "--set", "friction.smoothing=-3"], "friction.smoothing"),
+    (["fig02", "--cycles", "0"], "--cycles is 0"),
+    (["fig02", "--cycles", "1e3"], "--cycles"),
+    (["fig02", "--cycles", "10", "--discard", "10"], "--discard is 10"),
+    (["fig02", "--discard", "-1"], "--discard is -1"),
+    (["fig02", "--duration", "nan"], "--duration is nan s"),
+    (["fig02", "--duration", "-1"], "--duration is -1 s"),
+    (["fig02", "--cycles", "3", "--duration", "1"], "not allowed with"),
+    (["fig02", "--solver", "euler"], "solver 'euler' is unknown"),
+    (["fig02", "--rtol", "2"], "rtol is 2"),
+    (["fig02", "--solver", "fixed_step", "--rtol", "1e-6"], "rtol is not a setting"),
+    (["fig02", "--solver", "fixed_step", "--step", "1"], "sub-steps"),
+    (["fig02", "--out", "run.txt"], "must end in"),
+    (["fig02", "--out", "no/run.npz"], "there is no directory"),
+    (["fig02", "--json", "no/run.json"], "there is no directory"),
+    (["fig02", "--out", "run.npz", "--samples", "0"], "--samples is 0"),
+    (["fig02", "--out", "run.npz", "--cycles", "1000000"], "at most"),
+    (["fig02", "--out", "run.csv", "--json", "run.csv"], "same file"),
+    (["fig02", "--set", "friction.law=set_valued", "--lyapunov"], "--lyapunov"),
+])
+def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, tmp_path, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert words in refused(capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_files_are_replaced_only_by_force(capsys, tmp_path):
+    out, summary = tmp_path / "run.npz", tmp_path / "run.json"
+    for path, option in ((out, "--out"), (summary, "--json")):
+        path.write_text("mine")
+        assert "exists" in refused(capsys, "slip", "--cycles", "3", option, path)
+        assert path.read_text() == "mine"
+    assert main(["simulate", "slip", "--cycles", "3", "--out", str(out), "--json", str(summary), "--force"]) == 0
+    assert json.loads(summary.read_text())["cycles"] == 3
+    assert np.load(out)["t"][0] == 0.0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "run.npz"]
+
+
+def test_a_solve_imports_nothing_that_it_does_not_need():
+    unwanted = {"rclpy", "rerun", "mcap", "matplotlib", "scipy.integrate", "scipy.stats", "tqdm", "dask"}
+    script = ("import sys; from tcc_sim.cli import main; main(['simulate', 'minimal', '--cycles', '4']);"
+              f"print(sorted({unwanted} & set(sys.modules)))")
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_an_interrupt_ends_it_at_once_and_leaves_nothing(capsys, monkeypatch, tmp_path):
+    ended = threading.Event()
+
+    def solve(*arguments, **options):
+        _thread.interrupt_main()
+        ended.wait(30.0)
+
+    monkeypatch.setattr("tcc_sim.solvers.solve", solve)
+    assert main(["simulate", "chaos", "--out", str(tmp_path / "run.npz")]) == 130
+    assert capsys.readouterr().err == "tcc-sim: interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+    ended.set()
