@@ -1,0 +1,107 @@
+"""The README says what the code says. `python test/test_readme.py` writes its tables anew."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.cli import VERBS
+from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, Quantity
+from tcc_sim.scene import OPERATION_QUANTITIES, Operation, bundled_scenes, load_scene
+from tcc_sim.solvers import SOLVERS
+from tcc_sim.topics import TOPICS
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+NODES = ROOT / "tcc_sim" / "nodes"
+
+
+def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    return "\n".join("| " + " | ".join(row) + " |" for row in [head, ("---",) * len(head), *rows])
+
+
+def parameter_row(key: str, meaning: Quantity, default: object) -> tuple[str, ...]:
+    if isinstance(default, bool):
+        allowed, shown = "true or false", str(default).lower()
+    else:
+        allowed, shown = meaning.interval(), f"{default:.9g}" if isinstance(default, float) else str(default or "empty")
+    return f"`{key}`", meaning.description, allowed, "0" if default == 0 and allowed != "true or false" else shown, \
+        "yes" if meaning.live else ""
+
+
+def calls(file: str, name: str) -> Iterator[list[ast.expr]]:
+    """The arguments of every call of `name` in a node's source: what it declares, read without ROS."""
+    for node in ast.walk(ast.parse((NODES / file).read_text())):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == name:
+            yield node.args
+
+
+def literal(node: ast.expr, otherwise: str) -> str:
+    return str(node.value) if isinstance(node, ast.Constant) else otherwise
+
+
+def recorder_rows() -> Iterator[tuple[str, ...]]:
+    otherwise = {"output": "`tcc_sim_` and the local time", "topics": "all in the table above"}
+    for _, name, default, meaning in calls("recorder.py", "_parameter"):
+        key = literal(name, "")
+        yield f"`{key}`", literal(meaning, ""), literal(default, otherwise.get(key, ""))
+
+
+def tables() -> dict[str, str]:
+    head = ("key", "meaning", "allowed", "default", "changeable while running")
+    options = {item.name: item.default for item in dataclasses.fields(Operation)}
+    return {
+        "scene keys": table(head, [parameter_row(k, q, DEFAULTS[k]) for k, q in QUANTITIES.items()]),
+        "node options": table(head, [parameter_row(k, q, options[k]) for k, q in OPERATION_QUANTITIES.items()]),
+        "recorder parameters": table(("parameter", "meaning", "default"), recorder_rows()),
+        "topics": table(("topic", "type", "direction", "carries", "there when"), [
+            (f"`{t.name}`", f"`{t.type}`", t.direction, t.carries + (f", {t.unit}" if t.unit else ""),
+             f"`{t.switch}`" if t.switch else "always") for t in TOPICS]),
+        "services": table(("service", "type"), [
+            (f"`{literal(name, '')}`", f"`std_srvs/srv/{kind.id}`") for kind, name, *_ in calls("driveline.py", "create_service")
+            if isinstance(kind, ast.Name)]),
+        "scenes": table(("scene", "what it shows"), [(f"`{n}`", load_scene(n).description) for n in bundled_scenes()]),
+        "solvers": table(("solver", "what it is", "friction law", "setting"), [
+            (f"`{n}`", s.description, " or ".join(s.laws), s.setting) for n, s in SOLVERS.items()]),
+    }
+
+
+def between(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(<!-- {name} -->\n)(.*?)(\n<!-- end -->)", re.DOTALL)
+
+
+@pytest.mark.parametrize("name", tables())
+def test_a_table_says_what_the_code_says(name: str) -> None:
+    found = between(name).search(README.read_text())
+    assert found is not None, f"README.md has no table {name}"
+    assert found.group(2) == tables()[name], "python test/test_readme.py writes the tables of the README anew"
+
+
+def test_every_verb_is_documented() -> None:
+    text = README.read_text()
+    assert [verb for verb in VERBS if f"tcc-sim {verb}" not in text] == []
+
+
+def test_the_quick_start_is_one_line_each() -> None:
+    blocks = re.findall(r"^```\w*\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
+    assert blocks[0].count("\n") == 1
+    assert blocks[0].endswith("tcc-sim demo\n")
+    assert blocks[1].count("\n") == 1
+    assert "pytest -n 2" in blocks[1]
+
+
+def test_every_file_that_the_readme_names_is_there() -> None:
+    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README.read_text()):
+        assert (ROOT / target).exists(), target
+
+
+if __name__ == "__main__":
+    text = README.read_text()
+    for title, rows in tables().items():
+        text = between(title).sub(lambda found, rows=rows: found.group(1) + rows + found.group(3), text)
+    README.write_text(text)
