@@ -204,11 +204,11 @@ def start_arc(u: float, mode: int, speed: float, angle: float, rate: float, mode
 
 
 @compiled
-def evaluate(tau: float, u: float, count: int, slot: int, pad: Floats) -> tuple[float, float]:
-    """Value and first two derivatives of the first `count` signals at u + tau, into `slot`; bounds of |f|, |g|."""
+def evaluate(tau: float, u: float, count: int, pad: Floats) -> tuple[float, float]:
+    """Value and first two derivatives of the first `count` signals at u + tau, into the look HERE; bounds of |f|, |g|."""
     f, g, fade, other = free_pair(tau, pad)
     for j in range(count):
-        a, i = ARC + 8 * j, slot + 3 * j
+        a, i = ARC + 8 * j, HERE + 3 * j
         pad[i] = pad[a] + pad[a + 1] * tau + pad[a + 2] * f + pad[a + 3] * g
         pad[i + 1] = pad[a + 1] + pad[a + 4] * f + pad[a + 5] * g
         pad[i + 2] = pad[a + 6] * f + pad[a + 7] * g
@@ -217,7 +217,7 @@ def evaluate(tau: float, u: float, count: int, slot: int, pad: Floats) -> tuple[
         x = w * (u + tau) + pad[k + 1]
         sine, cosine = np.sin(x), np.cos(x)
         for j in range(count):
-            re, im, i = pad[k + 2 + 2 * j], pad[k + 3 + 2 * j], slot + 3 * j
+            re, im, i = pad[k + 2 + 2 * j], pad[k + 3 + 2 * j], HERE + 3 * j
             value = re * sine + im * cosine
             pad[i] += value
             pad[i + 1] += w * (re * cosine - im * sine)

@@ -116,7 +116,7 @@ def slip_angle_of(tau: float, u: float, kind: int, mode: int, pad: Floats, serie
 def record(tau: float, u: float, kind: int, mode: int, offset: float, slipped: float, inputs: Floats, pad: Floats,
            stribeck: Any, series: Any, flywheel: Any, kept: Floats) -> None:
     """Fill a sample at u + tau of the arc that starts at u with theta1 - theta2 = slipped."""
-    look(tau, u, kind, 3, HERE, pad, series)
+    look(tau, u, kind, 3, pad, series)
     v = 0.0
     if mode != STICK:
         v = pad[HERE] + offset if mode != NEGATIVE else -pad[HERE] - offset
@@ -210,7 +210,7 @@ def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any
                 record(at - u, u, kind, mode, offset, slipped, inputs, pad, stribeck, series, flywheel,
                        rows[progress[2]])
                 progress[2] += 1
-            look(tau, u, kind, 3, HERE, pad, series)
+            look(tau, u, kind, 3, pad, series)
             if flywheel is not None:
                 slipped += slip_angle_of(tau, u, kind, mode, pad, series) + offset * upward * tau
             if mode == STICK:

@@ -35,7 +35,7 @@ EXHAUSTED = -2
 
 
 @compiled
-def evaluate_series(tau: float, rows: int, series: Floats, slot: int, pad: Floats) -> None:
+def evaluate_series(tau: float, rows: int, series: Floats, pad: Floats) -> None:
     """`evaluate` for an arc that is a power series: series (3, order + 1) of the signals in tau."""
     last = series.shape[1] - 1
     for j in range(0, rows, 2):
@@ -44,21 +44,21 @@ def evaluate_series(tau: float, rows: int, series: Floats, slot: int, pad: Float
             bend = bend * tau + slope
             slope = slope * tau + value
             value = value * tau + series[j, i]
-        pad[slot + 3 * j] = value
-        pad[slot + 3 * j + 1] = slope
-        pad[slot + 3 * j + 2] = 2.0 * bend
+        pad[HERE + 3 * j] = value
+        pad[HERE + 3 * j + 1] = slope
+        pad[HERE + 3 * j + 2] = 2.0 * bend
 
 
 @compiled
-def look(tau: float, u: float, mode: int, rows: int, slot: int, pad: Floats, series: Any) -> tuple[float, float]:
+def look(tau: float, u: float, mode: int, rows: int, pad: Floats, series: Any) -> tuple[float, float]:
     """Evaluate the arc, whichever kind it is; a power series where mode is negative."""
     if series is None:
-        return evaluate(tau, u, rows, slot, pad)
+        return evaluate(tau, u, rows, pad)
     else:
         if mode < 0:
-            evaluate_series(tau, rows, series, slot, pad)
+            evaluate_series(tau, rows, series, pad)
             return 1.0, 1.0
-        return evaluate(tau, u, rows, slot, pad)
+        return evaluate(tau, u, rows, pad)
 
 
 @compiled
@@ -69,7 +69,7 @@ def find_root(a: float, b: float, j: int, u: float, mode: int, rows: int, pad: F
     x = b if at_zero else a + (b - a) * left / (left - right)
     low, high = a, b
     for _ in range(80):
-        look(x, u, mode, rows, HERE, pad, series)
+        look(x, u, mode, rows, pad, series)
         pad[COUNT] += 1.0
         value, slope = pad[HERE + 3 * j], pad[HERE + 3 * j + 1]
         if value > 0.0:
@@ -94,7 +94,7 @@ def find_extreme(a: float, b: float, u: float, mode: int, pad: Floats, series: A
     x = a + (b - a) * p / (p - q)
     low, high = a, b
     for _ in range(60):
-        look(x, u, mode, 1, HERE, pad, series)
+        look(x, u, mode, 2 if mode == STICK else 1, pad, series)
         pad[COUNT] += 1.0
         slope, bend = pad[HERE + 1], pad[HERE + 2]
         if (slope > 0.0) == (p > 0.0):
@@ -119,7 +119,9 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
     negative for a power series, whose fourth derivative is bounded by `bend`. v = upward (signal 0 + offset).
     """
     rows = 2 if mode == STICK else 1
-    fade, other = look(0.0, u, mode, rows, LEFT, pad, series)
+    fade, other = look(0.0, u, mode, rows, pad, series)
+    for i in range(6):
+        pad[LEFT + i] = pad[HERE + i]
     fresh0, fresh1 = mode != FREE and pad[LEFT] <= tolerance, rows == 2 and pad[LEFT + 3] <= tolerance
     if fresh0 and pad[LEFT + 1] < -steepest:
         return 0, 0.0
@@ -139,17 +141,17 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
         crossing = False
         while True:
             b = a + h if a + h < span else span
-            fade, other = look(b, u, mode, rows, RIGHT, pad, series)
+            fade, other = look(b, u, mode, rows, pad, series)
+            for i in range(6):
+                pad[RIGHT + i] = pad[HERE + i]
             pad[COUNT] += 1.0
             if pad[COUNT] > pad[MOST] or not np.isfinite(pad[RIGHT]):
                 return EXHAUSTED, a
             proven, crossing = True, False
             if mode != FREE:
-                verdict = passes(h, 0, bound0, fresh0, pad)
-                proven, crossing = verdict >= 0, verdict == 1
-            if rows == 2:
-                verdict = passes(h, 1, bound1, fresh1, pad)
-                proven, crossing = proven and verdict >= 0, crossing or verdict == 1
+                for j in range(rows):
+                    verdict = passes(h, j, bound0 if j == 0 else bound1, fresh0 if j == 0 else fresh1, pad)
+                    proven, crossing = proven and verdict >= 0, crossing or verdict == 1
             if proven and mode != STICK:
                 proven = note_inside(a, b, u, mode, upward, offset, crossing, pad, series, bound0, size)
             if proven:
@@ -170,9 +172,8 @@ def search(span: float, u: float, mode: int, upward: float, offset: float, toler
             return signal, first
         a = b
         grow = 2.0 * h
-        for j in range(rows):
-            for i in range(3):
-                pad[LEFT + 3 * j + i] = pad[RIGHT + 3 * j + i]
+        for i in range(6):
+            pad[LEFT + i] = pad[RIGHT + i]
         fresh0, fresh1 = fresh0 and pad[LEFT] <= tolerance, fresh1 and pad[LEFT + 3] <= tolerance
         if mode == FREE:
             note(pad[LEFT], pad)
