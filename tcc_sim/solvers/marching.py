@@ -205,12 +205,25 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                             ts = max(mean_load + pulsation[0] * math.sin(pulsation[1] * t + shift), 0.0)
                         stage[5, i] = ts if loaded else 0.0
                         stage[0, i] = polynomial.value(previous, STAGES, base + h / h_previous * NODES[i])
-                    used = radau.solve_stages(work, stage, h, state, sign, linear, sigma, stribeck, 0.01 * slip_tolerance)
+                    slope = radau.law_and_slope(v, sign, sigma, stribeck)[1]
+                    bend = 0.0
+                    if stribeck is not None:
+                        bend = stribeck[1]
+                    if region == LAYER:
+                        bend += sigma
+                    used = radau.solve_stages(work, stage, h, state, sign, linear, sigma, stribeck,
+                                              min(0.01 * slip_tolerance, 1e-5 / sigma), bend,
+                                              region == LAYER and h * beta * stage[5, 0] * slope > 20.0)
                     tally[ITERATIONS] += abs(used)
                     tally[ITERATIONS_MAX] = max(tally[ITERATIONS_MAX], abs(used))
                     error = math.inf
                     crossing = math.inf
-                    if used > 0:
+                    if used < 0:
+                        base = 0.0
+                        previous[0] = v
+                        for i in range(STAGES):
+                            previous[i + 1] = 0.0
+                    else:
                         radau.collocation(trial[0], v, stage[0])
                         radau.collocation(trial[2], state[2], stage[1])
                         error = LAST_TERM * max(abs(trial[0, STAGES]) / min(dense / rtol * slip_tolerance, 0.02 / sigma),
@@ -335,7 +348,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     released = 0.0
                 if streak > patience and not stiff:
                     streak = 0
-                    patience *= 2
+                    patience = min(2 * patience, 1024)
                     stiff = True
                     h_radau = 2.0 * h
                     h_previous = h

@@ -3,7 +3,7 @@
 The only nonlinearity is the friction torque f(v), and it enters through a constant vector, so the linear part is
 eliminated by hand. With a = h A (A the Runge-Kutta matrix), V, W the stage slip and plate speeds and F the friction torques,
 
-    (I2 + C23 a + K23 a^2) W = I2 w0 - K23 theta0 h c + a F,    V + W = v0 + w0 + a (Te - F)/I1,
+    (I2 + C23 a + K23 a^2) (W - w0) = a F - h c (C23 w0 + K23 theta0) - a h c K23 w0,    V + W = v0 + w0 + a (Te - F)/I1,
 
 hence V + G F = V_free with G = a/I1 + (I2 + C23 a + K23 a^2)^-1 a, solved by Newton's method.
 
@@ -84,11 +84,11 @@ def eliminate(matrix: Any, right: Any, columns: int) -> None:
 
 @compiled
 def prepare(work: Any, h: float, linear: Linear) -> None:
-    """What depends on the step only: (I2 + C23 a + K23 a^2)^-1 [1, h c, a] in rows 0 to s - 1, and G after it."""
+    """What depends on the step only: (I2 + C23 a + K23 a^2)^-1 [a h c, h c, a] in work[1], G in work[2]."""
     n = STAGES
     matrix, right, gain = work[0], work[1], work[2]
     for i in range(n):
-        right[i, 0] = 1.0
+        right[i, 0] = 0.5 * (h * NODES[i]) ** 2
         right[i, 1] = h * NODES[i]
         for j in range(n):
             matrix[i, j] = linear[2] * h * MATRIX[i, j] + linear[3] * h * h * SQUARE[i, j]
@@ -115,11 +115,32 @@ def law_and_slope(v: float, sign: float, sigma: float, stribeck: Stribeck) -> tu
 
 
 @compiled
+def balance(work: Any, slip: Any, load: Any, sigma: float, stribeck: Stribeck) -> None:
+    """A better guess where the step is long beside 1/(beta Ts sigma): the torques G^-1 (V_free - V), and V again from them.
+
+    An error of the guess shrinks by about the step over that time, however far it is beyond Newton's reach.
+    """
+    matrix, newton = work[0], work[3]
+    for i in range(STAGES):
+        newton[i, 0] = work[4, i, 0] - slip[i]
+        for j in range(STAGES):
+            matrix[i, j] = work[2, i, j]
+    eliminate(matrix, newton, 1)
+    for i in range(STAGES):
+        mubar = newton[i, 0] / load[i] if load[i] > 0.0 else 2.0
+        if stribeck is not None:
+            mubar /= 1.0 + stribeck[0] * math.exp(-stribeck[1] * abs(slip[i]))
+        if abs(mubar) < 0.9999:
+            slip[i] = 0.5 * math.log((1.0 + mubar) / (1.0 - mubar)) / sigma
+
+
+@compiled
 def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linear: Linear, sigma: float, stribeck: Stribeck,
-                 accuracy: float) -> int:
+                 accuracy: float, rate: float, stiff: bool) -> int:
     """Newton's method for the stage slip speeds: rows 0 to 5 of `stage` are V, W, theta2, F, Te, Ts.
 
-    V holds the first guess, Te and Ts are given. F comes out as the linear equations have it, so that momentum is kept to
+    V holds the first guess, Te and Ts are given; `stiff` improves the guess by `balance`; `rate` (s/rad) is how fast mubar'
+    changes with v. F comes out as the linear equations have it, so that momentum is kept to
     rounding whatever the last correction was. Returns the number of iterations, negative where it did not converge.
     """
     n = STAGES
@@ -127,12 +148,16 @@ def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linea
     gain = work[2]
     slip, plate, angle, friction, engine, load = stage[0], stage[1], stage[2], stage[3], stage[4], stage[5]
     v, theta, speed = state[0], state[1], state[2]
+    spring, stiffness = linear[2] * speed + linear[3] * theta, linear[3] * speed
     for i in range(n):
         impulse = 0.0
         for j in range(n):
             impulse += h * MATRIX[i, j] * engine[j]
-        plate[i] = linear[1] * speed * right[i, 0] - linear[3] * theta * right[i, 1]
-        free[i, 0] = v + ((speed - plate[i]) + impulse / linear[0])
+        drop = spring * right[i, 1] + stiffness * right[i, 0]
+        plate[i] = speed - drop
+        free[i, 0] = v + (drop + impulse / linear[0])
+    if stiff:
+        balance(work, slip, load, sigma, stribeck)
     count = 0
     last = math.inf
     while True:
@@ -154,12 +179,12 @@ def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linea
             size = max(size, abs(newton[i, 0]))
         if not size < math.inf:
             return -count
-        limit = min(1.0, 2.0 / (sigma * size)) if size > 0.0 else 1.0
+        limit = min(1.0, 2.0 / (rate * size)) if rate * size > 0.0 else 1.0
         for i in range(n):
             step = limit * newton[i, 0]
             slip[i] += step
             friction[i] += free[i, 1] * step
-        if limit == 1.0 and (sigma * size * size <= accuracy and sigma * size <= 0.1):
+        if limit == 1.0 and rate * size * size <= accuracy:
             break
         if count >= ITERATIONS_MAXIMUM or (count > 4 and size > 2.0 * last):
             return -count

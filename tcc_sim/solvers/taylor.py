@@ -57,16 +57,10 @@ def excitation(engine: Any, load: Any, count: int, scale: float, tau: float, shi
 @compiled
 def product(a: Any, b: Any, k: int) -> float:
     """Coefficient k of the product of two series."""
-    even = 0.0
-    odd = 0.0
-    j = 0
-    while j < k:
-        even += a[j] * b[k - j]
-        odd += a[j + 1] * b[k - j - 1]
-        j += 2
-    if j == k:
-        even += a[k] * b[0]
-    return even + odd
+    total = 0.0
+    for j in range(k + 1):
+        total += a[j] * b[k - j]
+    return total
 
 
 @compiled
