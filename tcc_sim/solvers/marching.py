@@ -132,7 +132,6 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
     stiff = False
     released = 0.0
     h_radau = 0.0
-    h_taylor = 0.0
     streak = 0
     patience = 64
     prepared = 0.0
@@ -232,10 +231,11 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         tally[REJECTED] += 1
                         shrink = max(0.2, 0.85 * error ** -0.2) if error < math.inf else 0.25
                         h_radau = h * shrink
-                        slope = radau.law_and_slope(v, sign, sigma, stribeck)[1]
-                        explicit = h_taylor
+                        explicit = 3.0 / base_rate
                         if region == LAYER:
                             explicit = 6.0 / (beta * stage[5, 0] * abs(slope) + base_rate)
+                        elif region == FALLING:
+                            explicit = 3.0 / (base_rate + bend * abs(stage[0, STAGES - 1] - v) / h)
                         if h_radau < explicit:
                             stiff = False
                             released = beta * stage[5, 0] * slope
@@ -281,9 +281,11 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     tau = until if full else tau + h
                     tally[STEPS] += 1
                     slope = radau.law_and_slope(state[0], sign, sigma, stribeck)[1]
-                    explicit = h_taylor
+                    explicit = 3.0 / base_rate
                     if abs(state[0]) <= layer and loaded:
                         explicit = 6.0 / (beta * stage[5, STAGES - 1] * abs(slope) + base_rate)
+                    elif region == FALLING:
+                        explicit = 3.0 / (base_rate + bend * abs(state[0] - v) / h)
                     if h_radau < explicit:
                         stiff = False
                         released = beta * stage[5, STAGES - 1] * slope
@@ -329,7 +331,6 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     break
                 tau = until if full else tau + h
                 tally[STEPS] += 1
-                h_taylor = h
                 streak += 1
                 if region == LAYER:
                     slope /= unit
