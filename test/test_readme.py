@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import dataclasses
 import re
+import shlex
+import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tcc_sim.cli import VERBS
+from tcc_sim.cli import VERBS, build_parser
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, Quantity
 from tcc_sim.scene import OPERATION_QUANTITIES, Operation, bundled_scenes, load_scene
 from tcc_sim.solvers import SOLVERS
@@ -85,6 +87,21 @@ def test_a_table_says_what_the_code_says(name: str) -> None:
 def test_every_verb_is_documented() -> None:
     text = README.read_text()
     assert [verb for verb in VERBS if f"tcc-sim {verb}" not in text] == []
+
+
+@pytest.mark.parametrize("line", re.findall(r"^    (?:\S*/)?tcc-sim (.*)$", README.read_text(), re.MULTILINE))
+def test_every_command_is_one_that_the_program_takes(line: str) -> None:
+    words = shlex.split(line, comments=True)
+    if words[0] in VERBS:
+        build_parser(words[0]).parse_args(words)
+
+
+def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """The block that starts with an import of this package, as it is printed."""
+    text = README.read_text()
+    start = text.index("    from tcc_sim import")
+    exec(textwrap.dedent(text[start:text.index("\n\n##", start)]), {})
+    assert float(capsys.readouterr().out) > 0.0
 
 
 def test_the_quick_start_is_one_line_each() -> None:
