@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import pure_stick
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import bundled_scenes, load_scene
+from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT, Stepper, advance, march, substeps
+from tcc_sim.solvers.scalar import ITERATION_BOUND
+from tcc_sim.solvers.terms import general_terms, terms_of
+
+TIGHT = {"solver": "radau", "rtol": 1e-10}
+
+
+def largest(*parts: Any) -> float:
+    return max(float(np.abs(p).max()) for p in parts)
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("minimal", 1e-4), ("slip", 1e-4), ("stick", 1e-4), ("fig02", 1e-3),
+                                                 ("commands", 1e-3)])
+def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float) -> None:
+    # A lower initial slip speed than the scene's brings stick within the first cycles.
+    start = load_scene(name).system
+    system = replace(start, {"initial.slip_speed": min(start.initial.slip_speed, 20.0)}) if name != "slip" else start
+    reference = solve(system, cycles=4, **TIGHT).raise_for_status()
+    found = solve(system, cycles=4, solver="fixed_step").raise_for_status()
+    assert found.cycles is not None
+    assert reference.cycles is not None
+    top = largest(reference.cycles.highest, reference.cycles.lowest)
+    assert largest(found.cycles.highest - reference.cycles.highest) <= tolerance * top
+    for column, size in enumerate((top, largest(reference.cycles.section[:, 1]), largest(reference.cycles.section[:, 2]))):
+        assert largest((found.cycles.section - reference.cycles.section)[:, column]) <= tolerance * size
+    assert found.statistics.iterations_max <= ITERATION_BOUND == found.statistics.iterations_bound
+
+
+def error_at(system: System, h: float, count: int, start: tuple[float, float, float], exact: np.ndarray) -> float:
+    state = np.array(start)
+    advance(state, 0.0, h, count, terms_of(system), None, None)
+    return float(np.abs((state - exact) / np.maximum(np.abs(exact), 1e-3)).max())
+
+
+def test_order_3_on_a_smooth_slip_arc() -> None:
+    # Pure slip with mu_k = mu_s is linear: its exact solution is a closed form.
+    system = replace(load_scene("slip").system, {"pressure.amplitude": 40e3, "pressure.frequency_ratio": 2.0})
+    reference = solve(system, duration=0.032, solver="dop853", rtol=1e-13).raise_for_status()
+    exact = np.array([reference.slip_speed[-1], reference.plate_angle[-1], reference.plate_speed[-1]])
+    errors = [error_at(system, 0.032 / n, n, (150.0, 0.0, 0.0), exact) for n in (64, 128, 256)]
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert orders == pytest.approx([3.0, 3.0], abs=0.25)
+
+
+def test_order_3_on_a_smooth_stick_arc() -> None:
+    system = load_scene("stick").system
+    reference = solve(system, cycles=1, **TIGHT).raise_for_status()
+    errors = []
+    for n in (250, 500, 1000):
+        state = np.array((0.0, 0.1, 5.1))
+        advance(state, 0.0, system.cycle / n, n, terms_of(system), None, None)
+        errors.append(abs(state[1] - reference.plate_angle[-1]))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(3.0, abs=0.6)
+
+
+def test_errors_are_flat_in_the_smoothing_factor() -> None:
+    # In stick the set-valued limit is the closed form (8); smoothing shifts it by the creep, which falls as 1/sigma.
+    base = replace(load_scene("stick").system, {"driveline.damping": 60.0})
+    steady = pure_stick.plate_angle(base)
+    for sigma in (1e5, 1e7, 1e9):
+        system = replace(base, {"friction.smoothing": sigma})
+        run = solve(system, cycles=30, solver="fixed_step").raise_for_status()
+        assert run.plate_angle[-1] == pytest.approx(float(steady(np.array([30 * system.cycle]))[0]), rel=1e-6), sigma
+
+
+def test_the_general_kernel_gives_the_same_states() -> None:
+    for name in ("minimal", "fig02"):
+        system = load_scene(name).system
+        n = substeps(terms_of(system), 1e-3)
+        states = []
+        for terms in (terms_of(system), general_terms(system)):
+            state = np.array([150.0, 0.0, 0.0])
+            march(state, 0.0, 1e-3, 0, 200, n, terms, None, np.empty((200 * n, 3)))
+            states.append(state)
+        assert states[0] == pytest.approx(states[1], rel=1e-9)
+
+
+def test_substeps_keep_the_root_unique_and_resolve_the_motion() -> None:
+    system = load_scene("fig02").system
+    terms = terms_of(system)
+    n = substeps(terms, 1e-3)
+    assert 1e-3 / n <= 1.0 / (2.0 * 55.0 * 600.0 * 2.0 * 0.25)
+    assert substeps(terms_of(load_scene("minimal").system), 1e-3) == math.ceil(1e-3 * math.sqrt(3000.0 / 0.02) / 0.04)
+    with pytest.raises(InputError, match=f"at most {SUBSTEP_LIMIT}"):
+        substeps(terms_of(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7})), 1e-3)
+    refused = solve(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7}), cycles=1, solver="fixed_step")
+    assert refused.status is Status.REFUSED
+    assert "sub-steps" in refused.detail
+
+
+def test_power_balance_over_a_cycle() -> None:
+    # Engine work = friction and damper dissipation + change of kinetic and elastic energy.
+    system = load_scene("fig02").system
+    run = solve(system, cycles=3, solver="fixed_step", step=2e-4, samples_per_cycle=20_000).raise_for_status()
+    d = system.driveline
+    flywheel = run.slip_speed + run.plate_speed
+    power = run.engine_torque * flywheel - run.friction_torque * run.slip_speed - d.damping * run.plate_speed**2
+    work = np.trapezoid(power, run.t) if hasattr(np, "trapezoid") else np.trapz(power, run.t)
+    energy = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2 + d.stiffness * run.plate_angle**2)
+    assert work == pytest.approx(energy[-1] - energy[0], abs=2e-5 * energy.max())
+
+
+def test_odd_symmetry_without_mean_torque() -> None:
+    system = replace(load_scene("minimal").system, {"engine.mean_torque": 0.0, "initial.slip_speed": 20.0})
+    terms, n = terms_of(system), 10
+    one, other = np.array([20.0, 0.01, 1.0]), np.array([-20.0, -0.01, -1.0])
+    half = math.pi / 150.0
+    advance(one, 0.0, 1e-4, 30 * n, terms, None, None)
+    advance(other, half, 1e-4, 30 * n, terms, None, None)
+    assert one == pytest.approx(-other, rel=1e-9)
+
+
+def test_the_stepper_takes_the_ticks_of_solve() -> None:
+    system = load_scene("fig02").system
+    stepper = Stepper(system, 1e-3)
+    stepper.warm_up(general_terms(system))
+    assert stepper.tick == 0
+    for _ in range(50):
+        stepper.advance()
+    run = solve(system, duration=0.05, solver="fixed_step", flywheel_angle=True)
+    assert stepper.state.tolist() == pytest.approx([*(run.slip_speed[-1], run.plate_angle[-1], run.plate_speed[-1]),
+                                                    run.final.flywheel_angle], rel=1e-12)
+    assert stepper.iterations_most <= stepper.iterations_bound
+    stepper.reset(system)
+    assert stepper.state.tolist() == [150.0, 0.0, 0.0, 0.0]
+
+
+def test_samples_fall_on_section_points_and_on_the_end() -> None:
+    system = load_scene("minimal").system
+    run = solve(system, cycles=4, solver="fixed_step", samples_per_cycle=10)
+    assert run.cycles is not None
+    assert run.t[-1] == 4 * system.cycle
+    assert run.plate_angle[::10] == pytest.approx(run.cycles.section[:, 1], rel=1e-9)
+
+
+def test_every_bundled_scene_runs() -> None:
+    for name in bundled_scenes():
+        system = load_scene(name).system
+        if system.friction.law == "smoothed":
+            run = solve(system, cycles=3, solver="fixed_step")
+            assert run.status is Status.DONE, name
+            assert np.all(np.isfinite(run.slip_speed)), name
