@@ -13,7 +13,8 @@ logs = st.floats(0.0, 1.0)
 
 
 @settings(max_examples=400, deadline=None)
-@given(w=st.floats(-1e5, 1e5), size=logs, smoothing=logs, guess=st.floats(-1e5, 1e5), excess=logs, decay=st.one_of(st.just(0.0), st.floats(1e-3, 10.0)))
+@given(w=st.floats(-1e5, 1e5), size=logs, smoothing=logs, guess=st.floats(-1e5, 1e5), excess=logs,
+       decay=st.one_of(st.just(0.0), st.floats(1e-3, 10.0)))
 def test_the_root_is_the_one_brentq_finds(w: float, size: float, smoothing: float, guess: float, excess: float,
                                           decay: float) -> None:
     a, sigma = 10.0 ** (-6 + 9 * size), 10.0 ** (1 + 8 * smoothing)
