@@ -40,8 +40,8 @@ setup(
     extras_require={"ros": ROS, "view": VIEW, "cluster": CLUSTER, "test": TEST, "all": [*ROS, *VIEW, *CLUSTER, *TEST]},
     entry_points={"console_scripts": [
         "tcc-sim = tcc_sim.cli:main",
-        "driveline_node = tcc_sim.nodes.driveline:main",
-        "recorder_node = tcc_sim.nodes.recorder:main",
+        "driveline_node = tcc_sim.nodes.executables:driveline_node",
+        "recorder_node = tcc_sim.nodes.executables:recorder_node",
     ]},
     options={
         "develop": {"script_dir": f"$base/lib/{NAME}"},

@@ -10,6 +10,7 @@ import pytest
 
 from tcc_sim import __version__, cli
 from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
+from tcc_sim.nodes import executables
 from tcc_sim.scene import bundled_scenes
 
 
@@ -93,3 +94,12 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     finally:
         os.close(writing)
     assert (ended.returncode, ended.stderr) == (1, "")
+
+
+@pytest.mark.parametrize("name", ["driveline_node", "recorder_node"])
+def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert getattr(executables, name)() == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == f"{name}: ROS 2 package rclpy is not installed: source your ROS 2, or pip install 'tcc_sim[ros]'\n"
