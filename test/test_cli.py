@@ -86,11 +86,12 @@ def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, statu
 
 
 def test_a_reader_that_goes_away_gets_no_traceback() -> None:
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     reading, writing = os.pipe()
     os.close(reading)
     try:
         ended = subprocess.run([sys.executable, "-m", "tcc_sim", "scenes"], stdout=writing, stderr=subprocess.PIPE, text=True,
-                               check=False)
+                               env=environment, check=False)
     finally:
         os.close(writing)
     assert (ended.returncode, ended.stderr) == (1, "")

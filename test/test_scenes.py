@@ -108,7 +108,9 @@ def test_a_wrong_value_is_named_with_key_value_unit_and_range(line: str, words: 
     (body("rate: !!float 3"), "line 3: YAML tags"), (body("rate: !!python/name:os.system x"), "line 3: YAML tags"),
     ("/**: [\n", "not valid YAML"), (body("rate: 'a"), "not valid YAML"), ("\t: 1\n", "not valid YAML"),
     ("a: 1\n---\nb: 2\n", "not valid YAML"), ("\x00\x01", "not valid YAML"),
-    ("[" * 3000, "not valid YAML"), (body("a: {b: {c: {d: {e: {f: 1}}}}}"), "is not a scene key"),
+    ("[" * 3000, "not valid YAML"), ("[" * 3000 + "]" * 3000, "not valid YAML"), (body("rate: 2026-13-45"), "not valid YAML"),
+    (body("rate: 2026-10-05"), "it must be"),
+    (body("a: {b: {c: {d: {e: {f: 1}}}}}"), "is not a scene key"),
     (body("? [rate]\n    : 1.0"), "not")])
 def test_what_is_not_a_scene_is_refused_in_one_line(text: str, words: str) -> None:
     assert words in refusal(text)
