@@ -19,6 +19,7 @@ VERBS: dict[str, str] = {
     "explain": "show what a scene builds and what it leaves out",
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
+    "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
     "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
     "recover": "make a complete, indexed bag from a recording that was cut short or damaged",
 }

@@ -1,0 +1,45 @@
+"""`tcc-sim soak`: driveline, recorder and commands for a long time; losses, memory, drift."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+from tcc_sim.cli.arguments import new_file, number
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Rate, duration and where the figures go."""
+    parser.add_argument("--duration", type=number(2.0, 1e6, "s"), default=600.0, metavar="S", help="seconds (600)")
+    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
+                        help="ticks and commands a second (1000)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run, print the figures, write JSON; the recording is made in a temporary folder."""
+    from tqdm import tqdm
+
+    from tcc_sim.nodes.processes import require_ros
+    from tcc_sim.reports.soak import soak
+
+    require_ros()
+    if arguments.json is not None:
+        new_file(arguments.json)
+    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, tqdm(
+            total=arguments.duration, unit="s", desc="soak", disable=None, leave=False,
+            bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:
+        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, lambda s: bar.update(s - bar.n))
+    print(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift {found['drift_s'] * 1e3:.1f} ms")
+    print(f"{sum(found['messages'].values())} messages recorded, {found['lost_messages']} lost")
+    for name in ("driveline", "recorder"):
+        node = found[name]
+        print(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB after the "
+              f"warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
+    for warning in found["warnings"]:
+        print(f"warning: {warning}")
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+    return 0

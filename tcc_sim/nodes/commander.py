@@ -1,0 +1,55 @@
+"""A node that sends harmonic engine torque and pressure commands at a fixed rate: the load of `tcc-sim soak`.
+
+`python -m tcc_sim.nodes.commander --ros-args -p rate:=1000.0`; the commands are those of the scene fig02.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import rclpy
+from sensor_msgs.msg import FluidPressure
+from std_msgs.msg import Float64
+
+from tcc_sim.errors import InputError
+from tcc_sim.nodes.pacing import Pacer
+from tcc_sim.nodes.polling import COMMANDS, run
+from tcc_sim.recording import cdr
+from tcc_sim.scene import load_scene
+
+
+def main(args: list[str] | None = None) -> int:
+    """Send commands until SIGINT or SIGTERM."""
+    return run("commander", _send, args)
+
+
+def _send() -> int:
+    """Commands of fig02, one of each kind a period."""
+    node = rclpy.create_node("commander")
+    rate = node.declare_parameter("rate", 1000.0).value
+    if not isinstance(rate, float) or not 1.0 <= rate <= 20000.0:
+        raise InputError(f"rate is {rate!r} Hz; it must be a number with a decimal point, 1.0 to 20000.0 Hz")
+    system = load_scene("fig02").system
+    engine, pressure = system.engine, system.pressure
+    torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
+    pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+    pacer = Pacer(1.0 / rate)
+    tick = 0
+    try:
+        while rclpy.ok():
+            pacer.wait(lambda: not rclpy.ok())
+            t = tick / rate
+            torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
+            swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)
+            pressures.publish(cdr.fluid_pressure(0, pressure.mean + pressure.amplitude * swing))
+            tick += 1
+    except RuntimeError:
+        # Publishing fails in the moment between a signal and the end of the loop.
+        if rclpy.ok():
+            raise
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
