@@ -17,6 +17,7 @@ from tcc_sim.errors import InputError, TccError
 VERBS: dict[str, str] = {
     "scenes": "list the bundled scenes",
     "explain": "show what a scene builds and what it leaves out",
+    "analyse": "summarise a recording, show it in Rerun, solve it again",
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
