@@ -62,9 +62,11 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     """
     if stribeck is None:
         return math.inf, 1.0
-    low, high = 0.0, 20.0 / sigma + math.log1p(sigma / max(stribeck[1], 1e-300)) / sigma
-    if smoothed_and_slope(high, sigma, stribeck)[1] > 0.0 or stribeck[1] == 0.0:
-        return math.inf, 1.0 + (stribeck[0] if stribeck[1] == 0.0 else 0.0)
+    if stribeck[1] == 0.0:
+        return math.inf, 1.0 + stribeck[0]
+    low, high = 0.0, 20.0 / sigma + (math.log(sigma + stribeck[1]) - math.log(stribeck[1])) / sigma
+    if smoothed_and_slope(high, sigma, stribeck)[1] > 0.0:
+        return math.inf, 1.0
     for _ in range(200):
         middle = 0.5 * (low + high)
         if smoothed_and_slope(middle, sigma, stribeck)[1] > 0.0:

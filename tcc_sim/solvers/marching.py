@@ -128,7 +128,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
     if stribeck is not None and stribeck[0] > 0.0:
         far = max(layer, (math.log(stribeck[0]) + 39.2) / stribeck[1]) if stribeck[1] > 0.0 else math.inf
     nearly_zero = 1e-7 / sigma
-    dense = min(0.3 * rtol ** 0.6, 1e-2)
+    dense = min(0.03 * rtol ** 0.6, 1e-2)
     stiff = False
     released = 0.0
     h_radau = 0.0
@@ -225,7 +225,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     else:
                         radau.collocation(trial[0], v, stage[0])
                         radau.collocation(trial[2], state[2], stage[1])
-                        error = LAST_TERM * max(abs(trial[0, STAGES]) / min(dense / rtol * slip_tolerance, 0.02 / sigma),
+                        allowed = min(dense / rtol * slip_tolerance, min(0.02, 1e3 * dense) / sigma)
+                        error = LAST_TERM * max(abs(trial[0, STAGES]) / allowed,
                                                 abs(trial[2, STAGES]) * rtol / (dense * speed_tolerance))
                     if not error <= 1.0:
                         tally[REJECTED] += 1
@@ -295,7 +296,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                 unit, rho = taylor.expand(series, p, base_rate, state, tau, shift, region, sign, loaded, linear, mean_torque,
                                           torque, harmonics, mean_load, pulsation, sigma, stribeck)
                 if region == LAYER:
-                    slip_tolerance = min(slip_tolerance, 1e-3 / sigma)
+                    slip_tolerance = min(slip_tolerance, min(1e-3, 300.0 * rtol) / sigma)
                 x = 0.9 * taylor.step_length(series[0], series[2], p, slip_tolerance, speed_tolerance)
                 if not x > 0.0:
                     status = STEP_TOO_SMALL if x == 0.0 else NOT_FINITE

@@ -23,7 +23,7 @@ from tcc_sim.solvers.trajectory import Cycles, Problem, Statistics, Status, Traj
 
 BATCH = 4096
 TRANSITIONS_MAXIMUM = 1_000_000
-LOCAL = 0.01
+LOCAL = 0.03
 """Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
 STATUSES = {marching.DONE: Status.DONE, marching.STEP_LIMIT: Status.STEP_LIMIT,
             marching.STEP_TOO_SMALL: Status.STEP_TOO_SMALL, marching.NOT_FINITE: Status.NOT_FINITE}

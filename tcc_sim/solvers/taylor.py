@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiled import compiled
@@ -19,6 +21,9 @@ SLIDING, FALLING, LAYER = 0, 1, 2
 
 ORDER_MAXIMUM = 30
 
+INVERSE = 1.0 / np.maximum(np.arange(ORDER_MAXIMUM + 2), 1.0)
+"""1/k: the recurrences multiply by it, a division being the slowest thing in them."""
+
 
 @compiled
 def add_sine(out: Any, count: int, amplitude: float, rate: float, angle: float) -> None:
@@ -26,7 +31,7 @@ def add_sine(out: Any, count: int, amplitude: float, rate: float, angle: float) 
     a, b = amplitude * math.sin(angle), amplitude * math.cos(angle)
     for k in range(count):
         out[k] += a
-        g = rate / (k + 1.0)
+        g = rate * INVERSE[k + 1]
         a, b = g * b, -g * a
 
 
@@ -84,7 +89,7 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
     """
     v_, angle_, speed_, engine, load = series[0], series[1], series[2], series[4], series[5]
     falling, tanh, sech, weighted, law = series[6], series[7], series[8], series[9], series[10]
-    inertia1, inertia2 = linear[0], linear[1]
+    flywheel, plate = 1.0 / linear[0], 1.0 / linear[1]
     scale = 1.0 / base_rate
     excitation(engine, load, order, scale, tau, shift, loaded, mean_torque, torque, harmonics, mean_load, pulsation)
     v, angle, speed = state[0], state[1], state[2]
@@ -114,10 +119,10 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
     if not loaded:
         law[0] = 0.0
         slope = 0.0
-    beta = 1.0 / inertia1 + 1.0 / inertia2
+    beta = flywheel + plate
     friction = law[0] * load[0]
     spring = linear[2] * speed + linear[3] * angle
-    rate = abs((engine[0] - friction) / inertia1 - (friction - spring) / inertia2)
+    rate = abs((engine[0] - friction) * flywheel - (friction - spring) * plate)
     rho = beta * load[0] * slope
     if region == SLIDING:
         unit = scale
@@ -134,10 +139,10 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
             if k > 0:
                 weighted[k - 1] = k * v_[k]
                 if stribeck is not None:
-                    falling[k] = decay * product(weighted, falling, k - 1) / k
+                    falling[k] = decay * product(weighted, falling, k - 1) * INVERSE[k]
                     law[k] = sign * falling[k]
                 if region == LAYER:
-                    tanh[k] = sigma * product(weighted, sech, k - 1) / k
+                    tanh[k] = sigma * product(weighted, sech, k - 1) * INVERSE[k]
                     sech[k] = -product(tanh, tanh, k)
                     if stribeck is None:
                         law[k] = tanh[k]
@@ -149,9 +154,10 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
                 load[k] *= power
                 friction = product(law, load, k)
         spring = linear[2] * speed_[k] + linear[3] * angle_[k]
-        step = unit / (k + 1.0)
-        v_[k + 1] = step * ((engine[k] * power - friction) / inertia1 - (friction - spring) / inertia2)
-        speed_[k + 1] = step * (friction - spring) / inertia2
+        step = unit * INVERSE[k + 1]
+        pull = (friction - spring) * plate
+        v_[k + 1] = step * ((engine[k] * power - friction) * flywheel - pull)
+        speed_[k + 1] = step * pull
         angle_[k + 1] = step * speed_[k]
         power *= ratio
     return unit, rho

@@ -5,12 +5,14 @@ from dataclasses import replace as changed
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import smoothed
-from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.terms import general_terms, terms_of
 from tcc_sim.solvers.trajectory import Problem, State, Status, stick_speed_of
 
 FIG02 = {"pressure.mean": 260417.0, "pressure.amplitude": 52083.4, "friction.kinetic_coefficient": 0.24}
@@ -93,3 +95,90 @@ def test_starts_at_any_cycle():
     first = smoothed.solve(changed(p, cycles=1))
     rest = smoothed.solve(changed(p, cycles=2, start_cycle=1, state=first.final))
     np.testing.assert_allclose(rest.cycles.section, whole.cycles.section[1:], rtol=1e-6, atol=1e-6)
+
+
+def test_tolerance_ladder_converges():
+    p = problem(FIG02, cycles=10)
+    finest = smoothed.solve(changed(p, rtol=1e-12)).cycles.section
+    errors = [np.abs(smoothed.solve(changed(p, rtol=rtol)).cycles.section - finest).max() for rtol in (1e-5, 1e-7, 1e-9, 1e-11)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] <= 1e-9 * np.abs(finest).max()
+
+
+@pytest.mark.parametrize("name", ["no stribeck", "fig02", "clamped", "stiff"])
+def test_default_tolerance_is_good_to_a_millionth(name):
+    p = problem(SCENES[name], cycles=40, state=State(150.0, 0.0, 0.0))
+    coarse, fine = smoothed.solve(p).cycles, smoothed.solve(changed(p, rtol=1e-11)).cycles
+    assert np.all(np.abs(coarse.section - fine.section) <= 1e-6 * np.abs(fine.section).max(axis=0))
+    assert np.all(np.abs(coarse.highest - fine.highest) <= 1e-6 * np.abs(fine.highest).max())
+
+
+def test_turning_every_sign_turns_the_motion():
+    values = {"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": [600.0],
+              "pressure.mean": 1.5e5, "friction.kinetic_coefficient": 0.2}
+    one = smoothed.solve(problem({**values, "engine.harmonic_phases": [0.3]}, state=State(3.0, 0.02, -4.0), rtol=1e-10))
+    other = smoothed.solve(problem({**values, "engine.harmonic_phases": [0.3 + math.pi]}, state=State(-3.0, -0.02, 4.0),
+                                   rtol=1e-10))
+    scale = np.abs(one.cycles.section).max(axis=0)
+    assert np.all(np.abs(one.cycles.section + other.cycles.section) <= 1e-9 * scale)
+    np.testing.assert_allclose(one.cycles.highest, -other.cycles.lowest, rtol=1e-8)
+    np.testing.assert_array_equal(one.transitions.after, -other.transitions.after)
+
+
+def test_engine_work_is_stored_or_lost():
+    p = problem(FIG02, cycles=3, rtol=1e-11, samples_per_cycle=20000, flywheel_angle=True)
+    run = smoothed.solve(p)
+    d = p.system.driveline
+    v, w2 = run.slip_speed, run.plate_speed
+    power = run.engine_torque * (v + w2) - run.friction_torque * v - d.damping * w2**2
+    energy = 0.5 * d.flywheel_inertia * (v + w2) ** 2 + 0.5 * d.plate_inertia * w2**2 + 0.5 * d.stiffness * run.plate_angle**2
+    h = run.t[1] - run.t[0]
+    work = h * (power.sum() - 0.5 * (power[0] + power[-1]))
+    assert abs(energy[-1] - energy[0] - work) <= 1e-6 * h * np.abs(run.engine_torque * (v + w2)).sum()
+
+
+def test_general_terms_give_the_same_motion():
+    for values in (PERIODIC, FIG02):
+        p = problem(values, cycles=4, rtol=1e-11)
+        own, general = smoothed.solve(p), smoothed.solve_terms(p, general_terms(p.system))
+        np.testing.assert_allclose(general.cycles.section, own.cycles.section, rtol=1e-8, atol=1e-8)
+
+
+def test_a_duration_ends_within_a_cycle_and_samples_agree_with_whole_cycles():
+    p = problem(FIG02, cycles=3, rtol=1e-10, samples_per_cycle=10)
+    whole = smoothed.solve(p)
+    part = smoothed.solve(changed(p, cycles=None, duration=2.55 * p.system.cycle))
+    assert part.t[-1] == 2.55 * p.system.cycle
+    assert len(part.cycles) == 2
+    np.testing.assert_allclose(part.slip_speed[:-1], whole.slip_speed[:len(part.t) - 1], atol=1e-6)
+    bare = smoothed.solve(changed(p, cycles=None, duration=2.55 * p.system.cycle, samples_per_cycle=0))
+    assert bare.final.slip_speed == pytest.approx(part.final.slip_speed, abs=1e-6)
+
+
+def test_transitions_alternate_and_make_up_the_stick_time():
+    run = smoothed.solve(problem(FIG02, cycles=5, state=State(10.0, 0.1, -5.0)))
+    moves = run.transitions
+    assert np.all(np.diff(moves.time) > 0.0)
+    assert np.all(moves.before[1:] == moves.after[:-1])
+    edges = np.concatenate([[0.0], moves.time, [run.t[-1]]])
+    stuck = np.concatenate([moves.before[:1], moves.after]) == 0
+    assert np.diff(edges)[stuck].sum() == pytest.approx(run.cycles.stick_time.sum(), rel=1e-9)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(kinetic=st.floats(0.075, 0.299), sigma=st.floats(1.0, 12.0), mean=st.sampled_from([0.0, 1e3, 2e5, 1e6, 1e7]),
+       ratio=st.floats(0.01, 2.0), frequency=st.floats(1.0, 5000.0), damping=st.sampled_from([0.0, 0.6, 10.0]),
+       plate=st.floats(-6.0, 0.0), flywheel=st.floats(-3.0, 3.0), slip=st.sampled_from([0.0, 1e-3, 150.0, -150.0, 1e4]),
+       torque=st.sampled_from([0.0, 300.0, -300.0]), decay=st.sampled_from([0.0, 2.0, 50.0]))
+def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency, damping, plate, flywheel, slip, torque, decay):
+    run = smoothed.solve(problem({
+        "friction.kinetic_coefficient": kinetic, "friction.smoothing": 10.0**sigma, "friction.decay": decay,
+        "pressure.mean": mean, "pressure.amplitude": min(max(mean, 1.0) * ratio, 1e7), "engine.frequency": frequency,
+        "engine.mean_torque": torque, "driveline.damping": damping, "driveline.plate_inertia": 10.0**plate,
+        "driveline.flywheel_inertia": 10.0**flywheel}, cycles=1, state=State(slip, 0.0, 0.0)))
+    assert run.status in (Status.DONE, Status.STEP_LIMIT)
+    assert np.isfinite(run.slip_speed).all()
+    assert np.isfinite(run.plate_speed).all()
+    assert run.statistics.steps <= 410_000
+    assert run.statistics.iterations_max <= run.statistics.iterations_bound
+    assert np.all(run.cycles.stick_time <= run.cycle * (1.0 + 1e-12))
