@@ -20,6 +20,8 @@ VERBS: dict[str, str] = {
     "analyse": "summarise a recording, show it in Rerun, solve it again",
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
+    "figure": "draw figures of the paper, with their numbers",
+    "claims": "judge the claims of the paper",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
     "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
     "recover": "make a complete, indexed bag from a recording that was cut short or damaged",

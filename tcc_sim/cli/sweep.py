@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
+from tcc_sim.cli.arguments import new_file
 from tcc_sim.errors import InputError, SweepInterrupted
 
 
@@ -28,14 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
     where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="take every point as it is done; run the same command again to go on from there")
+    parser.add_argument("--force", action="store_true", help="replace the --json file if it exists")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
     from tcc_sim.analysis.sweep import Plan, sweep, values_of_range
+    from tcc_sim.reports.output import STANDARD_OUTPUT, write_json
     from tcc_sim.scene import load_scene, parse_assignments
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
@@ -45,15 +47,15 @@ def run(arguments: argparse.Namespace) -> int:
                 lyapunov=arguments.lyapunov)
     if arguments.json is not None and arguments.json == arguments.out:
         raise InputError(f"--json and --out are the same file, {arguments.json}")
-    if arguments.json is not None and not arguments.json.parent.is_dir():
-        raise InputError(f"--json {arguments.json}: there is no directory {arguments.json.parent}")
+    if arguments.json not in (None, STANDARD_OUTPUT):
+        new_file(arguments.json, arguments.force)
     interrupted = False
     try:
         found = sweep(scene.system, key, values, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out, progress=True)
     except SweepInterrupted as stop:
         interrupted, found = True, stop.sweeps[0]
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found.as_json(), allow_nan=False) + "\n")
+        write_json(arguments.json, found.as_json())
     if arguments.json is None and arguments.out is None and not interrupted:
         print(f"{key:>30}  max slip (rad/s)  period  stick fraction  regime")
         for value, record in zip(values, found.records):
@@ -63,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             else:
                 print(f"{value:>30.9g}  {record['max_slip_speed']:>16.9g}  {record['period']:>6}  "
                       f"{record['stick_fraction']:>14.4f}  {record['regime']}")
-    else:
+    elif arguments.json != STANDARD_OUTPUT:
         done = sum(r is not None for r in found.records)
         failed = sum(r is not None and r["max_slip_speed"] is None for r in found.records)
         print(f"{done} of {len(values)} values in {found.seconds:.3g} s" + (f"; {failed} failed" if failed else ""))

@@ -1,0 +1,48 @@
+"""`tcc-sim claims`: what the paper claims, what comes out, and the verdict."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from tcc_sim.cli.arguments import new_file
+from tcc_sim.errors import InputError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the table goes, and how many threads."""
+    parser.add_argument("--json", metavar="FILE", type=Path, help="claims with numbers, criteria and verdicts")
+    parser.add_argument("--markdown", metavar="FILE", type=Path, help="the same as a page")
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+    parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Judge every claim, print each as it is reached, and write what was asked for."""
+    from tcc_sim.reports.claims import Verdict, judge, markdown, text
+    from tcc_sim.reports.output import draft
+
+    for path in (arguments.json, arguments.markdown):
+        if path is not None:
+            new_file(path, arguments.force)
+    if arguments.jobs is not None and arguments.jobs < 1:
+        raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
+
+    def show(verdict: Verdict) -> None:
+        row = verdict.as_json()
+        print(f"Fig. {row['figure']:<10}  {row['verdict']:<13}  {row['claim']}" if row["figure"][0].isdigit() else
+              f"{row['figure']:<15}  {row['verdict']:<13}  {row['claim']}")
+        for name, value in row["values"].items():
+            print(f"{'':<32}{name}: {text(value)}")
+        if row["why"]:
+            print(f"{'':<32}{row['why']}", flush=True)
+
+    verdicts = judge(jobs=arguments.jobs, progress=True, each=show)
+    if arguments.json is not None:
+        with draft(arguments.json) as part:
+            part.write_text(json.dumps([v.as_json() for v in verdicts], allow_nan=False, indent=1) + "\n")
+    if arguments.markdown is not None:
+        with draft(arguments.markdown) as part:
+            part.write_text(markdown(verdicts))
+    return 0

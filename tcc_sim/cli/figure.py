@@ -1,0 +1,52 @@
+"""`tcc-sim figure`: the paper's figures as pictures and JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from tcc_sim.errors import InputError, RecordingError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which figures, in which manner, and where they go."""
+    parser.add_argument("figure", metavar="N|all", help="number of a figure in the paper, 2 to 18, or all")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
+                        help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
+    parser.add_argument("--quick", action="store_true", help="a quarter of the values")
+    parser.add_argument("--law", choices=("smoothed", "set_valued"), default="smoothed",
+                        help="friction law (7), as the paper, or (6) by the exact solver")
+    parser.add_argument("--direction", choices=("cold", "up", "down"),
+                        help="how sweeps start every value: from the initial state, or from the neighbour below or above")
+    parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+    parser.add_argument("--force", action="store_true", help="replace figures that are there")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Work out, draw and write every figure asked for."""
+    from tcc_sim.reports.figures import Manner, figure_data
+    from tcc_sim.reports.paper import FIGURES
+    from tcc_sim.views.paper_figures import draw
+
+    try:
+        numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
+    except ValueError:
+        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, or all") from None
+    if numbers[0] not in FIGURES:
+        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
+    stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
+    files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
+    there = [path for path in files if path.exists()]
+    if there and not arguments.force:
+        raise RecordingError(f"{there[0]} is there already; choose another --out, or --force to replace it")
+    if arguments.jobs is not None and arguments.jobs < 1:
+        raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
+    manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for number, stem in stems.items():
+        data = figure_data(number, manner)
+        draw(data, stem)
+        stem.with_suffix(".json").write_text(json.dumps(data, allow_nan=False) + "\n")
+        print(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
+    return 0

@@ -1,0 +1,162 @@
+"""Figures 2 to 18 of the paper as data: what each shows, over what, and for which curves.
+
+The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4 to 18; the
+paper does not print the pressure, and this is the one that reproduces its text. Fig. 2 states its own. Amplitudes are ratios
+Tsp/Tsm = Pp/Pm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from tcc_sim.model.parameters import System, Value, replace
+
+PRESSURE = 225e3
+"""Mean pressure of Figs. 4 to 18, Pa."""
+STATIC = 0.3
+SUPER_HARMONICS = (1 / 6, 1 / 5, 1 / 4, 1 / 3)
+"""omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
+
+SECTION_FIVE: Mapping[str, Value] = {
+    "driveline.flywheel_inertia": 0.2, "driveline.plate_inertia": 0.02, "driveline.damping": 0.6, "driveline.stiffness": 3000.0,
+    "friction.law": "smoothed", "friction.static_coefficient": STATIC, "friction.kinetic_coefficient": STATIC,
+    "friction.decay": 2.0, "friction.smoothing": 50.0, "clutch.area": 0.08, "clutch.radius": 0.1,
+    "engine.source": "harmonic", "engine.mean_torque": 300.0, "engine.torque_amplitude": 250.0,
+    "pressure.source": "harmonic", "pressure.mean": PRESSURE, "pressure.amplitude": 0.0, "pressure.frequency_ratio": 1.0,
+    "pressure.phase": 0.0, "initial.slip_speed": 150.0, "initial.plate_angle": 0.0, "initial.plate_speed": 0.0}
+"""Table 1 with a constant pressure, and the initial state (13)."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve of a figure: its label and the scene keys that set it apart."""
+
+    label: str
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """One figure.
+
+    number, title, caption : of the paper's figure, in our words
+    kind : solvers, law, map (maxima and orbit diagrams over the frequency), damping, orbit (over mu_k/mu_s), histories,
+        delay or actuation
+    series : curves, or panels of time histories
+    over : scene key that is swept, where one is
+    span : ends of the normalised axis, omega/omega_n or mu_k/mu_s
+    count : values along it
+    marks : places on the axis that the text names
+    """
+
+    number: int
+    title: str
+    caption: str
+    kind: str
+    series: tuple[Series, ...]
+    over: str = "engine.frequency"
+    span: tuple[float, float] = (0.05, 0.5)
+    count: int = 226
+    marks: tuple[float, ...] = ()
+
+
+def paper_system(values: Mapping[str, Value] | None = None) -> System:
+    """The system of Sections 5 and 6 with some keys changed."""
+    return replace(System(), {**SECTION_FIVE, **(values or {})})
+
+
+OMEGA_N = math.sqrt(3000.0 / 0.02)
+"""omega_n of Table 1, rad/s."""
+STUCK_RATIO = math.sqrt(0.02 / 0.22)
+"""omega_sn/omega_n of (28)."""
+
+
+def plain(label: str) -> str:
+    """A label without the signs of mathematical typesetting."""
+    for sign in ("$", "\\", "{", "}"):
+        label = label.replace(sign, "")
+    return label
+
+
+def _kinetic(ratio: float) -> dict[str, Value]:
+    """mu_k as a part of mu_s."""
+    return {"friction.kinetic_coefficient": ratio * STATIC}
+
+
+def _friction_ratios(*ratios: float) -> tuple[Series, ...]:
+    """A curve for every mu_k/mu_s."""
+    return tuple(Series(rf"$\mu_k = {'' if r == 1.0 else format(r, 'g')}\mu_s$", _kinetic(r)) for r in ratios)
+
+
+def _pressure(amplitude: float = 0.25, frequency_ratio: float = 1.0, phase: float = 0.0,
+              kinetic: float = 1.0) -> dict[str, Value]:
+    """Tsp/Tsm, omega_f/omega, psi and mu_k/mu_s."""
+    return {"pressure.amplitude": amplitude * PRESSURE, "pressure.frequency_ratio": frequency_ratio, "pressure.phase": phase,
+            **_kinetic(kinetic)}
+
+
+def _phases(kinetic: float) -> tuple[Series, ...]:
+    """The three phases of Figs. 8, 14 and 15."""
+    names = {0.0: r"$\psi = 0$", 0.5 * math.pi: r"$\psi = \pi/2$", math.pi: r"$\psi = \pi$"}
+    return tuple(Series(name, _pressure(phase=phase, kinetic=kinetic)) for phase, name in names.items())
+
+
+def _frequencies(kinetic: float, ratios: Mapping[str, float]) -> tuple[Series, ...]:
+    """The actuation frequencies of Figs. 10, 11, 16 and 17."""
+    return tuple(Series(rf"$\omega_f = {name}\omega$", _pressure(frequency_ratio=ratio, kinetic=kinetic))
+                 for name, ratio in ratios.items())
+
+
+def _amplitudes(kinetic: float) -> tuple[Series, ...]:
+    """The actuation amplitudes of Figs. 13 and 18."""
+    return tuple(Series(rf"$T_{{sp}}/T_{{sm}} = {x:g}$", _pressure(x, kinetic=kinetic)) for x in (0.0, 0.125, 0.25, 0.5))
+
+
+HALF_ONE_TWO = {"0.5": 0.5, "": 1.0, "2": 2.0}
+THIRDS = {r"\frac{2}{3}": 2.0 / 3.0, "": 1.0, r"\frac{4}{3}": 4.0 / 3.0}
+FALLING_SLOPE = r"$\mu_k = 0.75\mu_s$"
+
+_FIG02: dict[str, Value] = {**_kinetic(0.8), "pressure.mean": 500.0 / (0.24 * 0.08 * 0.1),
+                            "pressure.amplitude": 100.0 / (0.24 * 0.08 * 0.1), "engine.frequency": 150.0}
+
+FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
+    PaperFigure(2, "The same stick-slip motion by five solvers", "steady state at omega = 150 rad/s, Tsm = 500 N m, "
+                "Tsp = 0.2 Tsm, mu_k = 0.8 mu_s", "solvers", (Series("", _FIG02),)),
+    PaperFigure(3, "Smoothed friction law and its slope", "the law (6) and (7), zoom and slope (20b)", "law",
+                _friction_ratios(1.0, 0.8, 0.75, 0.677)),
+    PaperFigure(4, r"Effect of $\mu_k$ at constant normal load", "maximum slip speed and orbit diagrams", "map",
+                _friction_ratios(1.0, 0.83, 0.75, 0.667), marks=SUPER_HARMONICS),
+    PaperFigure(5, r"Equivalent damping beside the orbit diagram, $\mu_k = 0.667\mu_s$", "equation (21) against -C23", "damping",
+                (Series(r"$\mu_k = 0.667\mu_s$", _kinetic(0.667)),), span=(0.08, 0.30), count=221),
+    PaperFigure(6, r"Orbit diagram over $\mu_k/\mu_s$ at $\omega/\omega_n = 0.36$", "from the initial state (13) and continued",
+                "orbit", (Series("", {"engine.frequency": 0.36 * OMEGA_N}),), over="friction.kinetic_coefficient",
+                span=(0.55, 1.0), count=226),
+    PaperFigure(7, r"Time histories and Poincar\'e sections at $\omega/\omega_n = 0.36$".replace(r"\'e", "é"),
+                "slip speed, plate angle and section", "histories",
+                tuple(Series(rf"$\mu_k/\mu_s = {r:g}$", {**_kinetic(r), "engine.frequency": 0.36 * OMEGA_N})
+                      for r in (0.94, 0.74, 0.64))),
+    PaperFigure(8, r"Effect of the phase $\psi$, $\mu_k = \mu_s$", "omega_f = omega, Tsp/Tsm = 0.25", "map", _phases(1.0),
+                marks=(STUCK_RATIO,)),
+    PaperFigure(9, "Delay of positive slip behind the engine torque", "constant load, mu_k = mu_s", "delay",
+                tuple(Series(rf"$\omega/\omega_n = {r:.2f}$", {"engine.frequency": r * OMEGA_N})
+                      for r in (0.15, 0.18, 0.37, 0.40))),
+    PaperFigure(10, r"Effect of $\omega_f$, $\mu_k = \mu_s$", "psi = 0, Tsp/Tsm = 0.25", "map", _frequencies(1.0, HALF_ONE_TWO)),
+    PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", "psi = 0, Tsp/Tsm = 0.25", "map", _frequencies(1.0, THIRDS)),
+    PaperFigure(12, r"Time histories for three $\omega_f$ at $\omega = 150$ rad/s", "Tsp/Tsm = 1/4, mu_k = mu_s", "actuation",
+                tuple(Series(rf"$\omega_f = {name}\omega$", {**_pressure(frequency_ratio=ratio), "engine.frequency": 150.0})
+                      for name, ratio in (("0.5", 0.5), (r"\frac{2}{3}", 2.0 / 3.0), (r"\frac{4}{3}", 4.0 / 3.0)))),
+    PaperFigure(13, r"Effect of $T_{sp}$, $\mu_k = \mu_s$", "omega_f = omega, psi = 0", "map", _amplitudes(1.0)),
+    PaperFigure(14, rf"Phase with a falling friction law, {FALLING_SLOPE}", "omega_f = omega, Tsp/Tsm = 0.25", "map",
+                _phases(0.75)),
+    PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", "omega_f = omega, Tsp/Tsm = 0.25", "map",
+                _phases(0.67)),
+    PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", "psi = 0, Tsp/Tsm = 0.25", "map",
+                _frequencies(0.75, HALF_ONE_TWO)),
+    PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", "psi = 0, Tsp/Tsm = 0.25", "map",
+                _frequencies(0.75, THIRDS)),
+    PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}", "omega_f = omega, psi = 0", "map",
+                _amplitudes(0.75)),
+)}
+"""Every figure with numbers in it, by its number in the paper."""
