@@ -14,7 +14,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.observe import cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.solvers.trajectory import Cycles, Floats, stick_speed_of
+from tcc_sim.solvers.trajectory import Cycles, Floats, concatenated, stick_speed_of
 
 RECORDING_TOLERANCE = 2e-3
 """Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse."""
@@ -35,6 +35,13 @@ class RunCycles:
     """The engine cycles of one run, from a start or a reset of the driveline to the next."""
 
     pieces: list[Piece] = field(default_factory=list)
+
+    def add(self, piece: Piece) -> None:
+        """Take the next piece; those that follow each other are joined, the longer ones rarely, so that there are few."""
+        while self.pieces and _follows(self.pieces[-1], piece) and len(self.pieces[-1].cycles) <= 2 * len(piece.cycles):
+            before = self.pieces.pop()
+            piece = Piece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
+        self.pieces.append(piece)
 
     def observed(self) -> int:
         """Number of whole engine cycles without a gap."""
@@ -59,9 +66,14 @@ class RunCycles:
         parts = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces if p.first + len(p.cycles) > first + dropped]
         if not parts:
             raise InputError(f"--discard {dropped} leaves none of the {last - first} cycles")
-        follows = [b.first == a.first + len(a.cycles) for a, b in zip(self.pieces[-len(parts):], self.pieces[1 - len(parts):])]
+        follows = [_follows(a, b) for a, b in zip(self.pieces[-len(parts):], self.pieces[1 - len(parts):])]
         joined = _join(parts, follows[:len(parts) - 1])
         return joined, last - len(joined), dropped
+
+
+def _follows(a: Piece, b: Piece) -> bool:
+    """Whether b starts where a ends."""
+    return b.first == a.first + len(a.cycles)
 
 
 def _join(parts: list[Cycles], follows: list[bool]) -> Cycles:
@@ -158,7 +170,7 @@ class CycleStream:
         if not len(cycles):
             self._waiting = [rows]
             return []
-        self.runs[-1].pieces.append(piece)
+        self.runs[-1].add(piece)
         self._next += len(cycles)
         start = int(np.searchsorted(t, self._next * self.cycle + _SLACK * self.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
