@@ -6,13 +6,12 @@ from typing import Any
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
 
 class Bench:
     """One ROS 2 context of its own, unseen by any other, with an executor for what the test itself creates."""
 
     def __init__(self) -> None:
+        import rclpy
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
 
