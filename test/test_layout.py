@@ -32,7 +32,7 @@ ROOMS = {
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed", "tqdm"]
 LONGEST = 300
-LONGER = {"tcc_sim/solvers/marching.py": 370}
+LONGER = {"tcc_sim/solvers/marching.py": 400}
 """Lines that a file may have; more only where one compiled march cannot be cut."""
 
 
