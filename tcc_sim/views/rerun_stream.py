@@ -235,7 +235,8 @@ def _blueprint(cycle: float) -> Any:
     figures = rrb.Vertical(
         rrb.Spatial2DView(origin="phase", name="Phase portrait and section: omega_n x plate angle, slip speed (rad/s)",
                           time_ranges=rrb.VisibleTimeRange(ELAPSED, start=start, end=end)),
-        rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)"),
+        rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)",
+                           plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)),
         rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"), rrb.TextLogView(origin="events", name="Events")),
         row_shares=[4, 3, 2])
     return rrb.Blueprint(rrb.Horizontal(histories, figures, column_shares=[3, 2]),
