@@ -42,6 +42,7 @@ setup(
         "tcc-sim = tcc_sim.cli:main",
         "driveline_node = tcc_sim.nodes.executables:driveline_node",
         "recorder_node = tcc_sim.nodes.executables:recorder_node",
+        "slip_controller_node = tcc_sim.nodes.executables:slip_controller_node",
     ]},
     options={
         "develop": {"script_dir": f"$base/lib/{NAME}"},

@@ -97,7 +97,7 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     assert (ended.returncode, ended.stderr) == (1, "")
 
 
-@pytest.mark.parametrize("name", ["driveline_node", "recorder_node"])
+@pytest.mark.parametrize("name", ["driveline_node", "recorder_node", "slip_controller_node"])
 def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert getattr(executables, name)() == 1

@@ -1,4 +1,4 @@
-"""What `ros2 run tcc_sim` and the path know as driveline_node and recorder_node: one line where ROS 2 is not installed."""
+"""What `ros2 run tcc_sim` and the path know as driveline_node, recorder_node and so on: one line where ROS 2 is not installed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ def driveline_node() -> int:
 def recorder_node() -> int:
     """Run the recorder node; the exit status."""
     return _run("recorder")
+
+
+def slip_controller_node() -> int:
+    """Run the slip controller example; the exit status."""
+    return _run("slip_controller")
 
 
 def _run(name: str) -> int:

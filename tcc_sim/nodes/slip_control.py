@@ -1,0 +1,115 @@
+"""The control law of the slip controller example: PI on the slip speed's mean over an engine cycle. Free of ROS.
+
+Between the cycle-mean slip speed v and the clutch torque Ts = mu_k P A R the driveline is, in slip and well below its natural
+frequency, an integrator, I1 v' = Te - Ts (equation (2a) with the plate at rest in the mean). What the loop adds:
+
+- The engine torque pulsates with hundreds of N m; the mean over exactly one engine cycle has a zero there, so that the pressure
+  does not chase the pulsation. It delays by half a cycle, which is what limits the bandwidth: with the bandwidth w and the cycle
+  T the mean costs w T/2 of phase (18 degrees at 15 rad/s and T = 42 ms) and the integral part atan(1/4) = 14 degrees.
+- Feed-forward: the cycle's mean engine torque is the clutch torque that holds any slip speed. The integral part then
+  carries only what the nominal friction coefficient is wrong by.
+- Anti-windup: where the pressure is at a limit, the integral part moves only away from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, fields
+
+from tcc_sim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What the controller believes of its plant, and how fast it should be.
+
+    target : slip speed to hold in the mean over an engine cycle, rad/s
+    bandwidth : of the closed loop, rad/s; at most about 0.6 divided by the engine cycle's length
+    frequency : engine.frequency, rad/s; the engine cycle is 2 pi/frequency
+    inertia : I1, kg m^2
+    torque_per_pressure : mu_k A R, N m/Pa, nominal
+    pressure_limit : Pa
+    step : time between two updates, s
+
+    Raises
+    ------
+    InputError
+        A value that is not a number above 0, or a step that the engine cycle holds less than once or more than 1e6 times.
+    """
+
+    target: float = 20.0
+    bandwidth: float = 15.0
+    frequency: float = 150.0
+    inertia: float = 0.2
+    torque_per_pressure: float = 0.27 * 0.08 * 0.1
+    pressure_limit: float = 600e3
+    step: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+                raise InputError(f"{item.name} is {value!r}; it must be a number above 0")
+        if not 1.0 <= self.cycle_steps <= 1e6:
+            raise InputError(f"step is {self.step:g} s; the engine cycle must hold 1 to 1e+06 of them, not {self.cycle_steps:g}")
+
+    @property
+    def cycle_steps(self) -> float:
+        """Updates in an engine cycle, not a whole number."""
+        return 2.0 * math.pi / (self.frequency * self.step)
+
+
+class CycleMean:
+    """The mean of a signal over the last `length` samples, which need not be a whole number."""
+
+    def __init__(self, length: float) -> None:
+        whole = math.floor(length)
+        self._part = length - whole
+        self._samples: deque[float] = deque(maxlen=whole + 1)
+
+    def update(self, value: float) -> float:
+        """Take a sample; gives the mean, over what there is until a whole cycle has passed."""
+        self._samples.append(value)
+        if len(self._samples) < (self._samples.maxlen or 0):
+            return math.fsum(self._samples) / len(self._samples)
+        # The oldest sample counts with the part of it that the cycle still covers.
+        oldest = self._samples[0]
+        return (math.fsum(self._samples) - (1.0 - self._part) * oldest) / (len(self._samples) - 1 + self._part)
+
+
+class SlipController:
+    """Actuation pressure from slip speed and engine torque, one update a tick."""
+
+    def __init__(self, tuning: Tuning) -> None:
+        self.tuning = tuning
+        self.proportional = tuning.inertia * tuning.bandwidth
+        self.integral = self.proportional * tuning.bandwidth / 4.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as before the first update."""
+        steps = self.tuning.cycle_steps
+        self._slip_speed, self._engine_torque = CycleMean(steps), CycleMean(steps)
+        self._correction = 0.0
+
+    def update(self, slip_speed: float, engine_torque: float) -> float:
+        """The pressure to apply until the next update.
+
+        Parameters
+        ----------
+        slip_speed : rad/s
+        engine_torque : N m, as an engine control unit knows it
+
+        Returns
+        -------
+        float : Pa, 0 to `pressure_limit`
+        """
+        tuning = self.tuning
+        error = self._slip_speed.update(slip_speed) - tuning.target
+        torque = self._engine_torque.update(engine_torque) + self.proportional * error + self._correction
+        pressure = torque / tuning.torque_per_pressure
+        limited = min(max(pressure, 0.0), tuning.pressure_limit)
+        if limited == pressure or (pressure - limited) * error < 0.0:
+            self._correction += self.integral * tuning.step * error
+        return limited

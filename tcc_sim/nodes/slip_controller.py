@@ -1,0 +1,70 @@
+"""The slip controller example: a ROS 2 node that answers every state of the driveline with an actuation pressure.
+
+`ros2 run tcc_sim slip_controller_node` beside `driveline_node --ros-args -p scene:=controlled`. Copy this file, put your own
+control law in the place of `SlipController`, and test it against the same driveline.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import FluidPressure, JointState
+
+from tcc_sim.nodes.polling import run
+from tcc_sim.nodes.slip_control import SlipController, Tuning
+
+FLYWHEEL, PLATE = 0, 1
+"""Order of the joints in joint_states."""
+QOS = QoSProfile(depth=5000)
+"""Reliable, as the driveline asks for commands; deep enough that a recorder on a busy machine gets every command."""
+
+
+class SlipControllerNode(Node):
+    """joint_states in, actuation_pressure out: one command for every state, with that state's stamp.
+
+    The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the same
+    controller gives the same run to the last bit however slow it is.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("slip_controller", **options)
+        # Any type is taken here and checked by Tuning: 20 serves as 20.0, and a word gets a clear line.
+        descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
+        self.controller = SlipController(Tuning(**{
+            item.name: self.declare_parameter(item.name, item.default, descriptor).value for item in dataclasses.fields(Tuning)}))
+        self._last_stamp = -1
+        self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
+        self.create_subscription(JointState, "joint_states", self._on_state, QOS)
+
+    def _on_state(self, state: JointState) -> None:
+        """Answer one state."""
+        stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
+        if stamp <= self._last_stamp:
+            # Simulation time started again: the driveline was reset or restarted.
+            self.controller.reset()
+        self._last_stamp = stamp
+        slip_speed = state.velocity[FLYWHEEL] - state.velocity[PLATE]
+        command = FluidPressure(fluid_pressure=self.controller.update(slip_speed, state.effort[FLYWHEEL]))
+        command.header.stamp = state.header.stamp
+        self._command.publish(command)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run("slip_controller_node", _spin, args)
+
+
+def _spin() -> int:
+    """Build the node and spin it."""
+    rclpy.spin(SlipControllerNode())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,181 @@
+"""The slip controller example closes the loop with the driveline node, and the recorded run shows what it holds."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from tcc_sim.errors import InputError
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.recorder import Recorder
+from tcc_sim.nodes.slip_controller import SlipControllerNode
+from tcc_sim.recording import cdr
+from tcc_sim.recording.reader import open_run
+from tcc_sim.scene import load_scene
+
+CYCLE = 2.0 * np.pi / 150.0
+
+
+@pytest.fixture
+def controller(bench: Any) -> Iterator[Callable[..., SlipControllerNode]]:
+    """Starts the controller in a thread of its own, as it has a process of its own in use."""
+    threads = []
+
+    def spin(node: SlipControllerNode) -> None:
+        executor = SingleThreadedExecutor(context=bench.context)
+        executor.add_node(node)
+        try:
+            executor.spin()
+        except (ExternalShutdownException, RuntimeError):
+            assert not bench.context.ok()
+
+    def start(**parameters: Any) -> SlipControllerNode:
+        node = SlipControllerNode(context=bench.context,
+                                  parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
+        threads.append(threading.Thread(target=spin, args=(node,)))
+        threads[-1].start()
+        return node
+
+    yield start
+    bench.context.try_shutdown()
+    for thread in threads:
+        thread.join()
+
+
+def recorded(bench: Any, output: Path, until: Callable[[Any, Callable[[], int]], None]) -> Any:
+    """Run the scene in lock-step with a recorder until `until` returns; the recording."""
+    recorder_node = rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+        Parameter("output", value=str(output)),
+        Parameter("topics", value=["joint_states", "actuation_pressure", "applied_pressure"])])
+    recorder = Recorder(recorder_node)
+    # The controller is known to have joined when its subscription is there beside the recorder's.
+    overrides = {"scene": "controlled", "pacing": "lockstep", "command_timeout": 0.0, "wait_for_subscribers": 2,
+                 "publish_scalars": False}
+    driveline = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in overrides.items()]))
+    driveline.start()
+
+    def ticks() -> int:
+        recorder.drain()
+        return recorder.tracks["/joint_states"].messages
+
+    until(driveline, ticks)
+    driveline.loop.stop()
+    recorder.close()
+    recorder_node.destroy_node()
+    return open_run(output)
+
+
+def test_it_holds_the_mean_slip_under_pulsation_and_after_a_step(bench: Any, tmp_path: Path,
+                                                                 controller: Callable[..., SlipControllerNode]) -> None:
+    controller()
+
+    def step_after_a_while(driveline: DrivelineNode, ticks: Callable[[], int]) -> None:
+        bench.until(lambda: ticks() > 1600)
+        client = bench.add(rclpy.create_node("operator", context=bench.context)).create_client(
+            SetParameters, "driveline/set_parameters")
+        bench.until(client.service_is_ready)
+        answer = client.call_async(SetParameters.Request(parameters=[
+            Parameter("engine.mean_torque", value=300.0).to_parameter_msg()]))
+        bench.until(answer.done)
+        assert answer.result().results[0].successful, answer.result()
+        count = ticks()
+        bench.until(lambda: ticks() > count + 1600)
+
+    run = recorded(bench, tmp_path / "run", step_after_a_while)
+    batches = list(run.batches())
+    t = np.concatenate([b.stamp_ns for b in batches]) * 1e-9
+    slip_speed = np.concatenate([b.flywheel_speed - b.plate_speed for b in batches])
+    engine = np.concatenate([b.engine_torque for b in batches])
+    pressure = np.concatenate([b.applied_pressure for b in batches])
+    assert np.array_equal(np.round(t * 1e3), np.arange(len(t)))
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (slip_speed[1:] + slip_speed[:-1]) * np.diff(t))])
+    ends = np.arange(0.0, t[-1], CYCLE)
+    means = np.diff(np.interp(ends, t, angle)) / CYCLE
+    # What the engine gave beyond the harmonic of the scene says when the step came.
+    mean_torque = engine - 250.0 * np.sin(150.0 * t)
+    assert np.allclose(np.unique(np.round(mean_torque, 6)), [200.0, 300.0])
+    step = int(t[np.argmax(mean_torque > 250.0)] / CYCLE)
+    settled = 25
+    assert step > settled + 5
+    assert len(means) > step + settled + 5
+    assert np.abs(means[settled:step] - 20.0).max() < 1.0
+    assert np.abs(means[step + settled:] - 20.0).max() < 1.0
+    assert np.abs(means[step:step + 5] - 20.0).max() > 1.0
+    # In the mean the clutch passes on what the engine gives: 0.27 * 0.08 m^2 * 0.1 m * P.
+    assert pressure[-500:].mean() * 0.27 * 0.008 == pytest.approx(300.0, rel=0.02)
+
+
+def test_lockstep_gives_the_same_run_to_the_last_bit_with_a_slow_controller(
+        bench: Any, tmp_path: Path, controller: Callable[..., SlipControllerNode], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second controller lets the driveline look in vain up to 40 times before it answers."""
+    from tcc_sim.nodes import inputs
+
+    looks, delays = 0, itertools.cycle([0, 3, 1, 17, 0, 0, 41])
+    plain_poll = inputs.poll
+
+    def counting(*words: Any, **options: Any) -> Any:
+        nonlocal looks
+        looks += 1
+        return plain_poll(*words, **options)
+
+    monkeypatch.setattr(inputs, "poll", counting)
+    node = controller()
+    messages = []
+    for name, slow in (("quick", False), ("slow", True)):
+        if slow:
+            plain = node.controller.update
+
+            def late(*words: float, plain: Any = plain) -> float:
+                enough = looks + next(delays)
+                while looks < enough and bench.context.ok():
+                    threading.Event().wait(1e-5)
+                return float(plain(*words))
+
+            monkeypatch.setattr(node.controller, "update", late)
+        run = recorded(bench, tmp_path / name, lambda _, ticks: bench.until(lambda: ticks() > 300))
+        payloads: dict[str, list[bytes]] = {}
+
+        def tap(data: bytes, found: Any, channels: Any, payloads: Any = payloads) -> None:
+            for channel, offset, length in zip(found.channel.tolist(), found.offset.tolist(), found.length.tolist()):
+                payloads.setdefault(channels[channel].topic, []).append(data[offset + 22:offset + length])
+
+        list(run.read(tap))
+        messages.append(payloads)
+    for topic in ("/joint_states", "/applied_pressure"):
+        assert len(messages[0][topic]) >= 300
+        assert messages[0][topic][:300] == messages[1][topic][:300]
+    # ROS 2 leaves the padding of its messages to chance, so only what they say can be the same.
+    commands = [[cdr.read_fluid_pressure(data) for data in found["/actuation_pressure"]][:300] for found in messages]
+    assert commands[0] == commands[1]
+    assert [stamp for stamp, _ in commands[0]] == [k * 1_000_000 for k in range(300)]
+
+
+def test_a_senseless_parameter_is_refused(bench: Any) -> None:
+    for name, value in (("target", -3.0), ("bandwidth", "fast"), ("step", 0)):
+        with pytest.raises(InputError, match=f"{name} is"):
+            SlipControllerNode(context=bench.context, parameter_overrides=[Parameter(name, value=value)])
+    node = bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)]))
+    assert node.controller.tuning.target == 30
+
+
+def test_the_scene_is_the_one_that_the_controller_is_tuned_for() -> None:
+    from tcc_sim.nodes.slip_control import Tuning
+
+    system = load_scene("controlled").system
+    tuning = Tuning()
+    assert tuning.torque_per_pressure == pytest.approx(system.torque_per_pressure, rel=1e-12)
+    assert (tuning.frequency, tuning.inertia) == (system.engine.frequency, system.driveline.flywheel_inertia)
