@@ -15,7 +15,7 @@ COMMAND = [sys.executable, "-m", "tcc_sim.nodes.driveline", "--ros-args"]
 
 @pytest.fixture
 def environment() -> dict[str, str]:
-    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(100 + os.getpid() % 100)}
+    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
 
 
 @pytest.fixture
@@ -35,7 +35,8 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.
     node.send_signal(number)
     _, rest = node.communicate(timeout=10)
     assert node.returncode == 0
-    assert rest == ""
+    # rcl itself says so where the signal falls between the print of the last line and its publication on rosout.
+    assert [line for line in rest.splitlines() if not line.startswith("Failed to publish log message to rosout")] == []
 
 
 @pytest.mark.parametrize(("words", "line"), [
