@@ -21,7 +21,7 @@ ORDER = ["errors", "model", "solvers", "analysis", "scene", "topics", "recording
 
 ROS = ["nodes"]
 ROOMS = {
-    "numba": ["solvers.compiled"], "scipy": ["solvers", "analysis"], "distributed": ["analysis.cluster"],
+    "numba": ["solvers.compiled"], "scipy": ["solvers", "analysis", "reports"], "distributed": ["analysis.cluster"],
     "dask": ["analysis.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"], "yaml": ["scene", "recording"],
     "rclpy": ROS, "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS, "sensor_msgs": ROS, "std_srvs": ROS,

@@ -48,7 +48,7 @@ def lsoda(problem: Problem) -> Trajectory:
 
 
 @compiled
-def _rates(t: float, y: Floats, terms: Terms) -> Floats:
+def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
     """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
     slip, plate = slopes(t, y[0], y[1], y[2], terms)
     out = np.empty_like(y)
@@ -62,16 +62,16 @@ def _rates(t: float, y: Floats, terms: Terms) -> Floats:
 
 @compiled
 def _rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
-    """`_rates` at every time of (n,) for the states of (n, m)."""
+    """`rates_of` at every time of (n,) for the states of (n, m)."""
     out = np.empty_like(y)
     for i in range(len(t)):
-        out[i] = _rates(t[i], y[i], terms)
+        out[i] = rates_of(t[i], y[i], terms)
     return out
 
 
 @compiled
-def _jacobian(t: float, y: Floats, terms: Any) -> Floats:
-    """The derivative of `_rates` with respect to y."""
+def jacobian(t: float, y: Floats, terms: Any) -> Floats:
+    """The derivative of `rates_of` with respect to y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * saturation_torque(t, terms.mean_load, terms.pulsation)
     flywheel, plate, damping, stiffness = terms.linear
@@ -107,17 +107,17 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     y0 = np.array([s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle][:4 if problem.flywheel_angle else 3])
     options: dict[str, Any] = {"rtol": rtol, "atol": rtol * _scales(problem, terms)}
     if name in ("radau", "bdf", "lsoda"):
-        options["jac"] = lambda t, y: _jacobian(t, y, terms)
+        options["jac"] = lambda t, y: jacobian(t, y, terms)
     samples = problem.sample_times()
     ends = (problem.start_cycle + np.arange(problem.whole_cycles + 1)) * problem.system.cycle
     marks = np.union1d(samples, np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
-    _rates(problem.start, y0, terms)
+    rates_of(problem.start, y0, terms)
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         times, states, status, detail, steps = _march(
-            method(lambda t, y: _rates(t, y, terms), problem.start, y0, problem.end, **options), marks, spacing)
+            method(lambda t, y: rates_of(t, y, terms), problem.start, y0, problem.end, **options), marks, spacing)
     seconds = time.perf_counter() - began
     kept = np.isin(times, samples)
     kept[-1] = True

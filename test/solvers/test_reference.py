@@ -90,14 +90,14 @@ def test_too_many_steps_are_refused():
 
 
 def test_jacobian_is_the_derivative_of_the_rates():
-    from tcc_sim.solvers.reference import _jacobian, _rates
+    from tcc_sim.solvers.reference import jacobian, rates_of
     terms = terms_of(replace(STICK_SLIP, {"pressure.amplitude": 5e4}))
     y = np.array([0.013, 0.1, 3.0, 0.2])
-    found = _jacobian(0.01, y, terms)
+    found = jacobian(0.01, y, terms)
     for k, h in enumerate((1e-6, 1e-6, 1e-4, 1e-4)):
         step = np.zeros(4)
         step[k] = h
-        slope = (_rates(0.01, y + step, terms) - _rates(0.01, y - step, terms)) / (2 * h)
+        slope = (rates_of(0.01, y + step, terms) - rates_of(0.01, y - step, terms)) / (2 * h)
         np.testing.assert_allclose(found[:, k], slope, rtol=1e-6, atol=1e-6)
 
 

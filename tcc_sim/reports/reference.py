@@ -1,0 +1,232 @@
+"""Reference solutions for the reports: SciPy at its tightest, on equations written out here, nothing of this package's solvers.
+
+The smoothed law (7) is one smooth problem. The set-valued law (6) is solved from event to event: modes 0 stick, +1 and -1 slip,
+2 free (no load), each change located by SciPy. Two methods give two references; what they differ by is the floor below which
+an error means nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from tcc_sim.model.parameters import System
+
+Floats = NDArray[np.float64]
+POINTS = 129
+"""Points at which the interval around a largest slip speed is searched."""
+REARM = 1e-7
+"""After a change of mode the event of v = 0 stays off for this long, s; a breakaway with mu_k = mu_s starts with v' = 0."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The states at t = 2 pi n/omega, (N + 1, 3): slip speed, plate angle, plate speed; largest |slip speed| per cycle."""
+
+    name: str
+    section: Floats
+    largest: Floats
+
+
+@dataclass
+class Law:
+    """Equations (1), (2) of one system with its friction law, as plain functions of time and state."""
+
+    system: System
+    beta: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        d = self.system.driveline
+        self.beta = 1.0 / d.flywheel_inertia + 1.0 / d.plate_inertia
+
+    def engine(self, t: float) -> float:
+        """Te(t), N m."""
+        e = self.system.engine
+        out = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
+        for n, (amplitude, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
+            out += amplitude * math.sin(n * e.frequency * t + phase)
+        return out
+
+    def load(self, t: float) -> float:
+        """Ts(t) before it is clamped at 0, N m."""
+        p = self.system.pressure
+        pulsation = p.amplitude * math.sin(p.frequency_ratio * self.system.engine.frequency * t + p.phase)
+        return self.system.torque_per_pressure * (p.mean + pulsation)
+
+    def need(self, t: float, y: Any) -> float:
+        """The friction torque that keeps v' = 0, N m."""
+        d = self.system.driveline
+        spring: float = d.damping * y[2] + d.stiffness * y[1]
+        return (d.plate_inertia * self.engine(t) + d.flywheel_inertia * spring) / (d.flywheel_inertia + d.plate_inertia)
+
+    def coefficient(self, v: float, mode: int) -> tuple[float, float]:
+        """mubar and its slope; the law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
+        f = self.system.friction
+        excess = self.system.friction_ratio - 1.0
+        if mode != 3:
+            falling = excess * math.exp(-f.decay * max(mode * v, 0.0))
+            return mode * (1.0 + falling), -f.decay * falling
+        falling = excess * math.exp(-f.decay * abs(v))
+        step = math.tanh(f.smoothing * v)
+        rise = f.smoothing * (1.0 - step) * (1.0 + step)
+        return (1.0 + falling) * step, rise * (1.0 + falling) - math.copysign(f.decay * falling * step, v) * (v != 0.0)
+
+    def friction(self, t: float, y: Any, mode: int) -> float:
+        """Tf, N m."""
+        if mode == 0:
+            return self.need(t, y)
+        return 0.0 if mode == 2 else max(self.load(t), 0.0) * self.coefficient(y[0], mode)[0]
+
+    def rates(self, t: float, y: Any, mode: int) -> list[float]:
+        """The derivative of (v, theta2, omega2)."""
+        d = self.system.driveline
+        torque = self.friction(t, y, mode)
+        plate = (torque - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia
+        return [0.0 if mode == 0 else (self.engine(t) - torque) / d.flywheel_inertia - plate, y[2], plate]
+
+    def jacobian(self, t: float, y: Any, mode: int) -> Floats:
+        """The derivative of `rates` with respect to the state."""
+        d = self.system.driveline
+        slope = 0.0 if mode in (0, 2) else max(self.load(t), 0.0) * self.coefficient(y[0], mode)[1]
+        back: Floats = np.array([slope, -d.stiffness, -d.damping])
+        if mode == 0:
+            share = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) - 1.0
+            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], share * np.array([0.0, d.stiffness, d.damping]) / d.plate_inertia])
+        return np.array([-slope / d.flywheel_inertia * np.eye(3)[0] - back / d.plate_inertia, [0.0, 0.0, 1.0],
+                         back / d.plate_inertia])
+
+
+def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
+    """Solve `system` from its initial state with SciPy's `method` at this tolerance.
+
+    Raises
+    ------
+    ArithmeticError
+        SciPy gave up.
+    """
+    law, start = Law(system), system.initial
+    y = np.array([start.slip_speed, start.plate_angle, start.plate_speed])
+    section, largest = np.empty((cycles + 1, 3)), np.empty(cycles)
+    section[0] = y
+    mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
+    changed = -math.inf
+    atol = rtol * _scales(system)
+    for n in range(cycles):
+        t, end, peak = n * system.cycle, (n + 1) * system.cycle, 0.0
+        while t < end:
+            run = _arc(law, t, end, y, mode, changed, method, rtol, atol)
+            peak = max(peak, _largest(law, run.t, run.y, mode, rtol, atol))
+            t, y = float(run.t[-1]), run.y[:, -1].copy()
+            if run.status == 1:
+                mode, changed = _following(law, t, y, mode, free=len(run.t_events[1]) > 0), t
+        section[n + 1], largest[n] = y, peak
+    law_name = "" if system.friction.law == "smoothed" else " from event to event"
+    return Reference(f"SciPy {method}{law_name}, rtol {rtol:g}", section, largest)
+
+
+def disagreement(first: Reference, second: Reference) -> float:
+    """The floor: the largest of the three errors that one reference has against the other."""
+    return max(errors(second.section, second.largest, first))
+
+
+def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, float, float]:
+    """Final, section and maximum-slip error, relative to each signal's maximum in the second half of the horizon.
+
+    Parameters
+    ----------
+    section : (N + 1, 3) array; the first error is that of its last row, the second the largest of any row
+    largest : (N,) array, largest |slip speed| of each cycle, rad/s
+    """
+    half = len(truth.largest) // 2
+    scale = np.abs(truth.section[half:]).max(axis=0)
+    scale[0] = truth.largest[half:].max()
+    off = np.abs(section - truth.section) / np.maximum(scale, 1e-300)
+    return float(off[-1].max()), float(off.max()), float(np.abs(largest - truth.largest).max() / max(scale[0], 1e-300))
+
+
+def _scales(system: System) -> Floats:
+    """The sizes below which an error is absolute: slip speed in stick, static twist, twist at omega_n."""
+    twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
+    slip = max(1.0 / system.friction.smoothing, 1e-6) if system.friction.law == "smoothed" else 1.0
+    return np.array([slip, twist, twist * system.natural_frequency])
+
+
+def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, method: str, rtol: float, atol: Floats) -> Any:
+    """One mode until it ends or the time is over; the second event is the load's zero."""
+
+    def over(t: float, y: Floats) -> float:
+        if mode == 0:
+            return law.system.friction_ratio * law.load(t) - abs(law.need(t, y))
+        return 1.0 if mode == 2 or t < changed + REARM else mode * float(y[0])
+
+    def clamp(t: float, y: Floats) -> float:
+        return law.load(t) if mode == 2 else -law.load(t)
+
+    events: list[Any] = []
+    if mode != 3:
+        events = [over, clamp]
+        for event, direction in ((over, -1.0), (clamp, 1.0)):
+            vars(event).update(terminal=True, direction=direction)
+    options: dict[str, Any] = {} if method == "DOP853" else {"jac": lambda t, y: law.jacobian(t, y, mode)}
+    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol, events=events or None,
+                    **options)
+    if run.status < 0:
+        raise ArithmeticError(f"SciPy {method}: {run.message}")
+    return run
+
+
+def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Floats) -> float:
+    """The largest |v| of an arc: around its largest node solved again with SciPy's DOP853, whose interpolant is of order 7."""
+    if mode == 0:
+        return 0.0
+    k = int(np.argmax(np.abs(y[0])))
+    low, high = max(k - 1, 0), min(k + 1, len(t) - 1)
+    if high == low:
+        return abs(float(y[0, k]))
+    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t[low], t[high]), y[:, low], method="DOP853", rtol=max(rtol, 3e-14),
+                    atol=atol, dense_output=True, max_step=(t[high] - t[low]) / 2)
+    times = np.linspace(t[low], t[high], POINTS)
+    values = np.abs(run.sol(times)[0])
+    i = int(np.argmax(values))
+    found = max(float(values[i]), abs(float(y[0, k])) if k in (0, len(t) - 1) else 0.0)
+
+    def slope(t: float) -> float:
+        return law.rates(t, run.sol(t), mode)[0]
+
+    a, b = times[max(i - 1, 0)], times[min(i + 1, POINTS - 1)]
+    if slope(a) * slope(b) < 0.0:
+        found = max(found, abs(float(run.sol(brentq(slope, a, b, xtol=1e-15))[0])))
+    return found
+
+
+def _first_mode(law: Law, y: Floats) -> int:
+    """The mode at t = 0 under the set-valued law."""
+    if law.load(0.0) <= 0.0:
+        return 2
+    return int(np.sign(y[0])) or _at_rest(law, 0.0, y)
+
+
+def _at_rest(law: Law, t: float, y: Floats) -> int:
+    """Which mode starts at v = 0."""
+    need, limit = law.need(t, y), law.system.friction_ratio * law.load(t)
+    if abs(need) <= limit * (1.0 + 1e-9):
+        return 0
+    return 1 if need > 0.0 else -1
+
+
+def _following(law: Law, t: float, y: Floats, mode: int, free: bool) -> int:
+    """The mode after an event; sets v to exactly 0 where slip ends."""
+    if free and mode == 2:
+        return int(np.sign(y[0])) if abs(y[0]) > 1e-9 else _at_rest(law, t, y)
+    if free:
+        return 2
+    if mode == 0:
+        return 1 if law.need(t, y) > 0.0 else -1
+    y[0] = 0.0
+    return _at_rest(law, t, y)

@@ -1,0 +1,82 @@
+"""precision.png: error against run time, one column per scene, one row per error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tcc_sim.views import style
+
+BROWN, VIOLET = "#7A4B00", "#5B2A86"
+Look = tuple[str, str, str, float]
+LOOKS: dict[str, Look] = {
+    "smoothed": (style.BLUE, "o", "-", 1.8), "event_driven": (style.RED, "D", "-", 1.8),
+    "fixed_step": (style.GREEN, "s", "-", 1.8),
+    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "+", ":", 0.9), "dop853": (style.YELLOW, "P", ":", 0.9),
+    "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
+    "solve_ivp LSODA": (style.INK, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
+    "XPPAUT stiff": (BROWN, "1", "-.", 0.7), "XPPAUT gear": (BROWN, "2", "-.", 0.7), "XPPAUT 2rb": (BROWN, "3", "-.", 0.7),
+    "Siconos theta 1/2": (VIOLET, "h", "-.", 0.9), "Siconos theta 1": (VIOLET, "p", "-.", 0.9)}
+"""Colour, marker, line and width of every solver; the package's own stand out."""
+ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"))
+SET_VALUED = ", set-valued"
+
+
+def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
+    """Draw `stem`.png and `stem`.svg; a scene's set-valued runs are in the column of its smoothed ones.
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    """
+    columns = list(dict.fromkeys(record["scene"].removesuffix(SET_VALUED) for record in scenes))
+    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 7.6) as drawn:
+        axes = drawn.subplots(len(ROWS), max(len(columns), 1), sharex=True, sharey=True, squeeze=False)
+        handles: dict[str, Any] = {}
+        for record in scenes:
+            column = columns.index(record["scene"].removesuffix(SET_VALUED))
+            smoothed = record["law"] == "smoothed"
+            for axis, (key, _) in zip(axes[:, column], ROWS):
+                _curves(axis, record, key, handles)
+                floor = record["reference"]["floor"]
+                line = axis.axhline(floor, color=style.GREY if smoothed else style.RED, linewidth=0.9,
+                                    linestyle=(0, (1, 1.5)), zorder=1)
+                handles["floor of the references, law (7)" if smoothed else "floor of the references, law (6)"] = line
+        for row, (_, name) in zip(axes, ROWS):
+            row[0].set_ylabel(f"relative error, {name}")
+        for letter, name in zip("abcd", columns):
+            head = next((r for r in scenes if r["scene"] == name), scenes[0])
+            title = axes[0, columns.index(name)]
+            title.set_title(f"({letter}) {name}", y=1.0, pad=26.0)
+            title.text(0.0, 1.02, _wrapped(head["description"]), transform=title.transAxes, fontsize=7.5, va="bottom")
+        for axis in axes[-1]:
+            axis.set_xlabel("run time (s)")
+        for axis in axes.flat:
+            axis.set_xscale("log")
+            axis.set_yscale("log")
+            axis.set_ylim(1e-15, 2.0)
+        order = [n for n in LOOKS if n in handles] + [n for n in handles if n not in LOOKS]
+        drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=6)
+        return style.save_both(drawn, stem)
+
+
+def _curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]) -> None:
+    """Every solver's ladder in one panel."""
+    for name in dict.fromkeys(row["solver"] for row in record["results"]):
+        rows = [row for row in record["results"] if row["solver"] == name]
+        colour, marker, line, width = LOOKS.get(name, (style.INK, ".", "-", 0.9))
+        handle, = axis.plot([row["seconds"] for row in rows], [max(row[key], 1e-16) for row in rows], color=colour, marker=marker,
+                            linestyle=line, linewidth=width, markersize=4.0, zorder=3 if width > 1.5 else 2)
+        handles[name] = handle
+
+
+def _wrapped(text: str) -> str:
+    """A description on lines that fit a column."""
+    import textwrap
+
+    lines = "\n".join(textwrap.wrap(text, 40))
+    for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"), ("sigma", "$\\sigma$"),
+                          ("Tm", "$T_m$"), ("Tp", "$T_p$")):
+        lines = lines.replace(plain, symbol)
+    return lines
