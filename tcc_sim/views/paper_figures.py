@@ -84,12 +84,12 @@ def _paint_map(drawn: Any, data: Data) -> None:
     _marks(maxima, data)
     maxima.set_ylabel(MAXIMUM)
     maxima.set_xlim(x[0], x[-1])
-    maxima.set_ylim(bottom=0.0)
+    maxima.set_ylim(0.0, 1.08 * maxima.get_ylim()[1])
     for axis in (maxima, orbits[-1]):
         axis.set_xlabel(AXES[data["axis"]])
     maxima.set_title("(a) maximum slip speed")
     orbits[0].set_title("(b) orbit diagrams")
-    maxima.legend(loc="best")
+    maxima.legend(loc="best", frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _paint_damping(drawn: Any, data: Data) -> None:
@@ -153,7 +153,8 @@ def _paint_law(drawn: Any, data: Data) -> None:
     for axis in (wide, near, slope):
         axis.set_xlabel(r"$\dot\delta_1$ (rad/s)")
         axis.margins(x=0.0)
-    wide.legend(loc="upper left")
+    handles, labels = wide.get_legend_handles_labels()
+    slope.legend(handles, labels, loc="upper right")
     near.legend(loc="lower right")
     style.panel_titles((wide, near, slope), ["smoothed law (7)", "zoom", "slope (20b)"])
 

@@ -127,5 +127,6 @@ def paint_solvers(drawn: Any, data: Data) -> None:
         axis.set_ylabel(SLIP)
         axis.set_xlabel("time (s)")
     handles, labels = whole.get_legend_handles_labels()
-    whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8)
+    whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
+                 title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
     style.panel_titles((whole, close), ["steady state", "leaving stick"])
