@@ -9,99 +9,13 @@ import numpy as np
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers import polynomial, radau, taylor
+from tcc_sim.solvers import keeping, polynomial, radau, taylor
 from tcc_sim.solvers.compiled import accelerations, compiled, engine_torque, smoothed
-from tcc_sim.solvers.radau import LAST_TERM, NODES, STAGES
-from tcc_sim.solvers.taylor import FALLING, LAYER, ORDER_MAXIMUM, SLIDING
+from tcc_sim.solvers.keeping import CYCLES, ITERATIONS, ITERATIONS_MAX, REJECTED, SAMPLES, STATUS, STEPS
+from tcc_sim.solvers.radau import LAST_TERM, STAGES
+from tcc_sim.solvers.taylor import FALLING, LAYER, ORDER_MAXIMUM, SLIDING, TWO_PI
 
-STEPS, REJECTED, ITERATIONS, ITERATIONS_MAX, TRANSITIONS, SAMPLES, MODE, STATUS, CYCLES = range(9)
 DONE, STEP_LIMIT, STEP_TOO_SMALL, NOT_FINITE = range(4)
-
-TWO_PI = 2.0 * math.pi
-
-
-@compiled
-def segment_end(tau: float, end: float, shift: float, mean_load: float,
-                pulsation: tuple[float, float, float] | None) -> tuple[float, bool]:
-    """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then."""
-    if pulsation is None:
-        return end, mean_load > 0.0
-    else:
-        amplitude, rate = pulsation[0], pulsation[1]
-        if abs(amplitude) <= mean_load:
-            return end, mean_load > 0.0
-        angle = (rate * tau + shift) % TWO_PI
-        below = math.asin(mean_load / abs(amplitude))
-        closing = math.pi + below if amplitude > 0.0 else below
-        opening = TWO_PI - below if amplitude > 0.0 else math.pi - below
-        ahead = math.inf
-        for turn in range(3):
-            for edge in (closing, opening):
-                distance = edge + (turn - 1) * TWO_PI - angle
-                if distance > 1e-11:
-                    ahead = min(ahead, distance)
-        until = min(end, tau + ahead / rate)
-        middle = rate * (0.5 * (tau + until)) + shift
-        return until, mean_load + amplitude * math.sin(middle) > 0.0
-
-
-@compiled
-def record(series: Any, degree: int, unit: float, x: float, tau: float, time: float, inside: bool, sign: float,
-           stick_speed: float, tally: Any, extent: Any, period: float, per_cycle: int, first_sample: int, samples: Any,
-           times: Any, before: Any, after: Any, angle: Any) -> None:
-    """Keep what a step of length x * unit says: samples, extremes, time in stick and transitions."""
-    slip = series[0]
-    extent[0], extent[1] = polynomial.extremes(slip, degree, x, extent[0], extent[1])
-    if per_cycle > 0:
-        spacing = period / per_cycle
-        end = tau + x * unit
-        while tally[SAMPLES] < samples.shape[0] and (tally[SAMPLES] - first_sample) * spacing < end:
-            local = (tally[SAMPLES] - first_sample) * spacing
-            if tally[SAMPLES] - first_sample >= per_cycle:
-                break
-            at = min(max((local - tau) / unit, 0.0), x)
-            row = tally[SAMPLES]
-            samples[row, 0] = polynomial.value(slip, degree, at)
-            samples[row, 1] = polynomial.value(series[1], degree, at)
-            samples[row, 2] = polynomial.value(series[2], degree, at)
-            if angle is not None:
-                samples[row, 3] = polynomial.value(series[3], degree, at)
-            tally[SAMPLES] += 1
-    mode = tally[MODE]
-    start = 0.0
-    reach = polynomial.variation(slip, degree, x) if inside else 0.0
-    while inside or mode != sign:
-        low, high = abs(slip[0]) - reach, abs(slip[0]) + reach
-        if (mode == 0 and high <= stick_speed) or (mode != 0 and low > stick_speed and mode * slip[0] > 0.0):
-            break
-        at = polynomial.stick_crossing(slip, degree, start, x, mode, stick_speed)
-        if at > x:
-            break
-        if mode == 0:
-            extent[2] += (at - start) * unit
-            new = 1 if polynomial.value(slip, degree, at) > 0.0 else -1
-        else:
-            new = 0
-        row = tally[TRANSITIONS]
-        if row < times.shape[0]:
-            times[row] = time + tau + at * unit
-            before[row] = mode
-            after[row] = new
-            tally[TRANSITIONS] += 1
-        mode = new
-        start = at
-    if mode == 0:
-        extent[2] += (x - start) * unit
-    tally[MODE] = mode
-
-
-@compiled
-def add_angle(series: Any, order: int, unit: float, state: Any) -> None:
-    """Taylor coefficients of theta1, the integral of slip speed + plate speed."""
-    series[3, 0] = state[3]
-    for k in range(order):
-        series[3, k + 1] = unit * (series[0, k] + series[2, k]) / (k + 1.0)
-
 
 @compiled
 def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: float, period: float, frequency_ratio: float,
@@ -159,7 +73,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
         first_sample = tally[SAMPLES]
         tau = 0.0
         while tau < cycle_end and status == DONE:
-            until, loaded = segment_end(tau, cycle_end, shift, mean_load, pulsation)
+            until, loaded = taylor.segment_end(tau, cycle_end, shift, mean_load, pulsation)
             if not until > tau:
                 until = cycle_end
             while tau < until:
@@ -196,14 +110,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     if h != prepared:
                         radau.prepare(work, h, linear)
                         prepared = h
-                    for i in range(STAGES):
-                        t = tau + NODES[i] * h
-                        stage[4, i] = engine_torque(t, mean_torque, torque, harmonics)
-                        ts = mean_load
-                        if pulsation is not None:
-                            ts = max(mean_load + pulsation[0] * math.sin(pulsation[1] * t + shift), 0.0)
-                        stage[5, i] = ts if loaded else 0.0
-                        stage[0, i] = polynomial.value(previous, STAGES, base + h / h_previous * NODES[i])
+                    radau.fill(stage, previous, base, h / h_previous, h, tau, shift, loaded, mean_torque, torque, harmonics,
+                               mean_load, pulsation)
                     slope = radau.law_and_slope(v, sign, sigma, stribeck)[1]
                     bend = 0.0
                     if stribeck is not None:
@@ -264,7 +172,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                             for j in range(STAGES):
                                 stage[6, i] += h * radau.MATRIX[i, j] * (stage[0, j] + stage[1, j])
                         radau.collocation(trial[3], state[3], stage[6])
-                    record(trial, STAGES, h, 1.0, tau, time, True, sign, stick_speed, tally, extent, period, per_cycle,
+                    keeping.record(trial, STAGES, h, 1.0, tau, time, True, sign, stick_speed, tally, extent, period, per_cycle,
                            first_sample, samples, times, before, after, angle)
                     state[0] = stage[0, STAGES - 1]
                     state[1] = stage[2, STAGES - 1]
@@ -318,8 +226,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         x = crossing
                         full = False
                 if angle is not None:
-                    add_angle(series, p, unit, state)
-                record(series, p, unit, x, tau, time, region == LAYER or not loaded, sign, stick_speed, tally, extent,
+                    taylor.add_angle(series, p, unit, state)
+                keeping.record(series, p, unit, x, tau, time, region == LAYER or not loaded, sign, stick_speed, tally, extent,
                        period, per_cycle, first_sample, samples, times, before, after, angle)
                 h = x * unit
                 state[0], slope = polynomial.value_and_slope(series[0], p, x)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiled import compiled
+from tcc_sim.solvers.compiled import compiled, engine_torque
 from tcc_sim.solvers.polynomial import value
 
 STAGES = 5
@@ -211,7 +211,15 @@ def collocation(coefficients: Any, first: float, values: Any) -> None:
 
 
 @compiled
-def extrapolate(slip: Any, previous: Any, ratio: float) -> None:
-    """First guess of the stage slip speeds: the last step's polynomial continued, the new step being `ratio` times as long."""
+def fill(stage: Any, previous: Any, base: float, ratio: float, h: float, tau: float, shift: float, loaded: bool,
+         mean_torque: float, torque: tuple[float, float] | None, harmonics: Any, mean_load: float,
+         pulsation: tuple[float, float, float] | None) -> None:
+    """Te and Ts at the nodes, and a first guess of V: the polynomial `previous` at base + ratio c."""
     for i in range(STAGES):
-        slip[i] = value(previous, STAGES, 1.0 + ratio * NODES[i])
+        t = tau + NODES[i] * h
+        stage[4, i] = engine_torque(t, mean_torque, torque, harmonics)
+        load = mean_load
+        if pulsation is not None:
+            load = max(mean_load + pulsation[0] * math.sin(pulsation[1] * t + shift), 0.0)
+        stage[5, i] = load if loaded else 0.0
+        stage[0, i] = value(previous, STAGES, base + ratio * NODES[i])

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.solvers import SOLVERS, marching, radau
+from tcc_sim.solvers import SOLVERS, keeping, marching, radau
 from tcc_sim.solvers.taylor import ORDER_MAXIMUM
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.solvers.trajectory import Cycles, Problem, Statistics, Status, Trajectory, Transitions, assemble, stick_speed_of
@@ -65,7 +65,7 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     stick_time = np.empty(count)
     section[0] = state[:3]
     tally = np.zeros(9, np.int64)
-    tally[marching.MODE] = 0 if abs(state[0]) <= stick_speed else (1 if state[0] > 0.0 else -1)
+    tally[keeping.MODE] = 0 if abs(state[0]) <= stick_speed else (1 if state[0] > 0.0 else -1)
     torques = abs(terms.mean_torque) + (terms.torque[0] if terms.torque is not None else 0.0) + peak_load(terms)
     scales = np.zeros(6)
     scales[2], scales[3] = abs(state[0]), abs(state[2])
@@ -79,7 +79,7 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
         room = min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept)
         moves = np.empty(room), np.empty(room, np.int8), np.empty(room, np.int8)
         last = done + batch == count
-        tally[marching.TRANSITIONS] = 0
+        tally[keeping.TRANSITIONS] = 0
         begin = time.perf_counter()
         marching.march(state, tally, scales, problem.start_cycle + done, batch, tail if last else 0.0, period,
                        problem.system.pressure.frequency_ratio, limit, rtol, order, linear_order, problem.samples_per_cycle,
@@ -87,14 +87,14 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
                        True if problem.flywheel_angle else None, terms.linear, terms.mean_torque, terms.torque,
                        terms.harmonics, terms.mean_load, terms.pulsation, terms.smoothing, terms.stribeck)
         seconds += time.perf_counter() - begin
-        filled = int(tally[marching.TRANSITIONS])
+        filled = int(tally[keeping.TRANSITIONS])
         kept += filled
         found.append((moves[0][:filled], moves[1][:filled], moves[2][:filled]))
         done += batch
-        if last or tally[marching.STATUS] != marching.DONE:
+        if last or tally[keeping.STATUS] != marching.DONE:
             break
-    status = STATUSES[int(tally[marching.STATUS])]
-    whole = int(tally[marching.CYCLES])
+    status = STATUSES[int(tally[keeping.STATUS])]
+    whole = int(tally[keeping.CYCLES])
     cycles = Cycles(section[:whole + 1], highest[:whole], lowest[:whole], stick_time[:whole])
     columns = 4 if problem.flywheel_angle else 3
     initial = np.array([start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle])
@@ -104,12 +104,12 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
         states[-1] = state
     else:
         reached = (problem.start_cycle + whole) * period + float(scales[5])
-        filled = min(int(tally[marching.SAMPLES]), int(np.searchsorted(sample_times, reached)))
+        filled = min(int(tally[keeping.SAMPLES]), int(np.searchsorted(sample_times, reached)))
         t = np.append(sample_times[:filled], reached) if problem.samples_per_cycle else np.array([problem.start, reached])
         states = np.vstack([samples[:filled] if problem.samples_per_cycle else initial[None], state])
     changes = Transitions(*(np.concatenate([part[i] for part in found]) for i in range(3)))
-    statistics = Statistics(int(tally[marching.STEPS]), int(tally[marching.REJECTED]), int(tally[marching.ITERATIONS]),
-                            int(tally[marching.ITERATIONS_MAX]), radau.ITERATIONS_MAXIMUM, seconds)
+    statistics = Statistics(int(tally[keeping.STEPS]), int(tally[keeping.REJECTED]), int(tally[keeping.ITERATIONS]),
+                            int(tally[keeping.ITERATIONS_MAX]), radau.ITERATIONS_MAXIMUM, seconds)
     trajectory = assemble(problem, "smoothed", t, states[:, :columns], cycles=cycles, transitions=changes, status=status,
                           statistics=statistics)
     return trajectory if status is not Status.NOT_FINITE else replace(trajectory, detail="the state grew without bound")

@@ -20,6 +20,7 @@ SLIDING, FALLING, LAYER = 0, 1, 2
 """Which parts of mubar vary: none (|v| so large that mubar = sgn v to the last bit), the exponential, all."""
 
 ORDER_MAXIMUM = 30
+TWO_PI = 2.0 * math.pi
 
 INVERSE = 1.0 / np.maximum(np.arange(ORDER_MAXIMUM + 2), 1.0)
 """1/k: the recurrences multiply by it, a division being the slowest thing in them."""
@@ -57,6 +58,31 @@ def excitation(engine: Any, load: Any, count: int, scale: float, tau: float, shi
         if loaded:
             load[0] = mean_load
             add_sine(load, count, pulsation[0], pulsation[1] * scale, pulsation[1] * tau + shift)
+
+
+@compiled
+def segment_end(tau: float, end: float, shift: float, mean_load: float,
+                pulsation: tuple[float, float, float] | None) -> tuple[float, bool]:
+    """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then."""
+    if pulsation is None:
+        return end, mean_load > 0.0
+    else:
+        amplitude, rate = pulsation[0], pulsation[1]
+        if abs(amplitude) <= mean_load:
+            return end, mean_load > 0.0
+        angle = (rate * tau + shift) % TWO_PI
+        below = math.asin(mean_load / abs(amplitude))
+        closing = math.pi + below if amplitude > 0.0 else below
+        opening = TWO_PI - below if amplitude > 0.0 else math.pi - below
+        ahead = math.inf
+        for turn in range(3):
+            for edge in (closing, opening):
+                distance = edge + (turn - 1) * TWO_PI - angle
+                if distance > 1e-11:
+                    ahead = min(ahead, distance)
+        until = min(end, tau + ahead / rate)
+        middle = rate * (0.5 * (tau + until)) + shift
+        return until, mean_load + amplitude * math.sin(middle) > 0.0
 
 
 @compiled
@@ -174,3 +200,9 @@ def step_length(slip: Any, speed: Any, order: int, slip_tolerance: float, speed_
     return x
 
 
+@compiled
+def add_angle(series: Any, order: int, unit: float, state: Any) -> None:
+    """Taylor coefficients of theta1, the integral of slip speed + plate speed."""
+    series[3, 0] = state[3]
+    for k in range(order):
+        series[3, k + 1] = unit * (series[0, k] + series[2, k]) / (k + 1.0)
