@@ -33,7 +33,7 @@ def _cache_directory() -> str:
     return str(base / "tcc_sim" / digest.hexdigest()[:16])
 
 
-def compiled(function: Function) -> Function:
+def compiled(function: Function, **options: bool) -> Function:
     """Compile on first call for the argument types given; None arguments leave their branches out.
 
     The compiled code is cached on disk between processes, releases the interpreter lock, and keeps IEEE arithmetic.
@@ -42,9 +42,17 @@ def compiled(function: Function) -> Function:
     if not before:
         config.CACHE_DIR = _cache_directory()
     try:
-        return cast(Function, numba.njit(function, cache=True, nogil=True, error_model="numpy"))
+        return cast(Function, numba.njit(function, cache=True, nogil=True, error_model="numpy", **options))
     finally:
         config.CACHE_DIR = before
+
+
+def compiled_without_allocation(function: Function) -> Function:
+    """`compiled` for functions that create no array: their arguments are not reference-counted.
+
+    Numba counts with atomic instructions at every call, a good part of the time of a kernel made of short functions.
+    """
+    return compiled(function, _nrt=False)
 
 
 smoothed = compiled(friction.smoothed)

@@ -11,7 +11,19 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import keeping, polynomial, radau, taylor
 from tcc_sim.solvers.compiled import accelerations, compiled, engine_torque, smoothed
-from tcc_sim.solvers.keeping import CYCLES, ITERATIONS, ITERATIONS_MAX, REJECTED, SAMPLES, STATUS, STEPS
+from tcc_sim.solvers.keeping import (
+    ANGLE,
+    CYCLES,
+    FLYWHEEL,
+    ITERATIONS,
+    ITERATIONS_MAX,
+    REJECTED,
+    SAMPLES,
+    SLIP,
+    SPEED,
+    STATUS,
+    STEPS,
+)
 from tcc_sim.solvers.radau import LAST_TERM, STAGES
 from tcc_sim.solvers.taylor import FALLING, LAYER, ORDER_MAXIMUM, SLIDING, TWO_PI
 
@@ -26,8 +38,9 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more."""
     series = np.zeros((11, ORDER_MAXIMUM + 2))
     trial = np.zeros((4, STAGES + 1))
-    previous = np.zeros(STAGES + 1)
-    work = np.zeros((5, STAGES, STAGES + 2))
+    previous = np.zeros((1, STAGES + 1))
+    matrix, gain = np.zeros((STAGES, STAGES)), np.zeros((STAGES, STAGES))
+    right, newton, free = np.zeros((STAGES, STAGES + 2)), np.zeros((STAGES, 1)), np.zeros((STAGES, 2))
     stage = np.zeros((7, STAGES))
     extent = np.zeros(3)
     i1, i2, damping, stiffness = linear
@@ -108,7 +121,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     if full:
                         h = remaining
                     if h != prepared:
-                        radau.prepare(work, h, linear)
+                        radau.prepare(matrix, right, gain, h, linear)
                         prepared = h
                     radau.fill(stage, previous, base, h / h_previous, h, tau, shift, loaded, mean_torque, torque, harmonics,
                                mean_load, pulsation)
@@ -118,7 +131,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         bend = stribeck[1]
                     if region == LAYER:
                         bend += sigma
-                    used = radau.solve_stages(work, stage, h, state, sign, linear, sigma, stribeck,
+                    used = radau.solve_stages(matrix, right, gain, newton, free, stage, h, state, sign, linear, sigma, stribeck,
                                               min(0.01 * slip_tolerance, 1e-5 / sigma), bend,
                                               region == LAYER and h * beta * stage[5, 0] * slope > 20.0)
                     tally[ITERATIONS] += abs(used)
@@ -127,12 +140,12 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     crossing = math.inf
                     if used < 0:
                         base = 0.0
-                        previous[0] = v
+                        previous[0, 0] = v
                         for i in range(STAGES):
-                            previous[i + 1] = 0.0
+                            previous[0, i + 1] = 0.0
                     else:
-                        radau.collocation(trial[0], v, stage[0])
-                        radau.collocation(trial[2], state[2], stage[1])
+                        radau.collocation(trial, 0, v, stage, 0)
+                        radau.collocation(trial, 2, state[2], stage, 1)
                         allowed = min(dense / rtol * slip_tolerance, min(0.02, 1e3 * dense) / sigma)
                         error = LAST_TERM * max(abs(trial[0, STAGES]) / allowed,
                                                 abs(trial[2, STAGES]) * rtol / (dense * speed_tolerance))
@@ -150,28 +163,29 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                             released = beta * stage[5, 0] * slope
                         continue
                     if region == LAYER and stribeck is not None:
-                        crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, -2.0 * nearly_zero, 0.1 * nearly_zero)
+                        crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, -2.0 * nearly_zero,
+                                                             0.1 * nearly_zero)
                         if crossing <= 1.0:
-                            crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, -nearly_zero, 0.1 * nearly_zero)
+                            crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, -nearly_zero, 0.1 * nearly_zero)
                     elif loaded and region != LAYER:
-                        crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, layer * (1.0 - 1e-6), 1e-7 * layer)
+                        crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, layer * (1.0 - 1e-6), 1e-7 * layer)
                         if crossing <= 1.0:
-                            crossing = polynomial.first_crossing(trial[0], STAGES, 1.0, sign, layer, 1e-7 * layer)
+                            crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, layer, 1e-7 * layer)
                     if 0.0 < crossing < 1.0:
                         for i in range(STAGES + 1):
-                            previous[i] = trial[0, i]
+                            previous[0, i] = trial[0, i]
                         base = 0.0
                         h_previous = h
                         h_radau = h * crossing
                         tally[REJECTED] += 1
                         continue
-                    radau.collocation(trial[1], state[1], stage[2])
+                    radau.collocation(trial, 1, state[1], stage, 2)
                     if angle is not None:
                         for i in range(STAGES):
                             stage[6, i] = state[3]
                             for j in range(STAGES):
                                 stage[6, i] += h * radau.MATRIX[i, j] * (stage[0, j] + stage[1, j])
-                        radau.collocation(trial[3], state[3], stage[6])
+                        radau.collocation(trial, 3, state[3], stage, 6)
                     keeping.record(trial, STAGES, h, 1.0, tau, time, True, sign, stick_speed, tally, extent, period, per_cycle,
                            first_sample, samples, times, before, after, angle)
                     state[0] = stage[0, STAGES - 1]
@@ -180,7 +194,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     if angle is not None:
                         state[3] = stage[6, STAGES - 1]
                     for i in range(STAGES + 1):
-                        previous[i] = trial[0, i]
+                        previous[0, i] = trial[0, i]
                     base = 1.0
                     h_previous = h
                     h_next = h * min(5.0, 0.85 * max(error, 1e-12) ** -0.2)
@@ -205,7 +219,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                                           torque, harmonics, mean_load, pulsation, sigma, stribeck)
                 if region == LAYER:
                     slip_tolerance = min(slip_tolerance, min(1e-3, 300.0 * rtol) / sigma)
-                x = 0.9 * taylor.step_length(series[0], series[2], p, slip_tolerance, speed_tolerance)
+                x = 0.9 * taylor.step_length(series, p, slip_tolerance, speed_tolerance)
                 if not x > 0.0:
                     status = STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
                     break
@@ -221,7 +235,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     elif region == SLIDING and stribeck is not None:
                         level = far
                         accuracy = 1e-7 * far
-                    crossing = polynomial.first_crossing(series[0], p, x, sign, level, accuracy)
+                    crossing = polynomial.first_crossing(series, SLIP, p, x, sign, level, accuracy)
                     if 0.0 < crossing < x:
                         x = crossing
                         full = False
@@ -230,11 +244,11 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                 keeping.record(series, p, unit, x, tau, time, region == LAYER or not loaded, sign, stick_speed, tally, extent,
                        period, per_cycle, first_sample, samples, times, before, after, angle)
                 h = x * unit
-                state[0], slope = polynomial.value_and_slope(series[0], p, x)
-                state[1] = polynomial.value(series[1], p, x)
-                state[2] = polynomial.value(series[2], p, x)
+                state[0], slope = polynomial.value_and_slope(series, SLIP, p, x)
+                state[1] = polynomial.value(series, ANGLE, p, x)
+                state[2] = polynomial.value(series, SPEED, p, x)
                 if angle is not None:
-                    state[3] = polynomial.value(series[3], p, x)
+                    state[3] = polynomial.value(series, FLYWHEEL, p, x)
                 if not abs(state[0]) + abs(state[1]) + abs(state[2]) < math.inf:
                     status = NOT_FINITE
                     break
@@ -251,9 +265,9 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         h_previous = h_radau
                         base = 0.0
                         for i in range(STAGES + 1):
-                            previous[i] = 0.0
-                        previous[0] = state[0]
-                        previous[1] = slope * h_radau
+                            previous[0, i] = 0.0
+                        previous[0, 0] = state[0]
+                        previous[0, 1] = slope * h_radau
                 else:
                     released = 0.0
                 if streak > patience and not stiff:
@@ -264,8 +278,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     h_previous = h
                     base = 0.0
                     for i in range(STAGES + 1):
-                        previous[i] = 0.0
-                    previous[0] = state[0]
+                        previous[0, i] = 0.0
+                    previous[0, 0] = state[0]
         if status != DONE:
             break
         streak = 0

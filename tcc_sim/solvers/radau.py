@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiled import compiled, engine_torque
+from tcc_sim.solvers.compiled import compiled_without_allocation, engine_torque
 from tcc_sim.solvers.polynomial import value
 
 STAGES = 5
@@ -52,7 +52,7 @@ LAST_TERM = 0.5 ** (2 * STAGES - 1)
 """Size over [0, 1] of a polynomial's last term in shifted Chebyshev form, per coefficient of x^s."""
 
 
-@compiled
+@compiled_without_allocation
 def eliminate(matrix: Any, right: Any, columns: int) -> None:
     """Solve matrix X = right in place (right becomes X) by Gaussian elimination with partial pivoting."""
     n = STAGES
@@ -82,11 +82,10 @@ def eliminate(matrix: Any, right: Any, columns: int) -> None:
             right[k, j] = total / matrix[k, k]
 
 
-@compiled
-def prepare(work: Any, h: float, linear: Linear) -> None:
-    """What depends on the step only: (I2 + C23 a + K23 a^2)^-1 [a h c, h c, a] in work[1], G in work[2]."""
+@compiled_without_allocation
+def prepare(matrix: Any, right: Any, gain: Any, h: float, linear: Linear) -> None:
+    """What depends on the step only: (I2 + C23 a + K23 a^2)^-1 [a h c, h c, a] in `right`, and G in `gain`."""
     n = STAGES
-    matrix, right, gain = work[0], work[1], work[2]
     for i in range(n):
         right[i, 0] = 0.5 * (h * NODES[i]) ** 2
         right[i, 1] = h * NODES[i]
@@ -100,7 +99,7 @@ def prepare(work: Any, h: float, linear: Linear) -> None:
             gain[i, j] = h * MATRIX[i, j] / linear[0] + right[i, 2 + j]
 
 
-@compiled
+@compiled_without_allocation
 def law_and_slope(v: float, sign: float, sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     """mubar of (7) and its slope, with |v| continued as sign * v through v = 0: the kink there is a step boundary."""
     e = math.exp(-2.0 * sigma * abs(v))
@@ -114,29 +113,28 @@ def law_and_slope(v: float, sign: float, sigma: float, stribeck: Stribeck) -> tu
         return (1.0 + falling) * tanh, slope * (1.0 + falling) + decay * falling * tanh
 
 
-@compiled
-def balance(work: Any, slip: Any, load: Any, sigma: float, stribeck: Stribeck) -> None:
+@compiled_without_allocation
+def balance(matrix: Any, gain: Any, newton: Any, free: Any, stage: Any, sigma: float, stribeck: Stribeck) -> None:
     """A better guess where the step is long beside 1/(beta Ts sigma): the torques G^-1 (V_free - V), and V again from them.
 
     An error of the guess shrinks by about the step over that time, however far it is beyond Newton's reach.
     """
-    matrix, newton = work[0], work[3]
     for i in range(STAGES):
-        newton[i, 0] = work[4, i, 0] - slip[i]
+        newton[i, 0] = free[i, 0] - stage[0, i]
         for j in range(STAGES):
-            matrix[i, j] = work[2, i, j]
+            matrix[i, j] = gain[i, j]
     eliminate(matrix, newton, 1)
     for i in range(STAGES):
-        mubar = newton[i, 0] / load[i] if load[i] > 0.0 else 2.0
+        mubar = newton[i, 0] / stage[5, i] if stage[5, i] > 0.0 else 2.0
         if stribeck is not None:
-            mubar /= 1.0 + stribeck[0] * math.exp(-stribeck[1] * abs(slip[i]))
+            mubar /= 1.0 + stribeck[0] * math.exp(-stribeck[1] * abs(stage[0, i]))
         if abs(mubar) < 0.9999:
-            slip[i] = 0.5 * math.log((1.0 + mubar) / (1.0 - mubar)) / sigma
+            stage[0, i] = 0.5 * math.log((1.0 + mubar) / (1.0 - mubar)) / sigma
 
 
-@compiled
-def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linear: Linear, sigma: float, stribeck: Stribeck,
-                 accuracy: float, rate: float, stiff: bool) -> int:
+@compiled_without_allocation
+def solve_stages(matrix: Any, right: Any, gain: Any, newton: Any, free: Any, stage: Any, h: float, state: Any, sign: float,
+                 linear: Linear, sigma: float, stribeck: Stribeck, accuracy: float, rate: float, stiff: bool) -> int:
     """Newton's method for the stage slip speeds: rows 0 to 5 of `stage` are V, W, theta2, F, Te, Ts.
 
     V holds the first guess, Te and Ts are given; `stiff` improves the guess by `balance`; `rate` (s/rad) is how fast mubar'
@@ -144,32 +142,29 @@ def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linea
     rounding whatever the last correction was. Returns the number of iterations, negative where it did not converge.
     """
     n = STAGES
-    matrix, right, newton, free = work[0], work[1], work[3], work[4]
-    gain = work[2]
-    slip, plate, angle, friction, engine, load = stage[0], stage[1], stage[2], stage[3], stage[4], stage[5]
     v, theta, speed = state[0], state[1], state[2]
     spring, stiffness = linear[2] * speed + linear[3] * theta, linear[3] * speed
     for i in range(n):
         impulse = 0.0
         for j in range(n):
-            impulse += h * MATRIX[i, j] * engine[j]
+            impulse += h * MATRIX[i, j] * stage[4, j]
         drop = spring * right[i, 1] + stiffness * right[i, 0]
-        plate[i] = speed - drop
+        stage[1, i] = speed - drop
         free[i, 0] = v + (drop + impulse / linear[0])
     if stiff:
-        balance(work, slip, load, sigma, stribeck)
+        balance(matrix, gain, newton, free, stage, sigma, stribeck)
     count = 0
     last = math.inf
     while True:
         count += 1
         for i in range(n):
-            mubar, slope = law_and_slope(slip[i], sign, sigma, stribeck)
-            friction[i] = load[i] * mubar
-            free[i, 1] = load[i] * slope
+            mubar, slope = law_and_slope(stage[0, i], sign, sigma, stribeck)
+            stage[3, i] = stage[5, i] * mubar
+            free[i, 1] = stage[5, i] * slope
         for i in range(n):
-            residual = free[i, 0] - slip[i]
+            residual = free[i, 0] - stage[0, i]
             for j in range(n):
-                residual -= gain[i, j] * friction[j]
+                residual -= gain[i, j] * stage[3, j]
                 matrix[i, j] = gain[i, j] * free[j, 1]
             matrix[i, i] += 1.0
             newton[i, 0] = residual
@@ -182,8 +177,8 @@ def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linea
         limit = min(1.0, 2.0 / (rate * size)) if rate * size > 0.0 else 1.0
         for i in range(n):
             step = limit * newton[i, 0]
-            slip[i] += step
-            friction[i] += free[i, 1] * step
+            stage[0, i] += step
+            stage[3, i] += free[i, 1] * step
         if limit == 1.0 and rate * size * size <= accuracy:
             break
         if count >= ITERATIONS_MAXIMUM or (count > 4 and size > 2.0 * last):
@@ -191,26 +186,26 @@ def solve_stages(work: Any, stage: Any, h: float, state: Any, sign: float, linea
         last = size
     for i in range(n):
         for j in range(n):
-            plate[i] += right[i, 2 + j] * friction[j]
+            stage[1, i] += right[i, 2 + j] * stage[3, j]
     for i in range(n):
-        angle[i] = theta
+        stage[2, i] = theta
         for j in range(n):
-            angle[i] += h * MATRIX[i, j] * plate[j]
+            stage[2, i] += h * MATRIX[i, j] * stage[1, j]
     return count
 
 
-@compiled
-def collocation(coefficients: Any, first: float, values: Any) -> None:
-    """Coefficients 0 to s in x = t/h of the polynomial through `first` at 0 and `values` at the nodes."""
-    coefficients[0] = first
+@compiled_without_allocation
+def collocation(trial: Any, row: int, first: float, stage: Any, kind: int) -> None:
+    """Coefficients 0 to s in x = t/h of the polynomial through `first` at 0 and row `kind` of `stage` at the nodes."""
+    trial[row, 0] = first
     for k in range(STAGES):
         total = 0.0
         for i in range(STAGES):
-            total += MONOMIALS[k, i] * (values[i] - first)
-        coefficients[k + 1] = total
+            total += MONOMIALS[k, i] * (stage[kind, i] - first)
+        trial[row, k + 1] = total
 
 
-@compiled
+@compiled_without_allocation
 def fill(stage: Any, previous: Any, base: float, ratio: float, h: float, tau: float, shift: float, loaded: bool,
          mean_torque: float, torque: tuple[float, float] | None, harmonics: Any, mean_load: float,
          pulsation: tuple[float, float, float] | None) -> None:
@@ -222,4 +217,4 @@ def fill(stage: Any, previous: Any, base: float, ratio: float, h: float, tau: fl
         if pulsation is not None:
             load = max(mean_load + pulsation[0] * math.sin(pulsation[1] * t + shift), 0.0)
         stage[5, i] = load if loaded else 0.0
-        stage[0, i] = value(previous, STAGES, base + ratio * NODES[i])
+        stage[0, i] = value(previous, 0, STAGES, base + ratio * NODES[i])

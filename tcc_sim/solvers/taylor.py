@@ -14,10 +14,14 @@ import numpy as np
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiled import compiled
+from tcc_sim.solvers.compiled import compiled_without_allocation
+from tcc_sim.solvers.keeping import ANGLE, FLYWHEEL, SLIP, SPEED
 
 SLIDING, FALLING, LAYER = 0, 1, 2
 """Which parts of mubar vary: none (|v| so large that mubar = sgn v to the last bit), the exponential, all."""
+
+ENGINE, LOAD, EXCESS, TANH, SECH, WEIGHTED, LAW = range(4, 11)
+"""Rows of the recurrences, after those of the states: Te, Ts, E, T, 1 - T^2, (k + 1) v_(k+1), mubar."""
 
 ORDER_MAXIMUM = 30
 TWO_PI = 2.0 * math.pi
@@ -26,41 +30,41 @@ INVERSE = 1.0 / np.maximum(np.arange(ORDER_MAXIMUM + 2), 1.0)
 """1/k: the recurrences multiply by it, a division being the slowest thing in them."""
 
 
-@compiled
-def add_sine(out: Any, count: int, amplitude: float, rate: float, angle: float) -> None:
-    """Add the first `count` Taylor coefficients of amplitude sin(angle + rate x) to `out`."""
+@compiled_without_allocation
+def add_sine(series: Any, row: int, count: int, amplitude: float, rate: float, angle: float) -> None:
+    """Add the first `count` Taylor coefficients of amplitude sin(angle + rate x) to a row."""
     a, b = amplitude * math.sin(angle), amplitude * math.cos(angle)
     for k in range(count):
-        out[k] += a
+        series[row, k] += a
         g = rate * INVERSE[k + 1]
         a, b = g * b, -g * a
 
 
-@compiled
-def excitation(engine: Any, load: Any, count: int, scale: float, tau: float, shift: float, loaded: bool, mean_torque: float,
+@compiled_without_allocation
+def excitation(series: Any, count: int, scale: float, tau: float, shift: float, loaded: bool, mean_torque: float,
                torque: tuple[float, float] | None, harmonics: Any, mean_load: float,
                pulsation: tuple[float, float, float] | None) -> None:
     """Taylor coefficients in t/scale of Te and Ts at time `tau` into a cycle that starts at pressure angle `shift`."""
     for k in range(count):
-        engine[k] = 0.0
-    engine[0] = mean_torque
+        series[ENGINE, k] = 0.0
+    series[ENGINE, 0] = mean_torque
     if torque is not None:
-        add_sine(engine, count, torque[0], torque[1] * scale, torque[1] * tau)
+        add_sine(series, ENGINE, count, torque[0], torque[1] * scale, torque[1] * tau)
     if harmonics is not None:
         for i in range(harmonics.shape[0]):
             rate = harmonics[i, 0]
-            add_sine(engine, count, harmonics[i, 1], rate * scale, rate * tau + harmonics[i, 2])
+            add_sine(series, ENGINE, count, harmonics[i, 1], rate * scale, rate * tau + harmonics[i, 2])
     if pulsation is None:
-        load[0] = mean_load
+        series[LOAD, 0] = mean_load
     else:
         for k in range(count):
-            load[k] = 0.0
+            series[LOAD, k] = 0.0
         if loaded:
-            load[0] = mean_load
-            add_sine(load, count, pulsation[0], pulsation[1] * scale, pulsation[1] * tau + shift)
+            series[LOAD, 0] = mean_load
+            add_sine(series, LOAD, count, pulsation[0], pulsation[1] * scale, pulsation[1] * tau + shift)
 
 
-@compiled
+@compiled_without_allocation
 def segment_end(tau: float, end: float, shift: float, mean_load: float,
                 pulsation: tuple[float, float, float] | None) -> tuple[float, bool]:
     """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then."""
@@ -85,16 +89,16 @@ def segment_end(tau: float, end: float, shift: float, mean_load: float,
         return until, mean_load + amplitude * math.sin(middle) > 0.0
 
 
-@compiled
-def product(a: Any, b: Any, k: int) -> float:
-    """Coefficient k of the product of two series."""
+@compiled_without_allocation
+def product(series: Any, a: int, b: int, k: int) -> float:
+    """Coefficient k of the product of the series in rows a and b."""
     total = 0.0
     for j in range(k + 1):
-        total += a[j] * b[k - j]
+        total += series[a, j] * series[b, k - j]
     return total
 
 
-@compiled
+@compiled_without_allocation
 def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, shift: float, region: int, sign: float,
            loaded: bool, linear: Linear, mean_torque: float, torque: tuple[float, float] | None, harmonics: Any,
            mean_load: float, pulsation: tuple[float, float, float] | None, sigma: float,
@@ -103,7 +107,7 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
 
     Parameters
     ----------
-    series : (10, ORDER_MAXIMUM + 2) array, filled; the rows from 3 on are work space
+    series : (11, ORDER_MAXIMUM + 2) array, filled; the rows from ENGINE on are work space
     base_rate : sum of the rates (1/s) that are there in every region; it scales time together with those of friction
     state : (3,) array, slip speed, plate angle, plate speed
     region, sign : SLIDING, FALLING or LAYER; the sign of v, which is kept over the step
@@ -113,43 +117,41 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
     -------
     H (s), the unit of time of the coefficients, and the slope -d(v')/dv of friction, 1/s
     """
-    v_, angle_, speed_, engine, load = series[0], series[1], series[2], series[4], series[5]
-    falling, tanh, sech, weighted, law = series[6], series[7], series[8], series[9], series[10]
     flywheel, plate = 1.0 / linear[0], 1.0 / linear[1]
     scale = 1.0 / base_rate
-    excitation(engine, load, order, scale, tau, shift, loaded, mean_torque, torque, harmonics, mean_load, pulsation)
+    excitation(series, order, scale, tau, shift, loaded, mean_torque, torque, harmonics, mean_load, pulsation)
     v, angle, speed = state[0], state[1], state[2]
-    v_[0] = v
-    angle_[0] = angle
-    speed_[0] = speed
-    law[0] = sign
+    series[SLIP, 0] = v
+    series[ANGLE, 0] = angle
+    series[SPEED, 0] = speed
+    series[LAW, 0] = sign
     slope = 0.0
     excess = 0.0
     decay = 0.0
     if stribeck is not None and region != SLIDING:
         excess = stribeck[0]
         decay = -stribeck[1] * sign
-        falling[0] = excess * math.exp(decay * v)
-        law[0] = sign * (1.0 + falling[0])
-        slope = sign * decay * falling[0]
+        series[EXCESS, 0] = excess * math.exp(decay * v)
+        series[LAW, 0] = sign * (1.0 + series[EXCESS, 0])
+        slope = sign * decay * series[EXCESS, 0]
     if region == LAYER:
         e = math.exp(-2.0 * sigma * abs(v))
-        tanh[0] = math.copysign((1.0 - e) / (1.0 + e), v)
-        sech[0] = 4.0 * e / ((1.0 + e) * (1.0 + e))
+        series[TANH, 0] = math.copysign((1.0 - e) / (1.0 + e), v)
+        series[SECH, 0] = 4.0 * e / ((1.0 + e) * (1.0 + e))
         if stribeck is None:
-            law[0] = tanh[0]
-            slope = sigma * sech[0]
+            series[LAW, 0] = series[TANH, 0]
+            slope = sigma * series[SECH, 0]
         else:
-            law[0] = tanh[0] * (1.0 + falling[0])
-            slope = sigma * sech[0] * (1.0 + falling[0]) + decay * falling[0] * tanh[0]
+            series[LAW, 0] = series[TANH, 0] * (1.0 + series[EXCESS, 0])
+            slope = sigma * series[SECH, 0] * (1.0 + series[EXCESS, 0]) + decay * series[EXCESS, 0] * series[TANH, 0]
     if not loaded:
-        law[0] = 0.0
+        series[LAW, 0] = 0.0
         slope = 0.0
     beta = flywheel + plate
-    friction = law[0] * load[0]
+    friction = series[LAW, 0] * series[LOAD, 0]
     spring = linear[2] * speed + linear[3] * angle
-    rate = abs((engine[0] - friction) * flywheel - (friction - spring) * plate)
-    rho = beta * load[0] * slope
+    rate = abs((series[ENGINE, 0] - friction) * flywheel - (friction - spring) * plate)
+    rho = beta * series[LOAD, 0] * slope
     if region == SLIDING:
         unit = scale
     elif region == FALLING:
@@ -160,49 +162,49 @@ def expand(series: Any, order: int, base_rate: float, state: Any, tau: float, sh
     power = 1.0
     for k in range(order):
         if region == SLIDING:
-            friction = law[0] * load[k] * power if (pulsation is not None or k == 0) else 0.0
+            friction = series[LAW, 0] * series[LOAD, k] * power if (pulsation is not None or k == 0) else 0.0
         else:
             if k > 0:
-                weighted[k - 1] = k * v_[k]
+                series[WEIGHTED, k - 1] = k * series[SLIP, k]
                 if stribeck is not None:
-                    falling[k] = decay * product(weighted, falling, k - 1) * INVERSE[k]
-                    law[k] = sign * falling[k]
+                    series[EXCESS, k] = decay * product(series, WEIGHTED, EXCESS, k - 1) * INVERSE[k]
+                    series[LAW, k] = sign * series[EXCESS, k]
                 if region == LAYER:
-                    tanh[k] = sigma * product(weighted, sech, k - 1) * INVERSE[k]
-                    sech[k] = -product(tanh, tanh, k)
+                    series[TANH, k] = sigma * product(series, WEIGHTED, SECH, k - 1) * INVERSE[k]
+                    series[SECH, k] = -product(series, TANH, TANH, k)
                     if stribeck is None:
-                        law[k] = tanh[k]
+                        series[LAW, k] = series[TANH, k]
                     else:
-                        law[k] = tanh[k] + product(falling, tanh, k)
+                        series[LAW, k] = series[TANH, k] + product(series, EXCESS, TANH, k)
             if pulsation is None:
-                friction = law[k] * load[0]
+                friction = series[LAW, k] * series[LOAD, 0]
             else:
-                load[k] *= power
-                friction = product(law, load, k)
-        spring = linear[2] * speed_[k] + linear[3] * angle_[k]
+                series[LOAD, k] *= power
+                friction = product(series, LAW, LOAD, k)
+        spring = linear[2] * series[SPEED, k] + linear[3] * series[ANGLE, k]
         step = unit * INVERSE[k + 1]
         pull = (friction - spring) * plate
-        v_[k + 1] = step * ((engine[k] * power - friction) * flywheel - pull)
-        speed_[k + 1] = step * pull
-        angle_[k + 1] = step * speed_[k]
+        series[SLIP, k + 1] = step * ((series[ENGINE, k] * power - friction) * flywheel - pull)
+        series[SPEED, k + 1] = step * pull
+        series[ANGLE, k + 1] = step * series[SPEED, k]
         power *= ratio
     return unit, rho
 
 
-@compiled
-def step_length(slip: Any, speed: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
+@compiled_without_allocation
+def step_length(series: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
     """The step, in units of the series' own time, at which its last two terms reach the tolerance."""
     x = math.inf
     for k in range(order - 1, order + 1):
-        size = max(abs(slip[k]) / slip_tolerance, abs(speed[k]) / speed_tolerance)
+        size = max(abs(series[SLIP, k]) / slip_tolerance, abs(series[SPEED, k]) / speed_tolerance)
         if size > 0.0:
             x = min(x, size ** (-1.0 / k))
     return x
 
 
-@compiled
+@compiled_without_allocation
 def add_angle(series: Any, order: int, unit: float, state: Any) -> None:
     """Taylor coefficients of theta1, the integral of slip speed + plate speed."""
-    series[3, 0] = state[3]
+    series[FLYWHEEL, 0] = state[3]
     for k in range(order):
-        series[3, k + 1] = unit * (series[0, k] + series[2, k]) / (k + 1.0)
+        series[FLYWHEEL, k + 1] = unit * (series[SLIP, k] + series[SPEED, k]) / (k + 1.0)
