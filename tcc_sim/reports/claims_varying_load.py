@@ -92,7 +92,8 @@ def _pure_stick_below(evidence: Evidence, number: int, place: float) -> Finding:
     ends = {law: _first_slip(evidence, number, 0, law) for law in ("smoothed", "set_valued")}
     near = [x is not None and abs(x - place) <= NEAR for x in ends.values()]
     return Finding(str(number), f"psi = 0: pure stick below {place:g}", f"lowest slipping ratio within {NEAR:g} of {place:g}",
-                   ends, judged(all(near), any(near)), "" if all(near) else "where stick and stick-slip coexist, single frequencies keep slipping from (13)")
+                   ends, judged(all(near), any(near)),
+                   "" if all(near) else "where stick and stick-slip coexist, single frequencies keep slipping from (13)")
 
 
 def stick_below_018(evidence: Evidence) -> Finding:
