@@ -16,6 +16,7 @@ class Topic:
     switch : the scene key or node parameter, with its value, that creates the topic; empty: always there
     carries : what one message says
     view : entity path in Rerun; empty where it is not shown
+    latched : the last message is kept for those who subscribe later
     """
 
     name: str
@@ -25,9 +26,11 @@ class Topic:
     switch: str
     carries: str
     view: str = ""
+    latched: bool = False
 
 
 FLOAT64 = "std_msgs/msg/Float64"
+STRING = "std_msgs/msg/String"
 INT8 = "std_msgs/msg/Int8"
 FLUID_PRESSURE = "sensor_msgs/msg/FluidPressure"
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -38,6 +41,8 @@ JOINT_NAMES = ("flywheel", "clutch_plate")
 """The two joints of joint_states, in this order."""
 
 TOPICS: tuple[Topic, ...] = (
+    Topic("scene", STRING, "", "out", "", "the scene with every override, as a parameter file; said again after a change",
+          latched=True),
     Topic("engine_torque", FLOAT64, "N m", "in", "engine.source: topic", "engine torque command, held until the next one",
           "torque/engine_command"),
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", "pressure.source: topic",

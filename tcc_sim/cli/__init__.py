@@ -15,6 +15,7 @@ from typing import NoReturn
 from tcc_sim.errors import InputError, TccError
 
 VERBS: dict[str, str] = {
+    "demo": "run the whole chain on real ROS 2: nodes, a recording, its analysis, a Rerun file and a picture",
     "scenes": "list the bundled scenes",
     "explain": "show what a scene builds and what it leaves out",
     "analyse": "summarise a recording, show it in Rerun, solve it again",

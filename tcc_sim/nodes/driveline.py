@@ -15,14 +15,16 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes import parameters
 from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import RealTimeLoop
-from tcc_sim.nodes.polling import run
+from tcc_sim.nodes.polling import LATCHED, run
 from tcc_sim.nodes.processes import CLOCK_STARTED
+from tcc_sim.recording import cdr
 
 SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
@@ -37,6 +39,8 @@ class DrivelineNode(Node):
         super().__init__("driveline", automatically_declare_parameters_from_overrides=True, **options)
         self.scene = parameters.declare(self)
         self.loop = RealTimeLoop(self, self.scene)
+        self._scene_publisher = self.create_publisher(String, "scene", LATCHED)
+        self._publish_scene()
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -85,7 +89,12 @@ class DrivelineNode(Node):
             if not self.loop.request(lambda: self.loop.use(after)):
                 return parameters.refused(InputError("the real-time loop did not take the change within 1 s"))
             self.scene = after
+            self._publish_scene()
         return parameters.accepted()
+
+    def _publish_scene(self) -> None:
+        """Say what runs from here on, with every override and change."""
+        self._scene_publisher.publish(cdr.string(self.scene.text()))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/reset."""

@@ -20,6 +20,10 @@ COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=Re
                       durability=DurabilityPolicy.VOLATILE)
 """What the driveline asks of those who send commands."""
 
+LATCHED = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For the scene: whoever subscribes later still gets the last one."""
+
 DIAGNOSTICS = QoSProfile(depth=10)
 """For /diagnostics, as diagnostic_aggregator expects it."""
 

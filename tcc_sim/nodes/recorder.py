@@ -24,12 +24,11 @@ from rclpy.subscription import Subscription
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.messages import message_class, qos_fields
 from tcc_sim.nodes.polling import poll, run, subscribe, unknown_parameters
-from tcc_sim.nodes.scene_query import SceneQuery
 from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import RELIABLE, BagWriter
 from tcc_sim.recording.definitions import definition
 from tcc_sim.recording.stamps import StampCount
-from tcc_sim.topics import JOINT_STATE, TOPICS
+from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 
 DEPTH = 20_000
 """Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
@@ -46,6 +45,7 @@ class Track:
         self.subscription: Subscription[Any] | None = None
         self.best_effort = False
         self.latched = False
+        self.published = False
         self.channel = 0
         self.messages = 0
         self.lost = 0
@@ -85,11 +85,13 @@ class Recorder:
         known = {node.resolve_topic_name(row.name): row.type for row in TOPICS}
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
-        self._scenes = SceneQuery(node)
         self.tracks: dict[str, Track] = {}
-        # joint_states come last: the driveline may wait for their subscriber, and then all the others are there.
-        for topic in sorted(wanted, key=lambda topic: known[topic] == JOINT_STATE):
-            self._add(topic, known[topic])
+        # The scene comes first, so that it is in the file before what it explains; joint_states come last: the driveline may
+        # wait for their subscriber, and then all the others are there.
+        self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
+        latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
+        for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
+            self._add(topic, known[topic], topic in latched)
         self.bag = BagWriter(directory)
 
     def spin(self) -> None:
@@ -126,13 +128,22 @@ class Recorder:
             number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
             if number and publisher:
                 count(publisher["data"], number)
+            if track.topic in self._scene_topics:
+                self._describe(data)
             write(channel, info["received_timestamp"] or time.time_ns(), info["source_timestamp"], data, number)
         track.messages += len(taken)
         if track.stamps is not None:
             track.stamps.add(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64))
 
+    def _describe(self, data: bytes) -> None:
+        """Write a scene as a metadata record, which survives a kill at any moment after it."""
+        try:
+            self.bag.describe(cdr.read_string(data), log_ns=time.time_ns())
+        except ValueError as error:
+            self.node.get_logger().warning(f"a scene is not understood: {error}")
+
     def look(self) -> None:
-        """See who publishes: adapt to the quality of service offered, add topics by their type, ask for the scene."""
+        """See who publishes: adapt to the quality of service offered, add topics by their type, tell of who is gone."""
         if self._unknown:
             found = dict(self.node.get_topic_names_and_types())
             for topic in [topic for topic in self._unknown if topic in found]:
@@ -149,9 +160,9 @@ class Recorder:
                 if (best_effort, latched) != (track.best_effort, track.latched):
                     self._subscribe(track, best_effort, latched)
             if track.type == JOINT_STATE:
-                self._scenes.look(track.topic, offered)
-        for scene in self._scenes.collect():
-            self.bag.describe(scene, log_ns=time.time_ns())
+                if track.published and not offered:
+                    self.node.get_logger().warning(f"the publisher of {track.topic} is gone; the recording goes on")
+                track.published = bool(offered)
 
     def close(self) -> str:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line."""
@@ -163,11 +174,11 @@ class Recorder:
         count = sum(track.messages for track in seen)
         return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost"
 
-    def _add(self, topic: str, type_name: str) -> None:
+    def _add(self, topic: str, type_name: str, latched: bool = False) -> None:
         """Record a topic of a known type."""
         definition(type_name)
         track = self.tracks[topic] = Track(topic, type_name)
-        self._subscribe(track, best_effort=False, latched=False)
+        self._subscribe(track, best_effort=False, latched=latched)
 
     def _subscribe(self, track: Track, best_effort: bool, latched: bool) -> None:
         """Subscribe, or do so again with another quality of service; what waits is saved first."""

@@ -21,7 +21,7 @@ _FLOAT64 = struct.Struct("<4sd")
 _INT8 = struct.Struct("<4sb3x")
 _CLOCK = struct.Struct("<4siI")
 _FLUID_PRESSURE = struct.Struct("<4siIIxxxxdd")
-_FRAME_ID_LENGTH = struct.Struct("<I")
+_LENGTH = struct.Struct("<I")
 _DOUBLE = struct.Struct("<d")
 _STAMP = struct.Struct("<iI")
 
@@ -65,6 +65,26 @@ def float64(value: float) -> bytes:
 def int8(value: int) -> bytes:
     """std_msgs/msg/Int8, padded with zeros to four bytes as DDS does on the wire."""
     return _INT8.pack(HEADER, value)
+
+
+def string(text: str) -> bytes:
+    """std_msgs/msg/String."""
+    return HEADER + _string(text)
+
+
+def read_string(data: bytes) -> str:
+    """Text of a serialised String.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian String.
+    """
+    if len(data) >= 8 and data[1] == HEADER[1]:
+        length = _LENGTH.unpack_from(data, 4)[0]
+        if 1 <= length <= len(data) - 8:
+            return data[8:7 + length].decode(errors="replace")
+    raise ValueError("not a little-endian std_msgs/msg/String")
 
 
 def clock(stamp_ns: int) -> bytes:
@@ -114,7 +134,7 @@ def read_fluid_pressure(data: bytes) -> tuple[int, float]:
         Not a little-endian FluidPressure.
     """
     if len(data) >= 16 and data[1] == HEADER[1]:
-        end = 12 + _FRAME_ID_LENGTH.unpack_from(data, 12)[0]
+        end = 12 + _LENGTH.unpack_from(data, 12)[0]
         start = 4 + (end + 7) // 8 * 8
         if start + 16 <= len(data):
             return read_stamp(data), float(_DOUBLE.unpack_from(data, start)[0])

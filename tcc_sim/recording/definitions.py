@@ -22,6 +22,9 @@ _CARRIED: dict[str, tuple[str, str]] = {
     "std_msgs/msg/Float64": (
         "float64 data\n",
         "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"),
+    "std_msgs/msg/String": (
+        "string data\n",
+        "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"),
     "std_msgs/msg/Int8": (
         "int8 data\n",
         "RIHS01_26525065a403d972cb672f0777e333f0c799ad444ae5fcd79e43d1e73bd0f440"),

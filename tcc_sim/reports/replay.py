@@ -14,6 +14,7 @@ from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
+from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.reports.output import draft
 from tcc_sim.reports.table import rows, summary_rows
@@ -41,6 +42,7 @@ class Replay:
     messages, lost_messages : joint_states read, and those missing between them
     complete : False where the recording was cut short
     warnings : one sentence per damage
+    pace : simulated seconds per second of real time between the first and the last message, by when they were received
     verification : where it was asked for
     """
 
@@ -57,6 +59,7 @@ class Replay:
     lost_messages: int
     complete: bool
     warnings: tuple[str, ...]
+    pace: float
     verification: Verification | None = None
 
     def json(self) -> dict[str, Any]:
@@ -65,7 +68,8 @@ class Replay:
         found.update(messages=self.messages, lost_messages=self.lost_messages, complete=self.complete,
                      warnings=list(self.warnings), scene=self.scene.description or self.scene.name, frequency=self.frequency,
                      frequency_source=self.frequency_source, gaps=self.continuity.gaps, uneven_stamps=self.continuity.uneven,
-                     tick_s=self.continuity.step * 1e-9, runs=self.continuity.runs)
+                     tick_s=self.continuity.step * 1e-9, runs=self.continuity.runs,
+                     real_time_factor=self.pace if math.isfinite(self.pace) else None)
         if self.verification is not None:
             largest = self.verification.largest_difference
             found.update(verified=self.verification.verified, largest_difference=largest if math.isfinite(largest) else None,
@@ -81,18 +85,47 @@ class Replay:
         if self.continuity.runs > 1:
             stamps += f"; {self.continuity.runs} runs, the figures are those of the longest"
         table = [("recording", "complete" if self.complete else "cut short; what was flushed is read"),
-                 ("messages", f"{self.messages} of joint_states"), ("stamps", stamps),
+                 ("messages", f"{self.messages} of joint_states"), ("stamps", stamps), *self._pace(),
                  ("frequency", f"{self.frequency:.9g} rad/s, {SOURCES[self.frequency_source]}"), *summary_rows(self.summary)]
         if self.verification is not None:
             table.append(("solved again", self.verification.sentence()))
         notes = [f"  note: {text}" for text in self.warnings]
         return [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
 
+    def _pace(self) -> list[tuple[str, str]]:
+        """The rate that was reached, where real time was recorded."""
+        if not math.isfinite(self.pace) or not self.continuity.step:
+            return []
+        return [("rate", f"{self.pace * 1e9 / self.continuity.step:.2f} Hz reached, {self.pace:.5f} of real time")]
+
     def markdown(self) -> str:
         """The result as a Markdown table."""
         cells = [line.strip().split("  ", 1) for line in self.lines()[1:]]
         table = [f"| {cell[0]} | {cell[1].strip()} |" if len(cell) > 1 else f"| | {cell[0]} |" for cell in cells]
         return "\n".join([f"# {self.path.name}", "", "| | |", "|---|---|", *table, ""])
+
+
+class Pace:
+    """Simulated time against the real time at which messages were received; resets and restarts count from anew.
+
+    The first batch of a run only sets the start: its messages may have waited for the recorder to be discovered.
+    """
+
+    def __init__(self) -> None:
+        self._simulated = self._real = 0.0
+        self._last: tuple[int, int, int] | None = None
+
+    def add(self, batch: JointStates) -> None:
+        """Take the next messages, all of one run."""
+        if len(batch):
+            before, self._last = self._last, (batch.run, int(batch.stamp_ns[-1]), int(batch.log_ns[-1]))
+            begin = before if before is not None and before[0] == batch.run else self._last
+            self._simulated += self._last[1] - begin[1]
+            self._real += self._last[2] - begin[2]
+
+    def factor(self) -> float:
+        """Simulated over real time; NaN where no real time passed, as in a recording that was not made live."""
+        return self._simulated / self._real if self._real > 0.0 else math.nan
 
 
 def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
@@ -128,7 +161,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     system = replace(own.system, engine=replace(own.system.engine, frequency=omega))
     cycle = 2.0 * math.pi / omega
     stream, tail = CycleStream(system, cycle), Tail(system, cycle)
-    verifier = Verifier(run.scenes, own) if verify else None
+    verifier, pace = Verifier(run.scenes, own) if verify else None, Pace()
     with ExitStack() as stack:
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
         for batch in _watched(run, "reading", stack, progress):
@@ -137,6 +170,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                                  batch.friction_torque)
             tail.add(batch, slip_speed, state, stream)
+            pace.add(batch)
             if verifier is not None:
                 verifier.feed(batch)
             if view is not None:
@@ -152,7 +186,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         if len({record.text for record in run.scenes}) > 1:
             warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures are worked out with the first")
         found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source, stream.continuity,
-                       run.stamps.messages, run.lost_messages, run.complete, tuple(warnings),
+                       run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
                        verifier.result() if verifier is not None else None)
         if view is not None:
             view.text(found.markdown())

@@ -16,6 +16,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
 
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.nodes import polling, recorder
@@ -124,7 +125,7 @@ def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(cont
     assert open_run(tmp_path / "run").topics == {"/elsewhere": "std_msgs/msg/Int8"}
 
 
-def test_the_scene_is_asked_of_every_driveline_that_appears(context, tmp_path):
+def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path):
     found = start(context, tmp_path / "run")
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(found.node)
@@ -136,7 +137,7 @@ def test_the_scene_is_asked_of_every_driveline_that_appears(context, tmp_path):
 
     for number in (1, 2):
         node = rclpy.create_node("driveline", context=context)
-        node.declare_parameter("scene_text", SCENE + f"# {number}\n")
+        node.create_publisher(String, "scene", polling.LATCHED).publish(String(data=SCENE + f"# {number}\n"))
         executor.add_node(node)
         publisher = publisher_of(node, "joint_states")
         until(lambda n=number: len(found.bag.scenes) == n, step=step)

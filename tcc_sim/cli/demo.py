@@ -1,0 +1,88 @@
+"""`tcc-sim demo`: the whole chain on real ROS 2, from a scene to a recording, its analysis, a Rerun file and a picture."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tcc_sim.cli.arguments import new_directory, number
+
+if TYPE_CHECKING:
+    from tcc_sim.scene import Scene
+
+STEP = 0.1
+"""Seconds between two looks at the nodes."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Scene, duration and directory."""
+    parser.add_argument("--scene", metavar="S", default="fig02", help="name of a bundled scene, or a file (fig02)")
+    parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=10.0, metavar="SECONDS",
+                        help="seconds recorded (10)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="directory to create (default: tcc_demo_ and the time)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record, analyse, draw, and say what was made."""
+    from tcc_sim.nodes.processes import require_ros
+    from tcc_sim.scene import load_scene
+
+    scene = load_scene(arguments.scene)
+    require_ros()
+    directory = new_directory(arguments.out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
+    missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
+    if missing:
+        print(f"{' and '.join(missing)} not installed: no {'run.rrd' if 'rerun' in missing else 'overview.png'}"
+              f"{' and no overview.png' if len(missing) == 2 else ''}; pip install 'tcc_sim[view]' brings them")
+    directory.mkdir()
+    recording = directory / "recording"
+    _record(scene, arguments.scene, recording, arguments.duration)
+    return _analyse(scene, recording, directory, missing)
+
+
+def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
+    """Driveline and recorder as processes of their own, for `duration` seconds of real time; Ctrl-C ends it sooner."""
+    from tqdm import tqdm
+
+    from tcc_sim.nodes.processes import Session
+
+    print(f"scene {scene.name}: {scene.description}")
+    session = Session(recording, {"scene": name})
+    print(f"recording {duration:g} s to {recording}", flush=True)
+    try:
+        with tqdm(total=duration, desc="recording", unit="s", disable=None, leave=False,
+                  bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
+            began = time.monotonic()
+            while (elapsed := time.monotonic() - began) < duration:
+                bar.update(elapsed - bar.n)
+                session.watch(min(STEP, duration - elapsed))
+    except KeyboardInterrupt:
+        print("stopped early; what was recorded is analysed")
+    finally:
+        session.stop()
+
+
+def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str]) -> int:
+    """Replay the recording into analysis.json, run.rrd and overview.png, and print the figures that matter."""
+    from tcc_sim.reports.output import write_json
+    from tcc_sim.reports.replay import replay
+
+    found = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
+    write_json(directory / "analysis.json", found.json())
+    made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
+    if "matplotlib" not in missing:
+        from tcc_sim.views.pictures import overview
+
+        overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary, scene.name)
+        made.append("overview.png")
+    print("\n".join(found.lines()))
+    print(f"{directory}/ holds {', '.join(made)}\nnext:")
+    print(f"  tcc-sim analyse {recording} --verify")
+    if "rerun" not in missing:
+        print(f"  rerun {directory / 'run.rrd'}")
+    print(f"  tcc-sim explain {scene.name}\n  tcc-sim demo --scene chaos")
+    return 0

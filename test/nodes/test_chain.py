@@ -1,0 +1,91 @@
+"""The commands that run real nodes in processes of their own: demo, realtime, soak."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from tcc_sim.nodes.processes import isolated_environment
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+
+
+def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "tcc_sim", *words], cwd=folder, capture_output=True, text=True, timeout=120,
+                          check=False, env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path)})
+
+
+def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    pytest.importorskip("matplotlib")
+    ended = command("demo", "--scene", "minimal", "--duration", "2", "--out", "made", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr == ""
+    made = tmp_path / "made"
+    assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
+    found = json.loads((made / "analysis.json").read_text())
+    assert (found["lost_messages"], found["complete"], found["gaps"]) == (0, True, 0)
+    assert found["messages"] >= 1900
+    # The recorded cycles are those of the scene, solved by SciPy.
+    cycles = found["cycles"]
+    reference = solve(load_scene("minimal").system, cycles=cycles, solver="lsoda", rtol=1e-9).raise_for_status().cycles
+    assert reference is not None
+    assert found["max_slip_speed"] == pytest.approx(reference.highest[found["discarded"]:].max(), rel=1e-3)
+    assert (made / "overview.png").stat().st_size > 50_000
+    again = command("analyse", "made/recording", "--verify", "--json", "verified.json", folder=tmp_path)
+    assert again.returncode == 0, again.stderr
+    verified = json.loads((tmp_path / "verified.json").read_text())
+    assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
+    refused = command("demo", "--out", "made", folder=tmp_path)
+    assert (refused.returncode, refused.stderr) == (2, "tcc-sim: made exists; name a directory that does not\n")
+
+
+def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "demo", "--scene", "minimal", "--duration", "600", "--out",
+                                "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path),
+                                    "PYTHONUNBUFFERED": "1"})
+    try:
+        assert process.stdout is not None
+        lines = [process.stdout.readline()]
+        while "recording" not in lines[-1]:
+            lines.append(process.stdout.readline())
+        # Half a second of simulated time is on disk: then there are whole engine cycles to analyse.
+        while not any(p.stat().st_size > 60_000 for p in (tmp_path / "made").rglob("*.mcap")):
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    assert "stopped early" in out
+    assert (tmp_path / "made" / "analysis.json").is_file()
+
+
+def test_realtime_gives_every_figure(tmp_path: Path) -> None:
+    ended = command("realtime", "--rate", "500", "--duration", "1", "--json", "pacing.json", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads((tmp_path / "pacing.json").read_text())
+    names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "cpu_fraction"}
+    assert set(found) == {"rate", "ticks", "missed_ticks", "drift_s", *names, *(f"bare_{n}" for n in names)}
+    assert found["rate"] == 500.0
+    assert found["ticks"] > 0
+
+
+def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
+    ended = command("soak", "--rate", "500", "--duration", "3", "--json", "soak.json", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads((tmp_path / "soak.json").read_text())
+    assert found["lost_messages"] == 0
+    assert found["complete"]
+    assert found["messages"]["/joint_states"] > 1000
+    assert found["messages"]["/engine_torque"] > 500
+    assert {"memory_growth_bytes", "cpu_fraction"} <= set(found["driveline"]) & set(found["recorder"])
