@@ -15,6 +15,7 @@ from std_msgs.msg import Float64
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.polling import COMMANDS, run
+from tcc_sim.nodes.processes import SENDING
 from tcc_sim.recording import cdr
 from tcc_sim.scene import load_scene
 
@@ -34,6 +35,7 @@ def _send() -> int:
     engine, pressure = system.engine, system.pressure
     torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+    node.get_logger().info(SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
     try:

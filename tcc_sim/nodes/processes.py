@@ -16,6 +16,8 @@ from tcc_sim.errors import MissingPackage, TccError
 
 CLOCK_STARTED = "clock started"
 """What the driveline node logs when its first tick is due."""
+SENDING = "sending commands"
+"""What the commander node logs before its first command."""
 START_LIMIT = 60.0
 """Real time, s, that a start may take: compiling the kernels for the first time is most of it."""
 END_LIMIT = 10.0

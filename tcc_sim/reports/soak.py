@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.nodes.processes import NodeProcess, Session
+from tcc_sim.nodes.processes import SENDING, NodeProcess, Session
 from tcc_sim.recording.reader import open_run
 
 WARM_UP = 60.0
@@ -30,6 +30,7 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
     warm = min(WARM_UP, 0.2 * duration)
     memory: dict[str, list[tuple[float, int]]] = {name: [] for name in processes}
     try:
+        sender.await_line(SENDING)
         began = time.monotonic()
         cpu = {name: _cpu(p.pid) for name, p in processes.items()}
         while (elapsed := time.monotonic() - began) < duration:

@@ -59,7 +59,7 @@ def until(predicate, *, step=lambda: None, limit=20.0):
 
 
 def publisher_of(node, name, qos=STATES):
-    return node.create_publisher(message_class(topic(name).type), name, qos)
+    return node.create_publisher(message_class(topic(name).type), name, polling.LATCHED if topic(name).latched else qos)
 
 
 def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(context, tmp_path):
@@ -67,14 +67,16 @@ def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(conte
     node = rclpy.create_node("driveline", context=context)
     publishers = {row.name: publisher_of(node, row.name) for row in TOPICS}
     message = {"std_msgs/msg/Float64": cdr.float64(1.0), "std_msgs/msg/Int8": cdr.int8(1), JOINT_STATE: joint_state(1),
-               "sensor_msgs/msg/FluidPressure": cdr.fluid_pressure(TICK, 1e5), "rosgraph_msgs/msg/Clock": cdr.clock(1)}
+               "sensor_msgs/msg/FluidPressure": cdr.fluid_pressure(TICK, 1e5), "rosgraph_msgs/msg/Clock": cdr.clock(1),
+               "std_msgs/msg/String": cdr.string(SCENE)}
     for row in TOPICS:
         publishers[row.name].publish(message.get(row.type) or message_class(row.type)())
     until(lambda: sum(track.messages for track in found.tracks.values()) == len(TOPICS), step=found.drain)
-    assert "9 messages" in found.close()
+    assert f"{len(TOPICS)} messages" in found.close()
     run = open_run(tmp_path / "run")
     assert run.topics == {node.resolve_topic_name(row.name): row.type for row in TOPICS}
     assert sum(map(len, run.batches())) == 1
+    assert run.scene_text == SCENE
     assert run.result["lost"] == dict.fromkeys(run.topics, 0)
 
 
