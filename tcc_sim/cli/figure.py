@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
+import signal
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError, RecordingError
+
+if TYPE_CHECKING:
+    from tcc_sim.reports.figures import Manner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
-    from tcc_sim.reports.figures import Manner, figure_data
+    from tcc_sim.reports.figures import Manner
     from tcc_sim.reports.paper import FIGURES
     from tcc_sim.views.paper_figures import draw
 
@@ -44,9 +52,25 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
     manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for number, stem in stems.items():
-        data = figure_data(number, manner)
-        draw(data, stem)
-        stem.with_suffix(".json").write_text(json.dumps(data, allow_nan=False) + "\n")
-        print(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
+    if len(stems) == 1:
+        (number, stem), = stems.items()
+        _write(number, stem, manner, draw)
+        return 0
+    # A picture takes as long as its numbers and holds the interpreter lock: it is drawn in another process meanwhile.
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)) as painter:
+        drawn = [_write(number, stem, manner, lambda data, where: painter.submit(draw, data, where))
+                 for number, stem in stems.items()]
+        for picture in drawn:
+            picture.result()
     return 0
+
+
+def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, Any], Path], Any]) -> Any:
+    """Work out one figure, write its numbers and have it drawn."""
+    from tcc_sim.reports.figures import figure_data
+
+    data = figure_data(number, manner)
+    stem.with_suffix(".json").write_text(json.dumps(data, allow_nan=False) + "\n")
+    drawn = draw(data, stem)
+    print(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
+    return drawn

@@ -69,8 +69,10 @@ def save(drawn: Any, path: Path) -> Path:
 
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg."""
-    return save(drawn, stem.with_name(stem.name + ".png")), save(drawn, stem.with_name(stem.name + ".svg"))
+    """Write `stem`.png and `stem`.svg, laid out once for both."""
+    raster = save(drawn, stem.with_name(stem.name + ".png"))
+    drawn.set_layout_engine("none")
+    return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 
 
 def panel_titles(axes: Any, titles: list[str]) -> None:
