@@ -45,7 +45,7 @@ class Track:
         self.subscription: Subscription[Any] | None = None
         self.best_effort = False
         self.latched = False
-        self.published = False
+        self.publishers: set[bytes] = set()
         self.channel = 0
         self.messages = 0
         self.lost = 0
@@ -128,17 +128,21 @@ class Recorder:
             number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
             if number and publisher:
                 count(publisher["data"], number)
+            received = info["received_timestamp"] or time.time_ns()
             if track.topic in self._scene_topics:
-                self._describe(data)
-            write(channel, info["received_timestamp"] or time.time_ns(), info["source_timestamp"], data, number)
+                self._describe(data, min(received, info["source_timestamp"] or received))
+            write(channel, received, info["source_timestamp"], data, number)
         track.messages += len(taken)
         if track.stamps is not None:
             track.stamps.add(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64))
 
-    def _describe(self, data: bytes) -> None:
-        """Write a scene as a metadata record, which survives a kill at any moment after it."""
+    def _describe(self, data: bytes, said_ns: int) -> None:
+        """Write a scene as a metadata record, which survives a kill at any moment after it.
+
+        It belongs to what is received from when it was said on: a driveline's first states may arrive before its scene does.
+        """
         try:
-            self.bag.describe(cdr.read_string(data), log_ns=time.time_ns())
+            self.bag.describe(cdr.read_string(data), log_ns=said_ns)
         except ValueError as error:
             self.node.get_logger().warning(f"a scene is not understood: {error}")
 
@@ -160,9 +164,11 @@ class Recorder:
                 if (best_effort, latched) != (track.best_effort, track.latched):
                     self._subscribe(track, best_effort, latched)
             if track.type == JOINT_STATE:
-                if track.published and not offered:
-                    self.node.get_logger().warning(f"the publisher of {track.topic} is gone; the recording goes on")
-                track.published = bool(offered)
+                now = {bytes(o.endpoint_gid) for o in offered}
+                if track.publishers - now:
+                    left = f"; {len(now)} left" if now else ""
+                    self.node.get_logger().warning(f"the publisher of {track.topic} is gone{left}; the recording goes on")
+                track.publishers = now
 
     def close(self) -> str:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line."""

@@ -1,0 +1,118 @@
+"""The same scene or the same commands give the same messages, byte by byte."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import FluidPressure
+from std_msgs.msg import Float64
+
+from tcc_sim.nodes import loop as loop_module
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.messages import message_class
+from tcc_sim.nodes.polling import COMMANDS, poll, states, subscribe
+from tcc_sim.recording import cdr
+from tcc_sim.scene import bundled_scenes, load_scene
+from tcc_sim.solvers.fixed_step import Stepper
+from tcc_sim.topics import topic
+
+HARMONIC = [name for name in bundled_scenes() if {load_scene(name).system.engine.source,
+                                                  load_scene(name).system.pressure.source} == {"harmonic"}]
+TOPICS = ("joint_states", "slip_speed", "friction_torque", "stick_slip_state", "/clock")
+TICKS = 150
+
+
+@pytest.fixture(autouse=True)
+def settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within one context subscribers are found at once."""
+    monkeypatch.setattr(loop_module, "SETTLED", 0.02)
+
+
+def driveline(bench: Any, scene: str, **parameters: object) -> DrivelineNode:
+    values = {"scene": scene, "wait_for_subscribers": 1, "publish_diagnostics": False, **parameters}
+    return bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter(key.replace("__", "."), value=value) for key, value in values.items()]))
+
+
+def payloads(bench: Any, scene: str, **parameters: object) -> dict[str, list[bytes]]:
+    """The serialised messages of the first ticks by topic."""
+    listener = bench.add(rclpy.create_node("listener", context=bench.context))
+    subscriptions = {name: subscribe(listener, message_class(topic(name).type), name, states(20_000)) for name in TOPICS}
+    node = driveline(bench, scene, publish_clock=True, **parameters)
+    heard: dict[str, list[bytes]] = {name: [] for name in TOPICS}
+
+    def enough() -> bool:
+        for name, subscription in subscriptions.items():
+            heard[name] += [data for data, _ in poll(subscription)]
+        return min(map(len, heard.values())) > TICKS
+
+    node.start()
+    bench.until(enough)
+    node.loop.stop()
+    for one in (node, listener):
+        bench.nodes.remove(one)
+        bench.executor.remove_node(one)
+        one.destroy_node()
+    return {name: messages[:TICKS] for name, messages in heard.items()}
+
+
+@pytest.mark.parametrize("scene", HARMONIC)
+def test_two_runs_and_any_pace_give_the_same_bytes(bench: Any, scene: str) -> None:
+    fast, again = payloads(bench, scene, real_time_factor=0.0), payloads(bench, scene, real_time_factor=0.0)
+    assert {name: len(set(messages)) for name, messages in fast.items() if name in ("joint_states", "/clock")} == {
+        "joint_states": TICKS, "/clock": TICKS}
+    assert again == fast
+    assert payloads(bench, scene, real_time_factor=1.0) == fast
+
+
+def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any) -> None:
+    """Every message is what the solver gives for the commands, tick by tick, with delays counted in spins."""
+    draw = random.Random(5)
+    commands = [(draw.uniform(-500.0, 500.0), draw.uniform(0.0, 4e5)) for _ in range(120)]
+    delays = [draw.choice([0, 0, 0, 1, 5, 20]) for _ in commands]
+    listener = bench.add(rclpy.create_node("controller", context=bench.context))
+    subscription = subscribe(listener, message_class(topic("joint_states").type), "joint_states", states(1000))
+    torques = listener.create_publisher(Float64, "engine_torque", COMMANDS)
+    pressures = listener.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+    node = driveline(bench, "commands", pacing="lockstep", command_timeout=0.0, publish_scalars=False)
+    node.start()
+    bench.until(lambda: torques.get_subscription_count() and pressures.get_subscription_count())
+    heard: list[bytes] = []
+
+    def state(count: int) -> bool:
+        heard.extend(data for data, _ in poll(subscription))
+        return len(heard) == count
+
+    for tick, ((torque, pressure), delay) in enumerate(zip(commands, delays)):
+        bench.until(lambda tick=tick: state(tick + 1))
+        for _ in range(delay):
+            bench.executor.spin_once(timeout_sec=0.0)
+            assert not state(tick + 2)
+        # The two topics in either order, and an answer to a state of long ago, which is none.
+        pressures.publish(cdr.fluid_pressure(max(0, tick - 3) * 1_000_000 + 1, 7.0))
+        answers = [(torques, cdr.float64(torque)), (pressures, cdr.fluid_pressure(tick * 1_000_000, pressure))]
+        for publisher, data in answers if delay else reversed(answers):
+            publisher.publish(data)
+    bench.until(lambda: state(len(commands) + 1))
+    system = load_scene("commands").system
+    stepper = Stepper(system, 1e-3)
+    expected = [encoded(stepper)]
+    for torque, pressure in commands:
+        stepper.use(stepper.terms._replace(mean_torque=torque, mean_load=system.torque_per_pressure * pressure))
+        stepper.advance()
+        expected.append(encoded(stepper))
+    assert heard == expected
+
+
+def encoded(stepper: Stepper) -> bytes:
+    """The joint_states message of this tick."""
+    v, plate_angle, plate_speed, flywheel_angle = stepper.state.tolist()
+    return cdr.joint_state(stepper.tick * 1_000_000, flywheel_angle, plate_angle, v + plate_speed, plate_speed,
+                           *stepper.torques())

@@ -1,0 +1,175 @@
+"""Processes that are stopped, killed and started again: what the recording and the diagnostics then say."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from tcc_sim.cli import main
+from tcc_sim.errors import RecordingError
+from tcc_sim.nodes.pacing import CATCH_UP
+from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.scene import load_scene
+
+RATE = 1000
+LEASE = """<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="lease" is_default_profile="true"><rtps><builtin>
+<discovery_config><leaseDuration><sec>1</sec></leaseDuration><leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec>
+</leaseAnnouncement></discovery_config></builtin></rtps></participant></profiles></dds>
+"""
+"""Fast DDS takes 20 s to find that a participant died without a word; one second will do here."""
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Starts nodes on a domain of their own; none outlives the test."""
+    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(7 + os.getpid() % 90)}
+    processes: list[NodeProcess] = []
+
+    def start(module: str, lease: Path | None = None, **parameters: object) -> NodeProcess:
+        more = {"FASTDDS_DEFAULT_PROFILES_FILE": str(lease)} if lease else {}
+        processes.append(NodeProcess(module, parameters, {**environment, **more}))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        if process._process.poll() is None:
+            process._process.kill()
+        process._process.wait()
+
+
+def recorded(output: Path) -> Run | None:
+    """The recording so far; None while there is nothing to read."""
+    try:
+        run = open_run(output)
+        list(run.batches())
+    except RecordingError:
+        return None
+    return run
+
+
+def until(predicate: Callable[[], object], limit: float = 30.0) -> None:
+    """Return when the predicate holds."""
+    end = time.monotonic() + limit
+    while not predicate():
+        assert time.monotonic() < end, "it took too long"
+        time.sleep(0.05)
+
+
+def messages_in(output: Path, count: int) -> Callable[[], bool]:
+    """Whether the recording holds `count` joint_states."""
+    def predicate() -> bool:
+        run = recorded(output)
+        return run is not None and run.messages["/joint_states"] >= count
+    return predicate
+
+
+def missed_ticks(run: Run) -> list[int]:
+    """What the recorded diagnostics say of missed ticks."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.serialization import deserialize_message
+
+    found: list[int] = []
+
+    def tap(data: bytes, messages: object, channels: object) -> None:
+        for channel, offset, length in zip(messages.channel, messages.offset, messages.length):  # type: ignore[attr-defined]
+            if channels[channel].topic == "/diagnostics":  # type: ignore[index]
+                status = deserialize_message(data[offset + 22:offset + length], DiagnosticArray).status[0]
+                found.extend(int(item.value) for item in status.values if item.key == "missed ticks")
+
+    list(run.read(tap))
+    return found
+
+
+def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_gap_or_a_burst(
+        tmp_path: Path, start: Callable[..., NodeProcess]) -> None:
+    output = tmp_path / "run"
+    recorder = start("recorder", output=output)
+    driveline = start("driveline", scene="minimal", wait_for_subscribers=1, publish_scalars=False)
+    driveline.await_line(CLOCK_STARTED)
+    until(messages_in(output, 200))
+    os.kill(driveline.pid, signal.SIGSTOP)
+    time.sleep(2.0)
+    os.kill(driveline.pid, signal.SIGCONT)
+    until(lambda: (run := recorded(output)) is not None and max(missed_ticks(run), default=0) > 0)
+    assert driveline.stop() == recorder.stop() == 0
+    run = open_run(output)
+    batches = list(run.batches())
+    stamps = np.concatenate([b.stamp_ns for b in batches])
+    log = np.concatenate([b.log_ns for b in batches])
+    assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
+    # Of the ticks that were due while it was stopped, at most CATCH_UP were made good; the others were counted and never ran.
+    missed = missed_ticks(run)[-1]
+    assert missed >= (2.0 - CATCH_UP) * RATE
+    due = (log[-1] - log[0]) * 1e-9 * RATE
+    assert abs(due - len(stamps) - missed) <= 2 * CATCH_UP * RATE
+    assert run.complete
+    assert run.warnings == []
+
+
+def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
+        tmp_path: Path, start: Callable[..., NodeProcess]) -> None:
+    output, lease = tmp_path / "run", tmp_path / "lease.xml"
+    lease.write_text(LEASE)
+    recorder = start("recorder", lease, output=output)
+    first = start("driveline", lease, scene="minimal", wait_for_subscribers=1, publish_scalars=False)
+    first.await_line(CLOCK_STARTED)
+    until(messages_in(output, 300))
+    os.kill(first.pid, signal.SIGKILL)
+    recorder.await_line("the publisher of /joint_states is gone; the recording goes on")
+    until(lambda: (run := recorded(output)) is not None and len(run.scenes) == 1)
+    before = recorded(output)
+    assert before is not None
+    second = start("driveline", lease, scene="slip", wait_for_subscribers=1, publish_scalars=False)
+    second.await_line(CLOCK_STARTED)
+    until(messages_in(output, before.messages["/joint_states"] + 300))
+    until(lambda: (run := recorded(output)) is not None and len(run.scenes) == 2)
+    assert second.stop() == recorder.stop() == 0
+    run = open_run(output)
+    by_run: dict[int, list[int]] = {}
+    first_speed: dict[int, float] = {}
+    for batch in run.batches():
+        first_speed.setdefault(batch.run, float(batch.flywheel_speed[0]))
+        by_run.setdefault(batch.run, []).extend(batch.stamp_ns.tolist())
+    assert list(by_run) == [0, 1]
+    for stamps in by_run.values():
+        assert stamps == [k * 10**9 // RATE for k in range(len(stamps))]
+    assert first_speed == {0: load_scene("minimal").system.initial.slip_speed, 1: load_scene("slip").system.initial.slip_speed}
+    assert [scene.text.splitlines()[0] for scene in run.scenes] == [
+        f"# {load_scene(name).description}" for name in ("minimal", "slip")]
+    assert run.complete
+    assert run.warnings == ["simulation time started again 1 times: these are separate runs"]
+    # Each run is known to be of its own scene.
+    batches = list(run.batches())
+    change = [batch.run for batch in batches].index(1)
+    assert run.scenes[0].log_ns <= batches[0].log_ns[0]
+    assert batches[change - 1].log_ns[-1] < run.scenes[1].log_ns <= batches[change].log_ns[0]
+    assert main(["analyse", str(output), "--verify", "--json", str(tmp_path / "run.json")]) == 0
+    assert json.loads((tmp_path / "run.json").read_text())["verified"] is True
+
+
+@pytest.mark.parametrize("below", ["file", "/proc", "/dev/null"])
+def test_an_output_where_nothing_can_be_written_is_refused_before_the_run(tmp_path: Path, below: str) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(RecordingError, match="cannot be created") as caught:
+        BagWriter(tmp_path / below / "run")
+    assert "\n" not in str(caught.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path, start: Callable[..., NodeProcess]) -> None:
+    recorder = start("recorder", output="/proc/none/run")
+    assert recorder._process.wait(timeout=30) == 2
+    recorder._reader.join()
+    assert recorder.lines == ["recorder: /proc/none/run cannot be created: No such file or directory"]
