@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.nodes.pacing import CATCH_UP
 from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
+from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.scene import load_scene
@@ -173,3 +175,33 @@ def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path,
     assert recorder._process.wait(timeout=30) == 2
     recorder._reader.join()
     assert recorder.lines == ["recorder: /proc/none/run cannot be created: No such file or directory"]
+
+
+def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench: Any) -> None:
+    """Where the recorder takes both in one go, or the states first."""
+    import rclpy
+    from rclpy.parameter import Parameter
+
+    from tcc_sim.nodes.messages import message_class
+    from tcc_sim.nodes.polling import LATCHED, states
+    from tcc_sim.nodes.recorder import Recorder
+    from tcc_sim.topics import JOINT_STATE, STRING
+
+    recorder = Recorder(bench.add(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+        Parameter("output", value=str(tmp_path / "run"))])))
+    for text in ("first", "second"):
+        node = bench.add(rclpy.create_node("driveline", context=bench.context))
+        node.create_publisher(message_class(STRING), "scene", LATCHED).publish(cdr.string(text))
+        publisher = node.create_publisher(message_class(JOINT_STATE), "joint_states", states(10))
+        before = recorder.tracks["/joint_states"].messages
+        for k in range(2):
+            publisher.publish(cdr.joint_state(k * 1_000_000, *(0.0,) * 6))
+        publisher.wait_for_all_acked()
+        bench.until(lambda b=before, text=text: recorder.drain() or (
+            recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scenes[-1:] == [text]))
+    recorder.close()
+    run = open_run(tmp_path / "run")
+    batches = list(run.batches())
+    assert [scene.text for scene in run.scenes] == ["first", "second"]
+    starts = [int(batch.log_ns[0]) for batch in batches if batch.stamp_ns[0] == 0]
+    assert run.scenes[0].log_ns <= starts[0] < run.scenes[1].log_ns <= starts[1]
