@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis import sweep_file
-from tcc_sim.analysis.point import settling
+from tcc_sim.analysis.point import settling, solve_points
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.analysis.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid, values_of_range
 from tcc_sim.cli import main
@@ -51,6 +51,17 @@ def test_results_do_not_depend_on_the_number_of_jobs(direction: str) -> None:
     plan = Plan(cycles=40, direction=direction)
     one, three = sweep_curves(curves, plan, jobs=1), sweep_curves(curves, plan, jobs=3)
     assert [without_time(s.records) for s in one] == [without_time(s.records) for s in three]
+
+
+def test_up_goes_from_the_lowest_value_in_one_task_or_in_many() -> None:
+    """A cluster solves several neighbours in one task."""
+    mixed, rising, plan = (0.3, 0.24, 0.27), (0.24, 0.27, 0.3), Plan(cycles=30, direction="up")
+    steps = {r["value"]: r for r in without_time(sweep(system(0.36), KINETIC, mixed, plan).records)}
+    whole = solve_points([replace(system(0.36), {KINETIC: x}) for x in rising], rising, plan, None)
+    assert [p.final for p in whole] == [tuple(steps[x]["final"]) for x in rising]  # type: ignore[arg-type]
+    cold = sweep(system(0.36), KINETIC, rising, Plan(cycles=30))
+    assert cold.records[-1] != whole[-1].as_json()
+    assert cold.column("max_slip_speed")[0] == steps[0.24]["max_slip_speed"]
 
 
 def test_up_and_down_find_the_two_motions_that_coexist() -> None:
