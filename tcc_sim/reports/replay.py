@@ -79,13 +79,13 @@ class Replay:
     def lines(self) -> list[str]:
         """The result for a terminal."""
         stamps = f"{self.continuity.step * 1e-6:.6g} ms apart" if self.continuity.step else "single"
-        stamps += f", {self.continuity.gaps} gaps, {self.lost_messages} messages lost" if self.continuity.gaps else ", no gap"
+        stamps += f", {self.continuity.gaps} gaps" if self.continuity.gaps else ", no gap"
         if self.continuity.uneven:
             stamps += f", {self.continuity.uneven} of them uneven"
         if self.continuity.runs > 1:
             stamps += f"; {self.continuity.runs} runs, the figures are those of the longest"
         table = [("recording", "complete" if self.complete else "cut short; what was flushed is read"),
-                 ("messages", f"{self.messages} of joint_states"), ("stamps", stamps), *self._pace(),
+                 ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps), *self._pace(),
                  ("frequency", f"{self.frequency:.9g} rad/s, {SOURCES[self.frequency_source]}"), *summary_rows(self.summary)]
         if self.verification is not None:
             table.append(("solved again", self.verification.sentence()))
