@@ -82,6 +82,9 @@ class Command:
             self.refusal = f"{self.name}: {error}"
             return True
         if answers is not None and stamp not in (0, answers):
+            self.refused += 1
+            self.refusal = (f"{self.name} command with stamp {stamp * 1e-9:.9g} s refused; it must be that of the state, "
+                            f"{answers * 1e-9:.9g} s")
             return False
         if not self.low <= value <= self.high:
             self.refused += 1

@@ -1,0 +1,197 @@
+"""Whatever is sent to a live driveline: its state stays finite, time goes on, and each refusal is counted in diagnostics."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64, String
+
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.polling import COMMANDS, poll, states, subscribe
+from tcc_sim.nodes.recorder import Recorder
+from tcc_sim.recording import cdr
+from tcc_sim.recording.reader import open_run
+
+
+def driveline(bench: Any, namespace: str = "", **parameters: object) -> DrivelineNode:
+    values = {"scene": "commands", "publish_scalars": False, "wait_for_subscribers": 1, **parameters}
+    return bench.add(DrivelineNode(context=bench.context, namespace=namespace, parameter_overrides=[
+        Parameter(key.replace("__", "."), value=value) for key, value in values.items()]))
+
+
+class Attacker:
+    """Sends raw bytes to both inputs and hears joint_states."""
+
+    def __init__(self, bench: Any, namespace: str = "") -> None:
+        self.node = bench.add(rclpy.create_node("attacker", namespace=namespace, context=bench.context))
+        self.torques = self.node.create_publisher(Float64, "engine_torque", COMMANDS)
+        self.pressures = self.node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+        self.subscription = subscribe(self.node, JointState, "joint_states", states(20_000))
+        self.stamps: list[int] = []
+        self.values: list[tuple[float, ...]] = []
+
+    def ready(self) -> bool:
+        return bool(self.torques.get_subscription_count() and self.pressures.get_subscription_count())
+
+    def hear(self) -> int:
+        for data, _ in poll(self.subscription):
+            row = np.frombuffer(data, dtype=cdr.JOINT_STATE)[0]
+            self.stamps.append(int(row["sec"]) * 10**9 + int(row["nanosec"]))
+            self.values.append(tuple(float(row[name]) for name in cdr.JOINT_STATE.names[2:]))
+        return len(self.stamps)
+
+
+def refusals(bench: Any, node: DrivelineNode) -> dict[str, int]:
+    """The refusals by topic that the next message on /diagnostics tells of."""
+    heard: list[DiagnosticArray] = []
+    listener = bench.add(rclpy.create_node("listener", context=bench.context))
+    listener.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+    assert node.diagnostics is not None
+
+    def spoken() -> list[DiagnosticArray]:
+        node.diagnostics._due = 0.0  # type: ignore[union-attr]
+        node.housekeeping()
+        return heard
+
+    status = bench.until(spoken)[-1].status[0]
+    return {item.key.split()[0]: int(item.value) for item in status.values if item.key.endswith(" refused")}
+
+
+def test_senseless_commands_leave_the_state_finite_and_are_counted(bench: Any) -> None:
+    node, attacker = driveline(bench, command_timeout=0.0), Attacker(bench)
+    node.start()
+    bench.until(attacker.ready)
+    torques = [math.nan, -math.nan, math.inf, -math.inf, 1e308, -1e308, 1.0001e5, -1.0001e5]
+    pressures = [math.nan, math.inf, -math.inf, 1e308, -1e308, -1.0, -5e-324, 1.0001e7]
+    broken = [cdr.HEADER, cdr.float64(1.0), b"\0\0" + cdr.fluid_pressure(0, 1e5)[2:], cdr.fluid_pressure(0, 1e5)[:20],
+              struct.pack("<4siII", cdr.HEADER, 0, 0, 0xFFFFFFFF) + bytes(16), struct.pack("<4siII", cdr.HEADER, 0, 0, 1 << 31)]
+    for value in torques:
+        attacker.torques.publish(cdr.float64(value))
+    for value in pressures:
+        attacker.pressures.publish(cdr.fluid_pressure(0, value))
+    for data in broken:
+        attacker.pressures.publish(data)
+    torque, pressure = node.loop.commands
+    expected = {"engine_torque": len(torques), "actuation_pressure": len(pressures) + len(broken)}
+    bench.until(lambda: attacker.hear() and (torque.refused, pressure.refused) == tuple(expected.values()))
+    assert refusals(bench, node) == expected
+    assert (torque.value, torque.received, pressure.value, pressure.received) == (300.0, 0, 225e3, 0)
+    # What is tiny or far away in time is a command like any other in real time.
+    smallest = [5e-324, -5e-324, 0.0, -0.0, 2.2e-308]
+    for value in smallest:
+        attacker.torques.publish(cdr.float64(value))
+    for stamp in (0, 1, -(2**31) * 10**9, (2**31 - 1) * 10**9 + 999_999_999):
+        attacker.pressures.publish(cdr.fluid_pressure(stamp, 5e-324))
+    bench.until(lambda: torque.received == len(smallest) and pressure.value == 5e-324)
+    count = attacker.hear()
+    bench.until(lambda: attacker.hear() > count + 50)
+    assert attacker.stamps == [k * 1_000_000 for k in range(len(attacker.stamps))]
+    assert np.all(np.isfinite(attacker.values))
+    assert node.loop.stepper.iterations_most <= node.loop.stepper.iterations_bound
+
+
+def test_a_flood_from_two_publishers_is_taken_without_a_missing_tick(bench: Any) -> None:
+    """Twice 5000 commands as fast as they can be sent: each is taken or replaced by a newer one, and time goes on."""
+    node, attacker = driveline(bench, command_timeout=0.0), Attacker(bench)
+    other = attacker.node.create_publisher(Float64, "engine_torque", COMMANDS)
+    node.start()
+    bench.until(lambda: attacker.ready() and other.get_subscription_count())
+    draw = random.Random(3)
+    for _ in range(5000):
+        attacker.torques.publish(cdr.float64(draw.choice([100.0, 200.0, math.nan])))
+        other.publish(cdr.float64(draw.choice([-100.0, 1e308])))
+    attacker.torques.publish(cdr.float64(77.0))
+    bench.until(lambda: attacker.hear() and attacker.values[-1][4] == 77.0)
+    assert attacker.stamps == [k * 1_000_000 for k in range(len(attacker.stamps))]
+    assert np.all(np.isfinite(attacker.values))
+    assert {value[4] for value in attacker.values} <= {300.0, 100.0, 200.0, -100.0, 77.0}
+    torque = node.loop.engine_command
+    assert torque is not None
+    assert 0 < torque.refused + torque.received <= 10_001
+    assert refusals(bench, node)["engine_torque"] == torque.refused > 0
+
+
+def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From another participant: within one, Fast DDS refuses to create such a publisher."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(8 + os.getpid() % 90))
+    own, foreign = type(bench)(), type(bench)()
+    try:
+        wrong = foreign.add(rclpy.create_node("stranger", context=foreign.context)).create_publisher(
+            String, "engine_torque", COMMANDS)
+        node, attacker = driveline(own), Attacker(own)
+        node.start()
+        own.until(lambda: attacker.ready() and node.count_publishers("engine_torque") == 2)
+        for _ in range(10):
+            wrong.publish(String(data="as much as you can"))
+        attacker.torques.publish(cdr.float64(55.0))
+        own.until(lambda: attacker.hear() and attacker.values[-1][4] == 55.0)
+        torque = node.loop.engine_command
+        assert torque is not None
+        assert (torque.received, torque.refused) == (1, 0)
+    finally:
+        own.close()
+        foreign.close()
+
+
+def test_in_lockstep_a_stamp_of_no_waiting_state_is_refused_and_counted(bench: Any) -> None:
+    node = driveline(bench, pacing="lockstep", command_timeout=0.0, engine__source="harmonic")
+    attacker = bench.add(rclpy.create_node("attacker", context=bench.context))
+    pressures = attacker.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+    subscription = subscribe(attacker, JointState, "joint_states", states(100))
+    node.start()
+    bench.until(pressures.get_subscription_count)
+    bench.until(lambda: poll(subscription))
+    for stamp in (-10**9, 1, 1_000_000, (2**31 - 1) * 10**9):
+        pressures.publish(cdr.fluid_pressure(stamp, 1e5))
+    command = node.loop.pressure_command
+    assert command is not None
+    bench.until(lambda: command.refused == 4)
+    assert (node.loop.stepper.tick, command.received) == (0, 0)
+    pressures.publish(cdr.fluid_pressure(0, 2e5))
+    bench.until(lambda: poll(subscription))
+    assert (node.loop.stepper.tick, command.value) == (1, 2e5)
+    assert refusals(bench, node) == {"actuation_pressure": 4}
+
+
+def test_eight_drivelines_in_namespaces_keep_apart(bench: Any, tmp_path: Path) -> None:
+    """Each has its own command and scene; a recorder in one namespace records that one alone."""
+    attackers = [Attacker(bench, f"/d{k}") for k in range(8)]
+    overrides = {"output": str(tmp_path / "run"), "topics": ["scene", "joint_states", "engine_torque"]}
+    recorder = Recorder(bench.add(rclpy.create_node("recorder", namespace="/d3", context=bench.context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in overrides.items()])))
+    nodes = [driveline(bench, f"/d{k}", rate=200.0, command_timeout=0.0, initial__slip_speed=10.0 + k) for k in range(8)]
+    for node in nodes:
+        node.start()
+    bench.until(lambda: all(attacker.ready() for attacker in attackers))
+    for k, attacker in enumerate(attackers):
+        attacker.torques.publish(cdr.float64(100.0 + k))
+    bench.until(lambda: min(attacker.hear() for attacker in attackers) > 40 and all(
+        attacker.values[-1][4] == 100.0 + k for k, attacker in enumerate(attackers)))
+    for k, (node, attacker) in enumerate(zip(nodes, attackers)):
+        assert {value[4] for value in attacker.values} <= {300.0, 100.0 + k}
+        assert attacker.values[0][2] == 10.0 + k
+        assert attacker.stamps == [n * 5_000_000 for n in range(len(attacker.stamps))]
+        assert [command.received for command in node.loop.commands] == [1, 0]
+        node.loop.stop()
+    recorder.drain()
+    recorder.close()
+    run = open_run(tmp_path / "run")
+    assert set(run.topics) == {"/d3/scene", "/d3/joint_states", "/d3/engine_torque"}
+    batches = list(run.batches())
+    assert {float(x) for batch in batches for x in batch.engine_torque} <= {300.0, 103.0}
+    assert [scene.text.count("slip_speed: 13.0") for scene in run.scenes] == [1]
