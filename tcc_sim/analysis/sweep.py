@@ -138,6 +138,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     """
     for curve in curves:
         check_setting(choose(curve.system, plan.solver), plan.rtol, plan.step)
+        if plan.lyapunov and curve.system.friction.law != "smoothed":
+            raise InputError(f"friction.law is {curve.system.friction.law}; the Lyapunov exponent is that of the smoothed model")
     if jobs is not None and not 1 <= jobs <= 1024:
         raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
     began = time.perf_counter()
