@@ -94,8 +94,8 @@ def _axis(row: PaperFigure, manner: Manner) -> tuple[str, np.ndarray, float]:
 
 
 def plan_of(manner: Manner, direction: str = "cold", *, damping: bool = False) -> Plan:
-    """The paper's rule: 50 cycles dropped; 60 kept, 50 where it has to be quick."""
-    return Plan(cycles=100 if manner.quick else 110, discard=50, direction=manner.direction or direction,
+    """The paper's rule: 50 cycles dropped; 100 kept, 50 where it has to be quick."""
+    return Plan(cycles=100 if manner.quick else 150, discard=50, direction=manner.direction or direction,
                 section_points=SECTION_POINTS, damping=damping)
 
 
