@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import os
 import secrets
@@ -14,6 +15,8 @@ from pathlib import Path
 
 from tcc_sim.errors import MissingPackage, TccError
 
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1
 CLOCK_STARTED = "clock started"
 """What the driveline node logs when its first tick is due."""
 SENDING = "sending commands"
@@ -49,7 +52,7 @@ class NodeProcess:
         # A session of its own: Ctrl-C on the terminal reaches the command, which ends its nodes in order.
         self._process = subprocess.Popen(
             [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=_end_with_parent)
         self.lines: list[str] = []
         self._said = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -140,6 +143,12 @@ class Session:
         time.sleep(seconds)
         self.driveline.check()
         self.recorder.check()
+
+
+def _end_with_parent() -> None:
+    """Ask Linux for a SIGINT when the command ends, however it ends: a killed command leaves no node behind."""
+    if sys.platform == "linux":
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def _word(value: object) -> str:

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from tcc_sim.nodes.processes import isolated_environment
+from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
@@ -68,6 +69,23 @@ def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
     assert process.returncode == 0, err
     assert "stopped early" in out
     assert (tmp_path / "made" / "analysis.json").is_file()
+
+
+def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
+    code = ("import sys, time; from pathlib import Path; from tcc_sim.nodes.processes import Session\n"
+            "session = Session(Path('recording'), {'scene': 'minimal'})\n"
+            "print(session.driveline.pid, session.recorder.pid, flush=True); time.sleep(600)")
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+                               env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert process.stdout is not None
+    nodes = [int(word) for word in process.stdout.readline().split()]
+    assert len(nodes) == 2
+    process.kill()
+    process.wait()
+    for pid in nodes:
+        while Path(f"/proc/{pid}/stat").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z":
+            os.sched_yield()
+    assert open_run(tmp_path / "recording").scene_text is not None
 
 
 def test_realtime_gives_every_figure(tmp_path: Path) -> None:
