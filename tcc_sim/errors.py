@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
+LONGEST_SENTENCE = 1000
+"""Characters of a refusal; what wrong input holds beyond that is left out."""
+
+
+def one_line(text: str) -> str:
+    """`text` in printable characters: others are escaped, and the middle of what is too long is left out."""
+    if len(text) > LONGEST_SENTENCE:
+        half = LONGEST_SENTENCE // 2
+        text = f"{text[:half]} ... {text[-half:]}"
+    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
 
 class TccError(Exception):
     """Base of every exception that this package raises on purpose."""
 
 
 class InputError(TccError, ValueError):
-    """Wrong input: the sentence names the value, its unit and the allowed range."""
+    """Wrong input: the sentence names the value, its unit and the allowed range, in one line whatever the input was."""
+
+    def __init__(self, sentence: object) -> None:
+        super().__init__(one_line(str(sentence)))
 
 
 class RecordingError(InputError):

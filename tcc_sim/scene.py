@@ -19,8 +19,12 @@ from tcc_sim.model import parameters
 from tcc_sim.model.parameters import Quantity, System, quantity
 
 DEFAULT_SCENE = "fig02"
-LARGEST_FILE = 1 << 20
-"""A scene file of more bytes is refused unread."""
+LARGEST_FILE = 1 << 16
+"""A scene file of more bytes is refused unread: a scene needs 1 kB, and the YAML reader some seconds for each MB."""
+LONGEST_VALUE = 4000
+"""Characters of a value on the command line; the longest list of harmonics needs fewer than 1000."""
+DEEPEST = 20
+"""Nesting that a scene file may have; the time that the YAML reader takes grows with its square."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ class Scene:
 
 def unknown_key(key: str) -> InputError:
     """The error for a key that a scene file must not hold, with the nearest one that it may."""
-    near = difflib.get_close_matches(key, KNOWN_KEYS, n=1, cutoff=0.4)
+    near = difflib.get_close_matches(key[:100], KNOWN_KEYS, n=1, cutoff=0.4)
     return InputError(f"{key} is not a scene key" + (f"; did you mean {near[0]}?" if near else ""))
 
 
@@ -166,6 +170,8 @@ def parse_scene(text: str, name: str) -> Scene:
     InputError
         Not a parameter file, a duplicated or unknown key, a wrong type, or a value out of its range.
     """
+    if len(text) > LARGEST_FILE:
+        raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
     values = _flatten(_read_yaml(text))
     first = text.lstrip().splitlines()[0] if text.strip() else ""
     description = first.lstrip("# ").strip() if first.startswith("#") else ""
@@ -177,10 +183,14 @@ def _read_yaml(text: str) -> object:
     import yaml
 
     try:
+        depth = 0
         for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             line = event.start_mark.line + 1 if event.start_mark is not None else 0
             if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
                 raise InputError(f"line {line}: YAML anchors and aliases are not allowed in a scene")
+            if depth > DEEPEST:
+                raise InputError(f"line {line}: nested more than {DEEPEST} deep, which no scene is")
             if getattr(event, "tag", None):
                 raise InputError(f"line {line}: YAML tags are not allowed in a scene")
         tree = yaml.load(text, Loader=_unique_loader())
@@ -260,9 +270,11 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
             raise unknown_key(key)
         if key in values:
             raise InputError(f"{key} is given twice")
+        if len(value) > LONGEST_VALUE:
+            raise InputError(f"{key}: a value of {len(value)} characters; at most {LONGEST_VALUE} are allowed")
         try:
             values[key] = yaml.safe_load(value)
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError, RecursionError):
             raise InputError(f"{key}: {value!r} is not a number, a word or a list") from None
     return values
 

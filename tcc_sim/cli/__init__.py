@@ -12,7 +12,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
-from tcc_sim.errors import InputError, TccError
+from tcc_sim.errors import InputError, TccError, one_line
 
 VERBS: dict[str, str] = {
     "demo": "run the whole chain on real ROS 2: nodes, a recording, its analysis, a Rerun file and a picture",
@@ -36,7 +36,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with status 2."""
-        self.exit(2, f"{self.prog}: {message}\n")
+        self.exit(2, f"{self.prog}: {one_line(message)}\n")
 
 
 def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
@@ -72,7 +72,8 @@ def main(argv: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        print(f"tcc-sim: {f'{error.filename}: ' if error.filename else ''}{error.strerror or error}", file=sys.stderr)
+        reason = one_line(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
+        print(f"tcc-sim: {reason}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("tcc-sim: interrupted", file=sys.stderr)

@@ -53,7 +53,7 @@ class Quantity:
             if isinstance(x, bool) or not isinstance(x, (int, float)):
                 raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
             if not (self.low <= x <= self.high) or (self.above and x == self.low):
-                raise InputError(f"{key} is {x:g}{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
+                raise InputError(f"{key} is {_float(x):g}{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
 
 
 def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,
@@ -276,15 +276,20 @@ def replace(system: System, values: Mapping[str, object]) -> System:
     return dataclasses.replace(system, **groups)
 
 
+def _float(value: float) -> float:
+    """`value` as a float; whole numbers beyond its range are infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
 def _number(value: object) -> float:
     """A finite or infinite number as float; TypeError for anything else (YAML reads 1e3 as text)."""
     if isinstance(value, bool):
         raise TypeError
     if isinstance(value, (int, float)):
-        try:
-            return float(value)
-        except OverflowError:
-            return math.inf
+        return _float(value)
     if isinstance(value, str):
         try:
             return float(value)
