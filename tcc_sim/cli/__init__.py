@@ -26,6 +26,7 @@ VERBS: dict[str, str] = {
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
     "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
     "precision": "measure error against run time of every solver",
+    "stability": "try every engine on stiff and extreme scenes",
     "recover": "make a complete, indexed bag from a recording that was cut short or damaged",
 }
 """Every verb with its line of help; its module is `tcc_sim.cli.<verb>`."""

@@ -72,20 +72,20 @@ class Effort:
 
 
 FULL = Effort(
-    16, 0.4, 15.0, {"smoothed": (("Radau", 1e-12), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("Radau", 1e-12))},
+    12, 0.3, 5.0, {"smoothed": (("Radau", 1e-12), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("Radau", 1e-12))},
     {"fixed_step": (1e-3, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6, 2e-6),
      "smoothed": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
      "event_driven": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
-     "rk45": (1e-3, 1e-7), "dop853": (1e-4, 1e-8), "radau": (1e-3, 1e-5, 1e-7, 1e-9), "bdf": (1e-3, 1e-5, 1e-7),
+     "rk45": (1e-7,), "dop853": (1e-8,), "radau": (1e-3, 1e-5, 1e-7, 1e-9), "bdf": (1e-3, 1e-5, 1e-7),
      "lsoda": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10), "rk4": (1.5, 0.9, 0.45, 0.225)},
-    {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10), "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9),
+    {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10), "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
      "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8),
      "Siconos theta 1/2": (1e-4, 3e-5, 1e-5), "Siconos theta 1": (1e-4, 3e-5, 1e-5)}, 2000)
 QUICK = Effort(
     4, 0.08, 0.7, {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
     {"fixed_step": (1e-3, 5e-5, 1e-5), "smoothed": (1e-4, 1e-6, 1e-8, 1e-10), "event_driven": (1e-6, 1e-10), "rk45": (1e-5,),
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
-    {"solve_ivp LSODA": (1e-6, 1e-8), "XPPAUT cvode": (1e-5, 1e-7, 1e-9), "Siconos theta 1/2": (1e-4, 3e-5)}, 500)
+    {"solve_ivp LSODA": (1e-6, 1e-8), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10), "Siconos theta 1/2": (1e-4, 3e-5)}, 500)
 
 
 def cases(effort: Effort) -> list[Case]:
@@ -215,7 +215,7 @@ def long_run(record: Record, case: Case, effort: Effort) -> None:
             continue
         setting = best[solver]["setting"]
         if solver in effort.peers:
-            longer = replace_cycles(case, effort.long_cycles // 5)
+            longer = replace_cycles(case, effort.long_cycles // (20 if solver.endswith("LSODA") else 5))
             try:
                 run = _peer(longer, solver, setting)
             except peers.Failed:

@@ -48,7 +48,7 @@ def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
         for letter, name in zip("abcd", columns):
             head = next((r for r in scenes if r["scene"] == name), scenes[0])
             title = axes[0, columns.index(name)]
-            title.set_title(f"({letter}) {name}", y=1.0, pad=26.0)
+            title.set_title(f"({letter}) {name}", pad=26.0)
             title.text(0.0, 1.02, _wrapped(head["description"]), transform=title.transAxes, fontsize=7.5, va="bottom")
         for axis in axes[-1]:
             axis.set_xlabel("run time (s)")
@@ -75,7 +75,7 @@ def _wrapped(text: str) -> str:
     """A description on lines that fit a column."""
     import textwrap
 
-    lines = "\n".join(textwrap.wrap(text, 40))
+    lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 44))
     for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"), ("sigma", "$\\sigma$"),
                           ("Tm", "$T_m$"), ("Tp", "$T_p$")):
         lines = lines.replace(plain, symbol)

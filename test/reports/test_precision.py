@@ -42,8 +42,9 @@ def test_two_references_agree_and_errors_are_relative_to_the_signals():
     system = replace(System(), {"friction.law": "set_valued"})
     first, second = reference(system, 5, "DOP853", 1e-12), reference(system, 5, "LSODA", 1e-11)
     assert disagreement(first, second) < 1e-7
-    off = Reference("", first.section * 1.0, first.largest * 1.0)
-    off.section[3, 0] += 1e-3 * first.largest[2:].max()
+    off = Reference("", first.section * 1.0, first.largest * 1.0, first.size)
+    off.section[3, 0] += 1e-3 * first.size[0]
+    assert first.size[0] == pytest.approx(first.largest[2:].max(), rel=1e-3)
     found = errors(off.section, off.largest, first)
     assert found == pytest.approx((0.0, 1e-3, 0.0))
 
