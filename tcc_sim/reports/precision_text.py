@@ -38,14 +38,15 @@ def _method(found: Record) -> list[str]:
         "largest slip speed.",
         f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing where the "
         "motion is chaotic.",
-        "Times are wall-clock minima of repeated calls of `solve`, per-cycle results included; the first call, which compiles, "
-        "is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive solvers and steps in s of fixed-step ones.",
+        "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; the first "
+        "call, which compiles, is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive solvers and steps "
+        "in s of fixed-step ones.",
         "The floor is the disagreement of two SciPy references, which use nothing of this package's solvers; an error below it "
         "is not resolved.",
         "`event_driven` and Siconos solve the set-valued law, against references solved from event to event; everything else "
         "solves the smoothed law.",
         f"Other programs: {peers}. XPPAUT's results are in single precision, so errors of it below about 1.2e-7 mean nothing; "
-        "its time is the CPU time of the whole horizon less that of one cycle, scaled to the horizon, so start-up is left out. "
+        "its time is that of the whole horizon less that of one cycle, scaled to the horizon, so start-up is left out. "
         "Siconos's time is that of its loop. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian "
         "that keeps the section only."]
     if not found["complete"]:

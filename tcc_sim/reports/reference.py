@@ -25,6 +25,8 @@ REARM = 1e-7
 """After a change of mode the event of v = 0 stays off for this long, s; a breakaway with mu_k = mu_s starts with v' = 0."""
 
 
+LONGEST = 0.1
+"""Longest step of the set-valued reference, in phase of the fastest oscillation, rad."""
 EVALUATIONS = 400_000
 """Most evaluations of the equations of motion in one `final_state`."""
 
@@ -207,6 +209,10 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
         for event, direction in ((over, -1.0), (clamp, 1.0)):
             vars(event).update(terminal=True, direction=direction)
     options: dict[str, Any] = {} if method == "DOP853" else {"jac": lambda t, y: law.jacobian(t, y, mode)}
+    if mode != 3:
+        # SciPy looks for events by the signs at step ends: two in one step would be missed.
+        frequency = law.system.engine.frequency * max(1.0, law.system.pressure.frequency_ratio)
+        options["max_step"] = LONGEST / max(frequency, law.system.natural_frequency)
     run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol, events=events or None,
                     **options)
     if run.status < 0:

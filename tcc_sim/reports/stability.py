@@ -63,7 +63,8 @@ def markdown(found: Record, picture: str) -> str:
         "near-grazing undamped stick, and combinations.", "",
         "Bounded: sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1), since friction and damper only take energy. Power: engine "
         "work less losses and stored energy in each cycle, relative to the largest of work and energy; its quadrature is good "
-        "to about 1e-5, worse where slip stops within some samples. Error: state after at most 60 rad of the natural "
+        "to about 1e-5; `fixed_step` is interpolated between its sub-steps, which shows where slip stops within one. "
+        "Error: state after at most 60 rad of the natural "
         "frequency, relative to each signal's maximum, against SciPy (LSODA for the smoothed law, DOP853 from event to event "
         "for the set-valued one). Above sigma = 1e5 s/rad the smoothed law is held against the set-valued one, from which it "
         "differs by about 1/sigma.", "",

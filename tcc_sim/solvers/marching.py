@@ -50,6 +50,9 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
         base_rate += harmonics[:, 0].max()
     if pulsation is not None:
         base_rate += pulsation[1]
+    strength = beta * mean_load
+    if pulsation is not None:
+        strength += beta * abs(pulsation[0])
     layer = max(19.0 / sigma, 1.01 * stick_speed)
     far = layer
     if stribeck is not None and stribeck[0] > 0.0:
@@ -220,6 +223,9 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                 if region == LAYER:
                     slip_tolerance = min(slip_tolerance, min(1e-3, 300.0 * rtol) / sigma)
                 x = 0.9 * taylor.step_length(series, p, slip_tolerance, speed_tolerance)
+                if region == FALLING and loaded and stribeck is not None:
+                    x = taylor.falling_length(series, p, min(x, remaining / unit), sign, stribeck, strength * unit,
+                                              slip_tolerance)
                 if not x > 0.0:
                     status = STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
                     break

@@ -208,3 +208,25 @@ def add_angle(series: Any, order: int, unit: float, state: Any) -> None:
     series[FLYWHEEL, 0] = state[3]
     for k in range(order):
         series[FLYWHEEL, k + 1] = unit * (series[SLIP, k] + series[SPEED, k]) / (k + 1.0)
+
+
+@compiled_without_allocation
+def falling_length(series: Any, order: int, x: float, sign: float, stribeck: tuple[float, float], strength: float,
+                   slip_tolerance: float) -> float:
+    """A step of at most x over which the series of exp(-alpha |v|) is accurate too.
+
+    While slip dies down the coefficients of that series rise up to order z = alpha |change of v|, far beyond the last ones kept
+    where z is large, which the last two terms do not show. Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of
+    the two end values of the exponential.
+    """
+    excess, decay = stribeck
+    goal = math.log(slip_tolerance) + math.lgamma(order + 2.0)
+    while True:
+        change = decay * sign * (series[SLIP, 1] * x + series[SLIP, 2] * x * x)
+        z = abs(change)
+        if z <= 1.0:
+            return x
+        remainder = math.log(strength * excess * x) - decay * abs(series[SLIP, 0]) + max(-change, 0.0)
+        if not remainder + (order + 1.0) * math.log(z) > goal:
+            return x
+        x *= 0.85

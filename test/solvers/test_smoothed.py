@@ -182,3 +182,12 @@ def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency
     assert run.statistics.steps <= 410_000
     assert run.statistics.iterations_max <= run.statistics.iterations_bound
     assert np.all(run.cycles.stick_time <= run.cycle * (1.0 + 1e-12))
+
+
+def test_slip_that_dies_down_fast_feels_the_whole_exponential():
+    """From v = 8 to 0 in one or two steps exp(-alpha |v|) grows by exp(16): its series must not be cut before it converges."""
+    p = problem({"friction.kinetic_coefficient": 0.15, "pressure.amplitude": 234375.0}, state=State(5.0, 0.0, 0.0, 0.0))
+    expected = reference(p, 2, 1)
+    run = smoothed.solve(p)
+    states = np.stack([run.cycles.section[:, i] for i in range(3)], axis=1)
+    assert np.all(np.abs(states - expected[:, :3]) < 1e-6 * np.array([80.0, 0.3, 70.0]))
