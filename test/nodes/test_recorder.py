@@ -189,7 +189,8 @@ def process(tmp_path, monkeypatch):
     child = subprocess.Popen([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={output}"],
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        until(lambda: publisher.get_subscription_count() == 1 or child.poll() is not None)
+        # The bag comes after the subscriptions: a signal before it is there ends the recorder with nothing recorded.
+        until(lambda: publisher.get_subscription_count() == 1 and any(output.glob("*.mcap")) or child.poll() is not None)
         yield child, publisher, output
     finally:
         child.kill()
