@@ -190,7 +190,7 @@ def process(tmp_path, monkeypatch):
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         # The bag comes after the subscriptions: a signal before it is there ends the recorder with nothing recorded.
-        until(lambda: publisher.get_subscription_count() == 1 and any(output.glob("*.mcap")) or child.poll() is not None)
+        until(lambda: (publisher.get_subscription_count() == 1 and any(output.glob("*.mcap"))) or child.poll() is not None)
         yield child, publisher, output
     finally:
         child.kill()
@@ -216,9 +216,12 @@ def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
     out, err = child.communicate(timeout=20)
     assert child.returncode == 0, err
     assert "Traceback" not in err
-    assert out == f"recorded 700 messages in {output}, 0 lost\n"
     run = open_run(output)
-    assert sum(map(len, run.batches())) == 700
+    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    # The publisher may know the recorder a moment before the recorder knows the publisher: the first messages are not owed.
+    assert len(stamps) > 600
+    assert stamps.tolist() == [n * TICK for n in range(700 - len(stamps), 700)]
+    assert out == f"recorded {len(stamps)} messages in {output}, 0 lost\n"
     assert run.complete
     assert (output / "metadata.yaml").exists()
 
@@ -227,15 +230,17 @@ def test_after_a_kill_everything_up_to_the_last_flush_is_there(process):
     child, publisher, output = process
     for n in range(700):
         publisher.publish(joint_state(n))
-    until(lambda: readable(output) == 700)
+    until(lambda: readable(output) > 600)
     for n in range(700, 900):
         publisher.publish(joint_state(n))
     child.kill()
     child.communicate()
     run = open_run(output)
     stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
-    assert stamps.tolist() == [n * TICK for n in range(len(stamps))]
-    assert len(stamps) >= 700
+    first = int(stamps[0]) // TICK
+    assert stamps.tolist() == [n * TICK for n in range(first, first + len(stamps))]
+    assert first < 100
+    assert len(stamps) > 600
     assert not run.complete
     assert run.lost_messages == 0
 
@@ -252,10 +257,9 @@ def test_where_the_output_exists_the_process_says_so_and_ends_with_status_2(tmp_
 def test_a_full_disk_is_told_at_once_and_what_was_written_stays_readable(process):
     resource = pytest.importorskip("resource")
     child, publisher, output = process
-    publisher.publish(joint_state(0))
-    until(lambda: readable(output) == 1)
+    numbers = iter(range(10**9))
+    until(lambda: readable(output) > 0, step=lambda: publisher.publish(joint_state(next(numbers))))
     resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
-    numbers = iter(range(1, 10**9))
     until(lambda: child.poll() is not None, step=lambda: publisher.publish(joint_state(next(numbers))))
     _, err = child.communicate()
     assert child.returncode == 1
