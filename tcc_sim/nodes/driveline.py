@@ -22,7 +22,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.nodes import parameters
 from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import RealTimeLoop
-from tcc_sim.nodes.polling import LATCHED, run
+from tcc_sim.nodes.polling import LATCHED, hold_signals, release_signals, run
 from tcc_sim.nodes.processes import CLOCK_STARTED
 from tcc_sim.recording import cdr
 
@@ -123,10 +123,12 @@ def main(args: list[str] | None = None) -> int:
 def _spin() -> int:
     """Build the node and run it until the context ends."""
     sys.setswitchinterval(SWITCH_INTERVAL)
+    hold_signals()
     node = DrivelineNode()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
+        release_signals()
         node.start()
         gc.collect()
         gc.freeze()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -26,6 +27,9 @@ LATCHED = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=Relia
 
 DIAGNOSTICS = QoSProfile(depth=10)
 """For /diagnostics, as diagnostic_aggregator expects it."""
+
+
+_ENDING = {signal.SIGINT, signal.SIGTERM}
 
 
 def states(depth: int) -> QoSProfile:
@@ -77,6 +81,16 @@ def poll(subscription: Subscription[Any], most: int = 100_000) -> list[tuple[byt
                 break
             taken.append(item)
     return taken
+
+
+def hold_signals() -> None:
+    """Let SIGINT and SIGTERM wait while a node is being built: rclpy prints a traceback where they come in between."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+
+
+def release_signals() -> None:
+    """Take SIGINT and SIGTERM again, those that waited first."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 def unknown_parameters(node: Node) -> list[str]:

@@ -23,7 +23,7 @@ from rclpy.subscription import Subscription
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.messages import message_class, qos_fields
-from tcc_sim.nodes.polling import poll, run, subscribe, unknown_parameters
+from tcc_sim.nodes.polling import hold_signals, poll, release_signals, run, subscribe, unknown_parameters
 from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import RELIABLE, BagWriter
 from tcc_sim.recording.definitions import definition
@@ -92,12 +92,12 @@ class Recorder:
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
         self.bag = BagWriter(directory)
 
     def spin(self) -> None:
         """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
-        executor = SingleThreadedExecutor(context=self.node.context)
-        executor.add_node(self.node)
         flush = look = time.monotonic()
         while self.node.context.ok():
             wake = time.monotonic() + self.drain_period
@@ -109,7 +109,7 @@ class Recorder:
                 self.look()
                 look = time.monotonic() + _LOOK_PERIOD
             while (left := wake - time.monotonic()) > 0.0:
-                executor.spin_once(timeout_sec=left)
+                self._executor.spin_once(timeout_sec=left)
 
     def drain(self) -> None:
         """Write every message that waits. It needs no valid context."""
@@ -217,10 +217,12 @@ def _default_name() -> str:
 
 def record() -> int:
     """Record until a signal; the exit status."""
+    hold_signals()
     node = rclpy.create_node("recorder")
     recorder = Recorder(node)
     try:
         try:
+            release_signals()
             node.get_logger().info(f"recording to {recorder.bag.directory}")
             recorder.spin()
         finally:
