@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from types import FrameType
 from typing import Any
 
 import rclpy
@@ -113,14 +114,25 @@ def _initialise(words: list[str]) -> None:
         raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
 
 
-def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -> int:
+def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None, interruptible: bool = True) -> int:
     """Run a node's process: initialise ROS, run `body`, and give the exit status.
 
     SIGINT and SIGTERM end `body` by KeyboardInterrupt or ExternalShutdownException, which it may use to tidy up; the status is
-    then 0. Wrong input gives one line on standard error and status 2.
+    then 0. Wrong input gives one line on standard error and status 2. Where `interruptible` is off, SIGINT ends the context only,
+    as SIGTERM does, and no KeyboardInterrupt tears `body` away from what it holds.
     """
+    started = False
+
+    def leave_it_to_ros(number: int, frame: FrameType | None) -> None:
+        """ROS 2 has handled the signal before, once it is initialised."""
+        if not started:
+            raise KeyboardInterrupt
+
     try:
+        if not interruptible:
+            signal.signal(signal.SIGINT, leave_it_to_ros)
         _initialise(sys.argv if args is None else list(args))
+        started = True
         return body()
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0

@@ -5,7 +5,6 @@ Subscriptions are drained in batches several times a second, which costs a small
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -226,7 +225,6 @@ def record() -> int:
             node.get_logger().info(f"recording to {recorder.bag.directory}")
             recorder.spin()
         finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
             summary = recorder.close()
             sys.stdout.write(summary + "\n")
             sys.stdout.flush()
@@ -239,7 +237,7 @@ def record() -> int:
 
 def main(args: list[str] | None = None) -> int:
     """Run the recorder node."""
-    return run("recorder", record, args)
+    return run("recorder", record, args, interruptible=False)
 
 
 if __name__ == "__main__":
