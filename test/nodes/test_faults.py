@@ -107,6 +107,9 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     time.sleep(2.0)
     os.kill(driveline.pid, signal.SIGCONT)
     until(lambda: (run := recorded(output)) is not None and max(missed_ticks(run), default=0) > 0)
+    now = recorded(output)
+    assert now is not None
+    until(messages_in(output, now.messages["/joint_states"] + 300))
     assert driveline.stop() == recorder.stop() == 0
     run = open_run(output)
     batches = list(run.batches())
