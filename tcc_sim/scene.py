@@ -86,7 +86,7 @@ class Scene:
         options: dict[str, Any] = {k: v for k, v in values.items() if k in OPERATION_QUANTITIES}
         for key in model:
             if key not in parameters.QUANTITIES:
-                raise unknown_key(key)
+                raise parameters.unknown_key(key, KNOWN_KEYS)
         return dataclasses.replace(self, system=parameters.replace(self.system, model),
                                    operation=dataclasses.replace(self.operation, **options))
 
@@ -102,12 +102,6 @@ class Scene:
         tree.update({item.name: getattr(self.operation, item.name) for item in dataclasses.fields(self.operation)})
         body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         return f"# {self.description or self.name}\n{body}"
-
-
-def unknown_key(key: str) -> InputError:
-    """The error for a key that a scene file must not hold, with the nearest one that it may."""
-    near = difflib.get_close_matches(key[:100], KNOWN_KEYS, n=1, cutoff=0.4)
-    return InputError(f"{key} is not a scene key" + (f"; did you mean {near[0]}?" if near else ""))
 
 
 def bundled_scenes() -> dict[str, Path]:
@@ -267,7 +261,7 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
         if not equals or not key or not value:
             raise InputError(f"{word!r} is not KEY=VALUE")
         if key not in KNOWN_KEYS:
-            raise unknown_key(key)
+            raise parameters.unknown_key(key, KNOWN_KEYS)
         if key in values:
             raise InputError(f"{key} is given twice")
         if len(value) > LONGEST_VALUE:

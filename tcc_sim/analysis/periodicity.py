@@ -63,6 +63,9 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
         tail = points[len(points) - repeats * period:].reshape(repeats, period, -1)
         change = _largest(tail[-1] - tail[-2])
         if _largest(tail.max(axis=0) - tail.min(axis=0)) <= tolerance:
+            shorter = _fading_to(points, period)
+            if shorter:
+                return Periodicity(shorter, False, _largest(points[-1] - points[-1 - shorter]))
             return Periodicity(period, True, change)
         if _converges(points, period):
             return Periodicity(period, False, change)
@@ -88,6 +91,23 @@ def _converges(points: Floats, period: int) -> bool:
     # A spiral or an alternation goes nowhere while it shrinks: what counts is the net way of the last window.
     way = _largest(points[-1] - points[-1 - width])
     return way * math.exp(float(slope)) / -math.expm1(float(slope)) <= CONVERGING_DISTANCE
+
+
+def _fading_to(points: Floats, period: int) -> int:
+    """A divisor of a period whose repetition only seems settled: what tells the two apart shrinks, to less than half; or 0.
+
+    A slow alternation that dies out repeats after two cycles within any tolerance that is wider than its decay. The limit of
+    its size over three windows is that of A. C. Aitken's delta-squared process.
+    """
+    for shorter in [q for q in range(1, period) if period % q == 0]:
+        size = np.abs(points[shorter:] - points[:-shorter]).max(axis=1)
+        width = len(size) // 3 // period * period
+        if width == 0:
+            continue
+        a, b, c = (float(size[len(size) - (3 - i) * width:][:width].max()) for i in range(3))
+        if c < b < a and (b - c) < (a - b) and c - (b - c) ** 2 / ((a - b) - (b - c)) < 0.5 * c:
+            return shorter
+    return 0
 
 
 def _scaled(cycles: Cycles) -> Floats:

@@ -10,8 +10,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import QUANTITIES, Quantity, values_of
-from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, OPERATION_QUANTITIES, Scene, load_scene, unknown_key
+from tcc_sim.model.parameters import QUANTITIES, Quantity, unknown_key, values_of
+from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, OPERATION_QUANTITIES, Scene, load_scene
 
 ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
 BUILT_IN = ("use_sim_time", "start_type_description_service")
@@ -37,8 +37,10 @@ def declare(node: Node) -> Scene:
         if name in ALL_QUANTITIES:
             known[name] = list(value) if hasattr(value, "tolist") else value
         else:
-            node.get_logger().warning(f"parameter ignored: {unknown_key(name)}")
+            node.get_logger().warning(f"parameter ignored: {unknown_key(name, KNOWN_KEYS)}")
     scene = base.with_values(known)
+    if scene != base:
+        scene = dataclasses.replace(scene, name=f"{base.name} with overrides", description=f"{base.description}, with overrides")
     text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
     node.declare_parameter("scene", base.name, text)
     for name, value in [*values_of(scene.system), *_options(scene)]:

@@ -110,3 +110,12 @@ def test_too_few_cycles_give_no_period():
     assert found.period == 0
     assert periodicity(embedded([0.5])).period == 0
     assert math.isnan(periodicity(embedded([0.5])).change)
+
+
+@pytest.mark.parametrize(("alternation", "period", "settled"), [
+    (lambda n: 0.02 * 0.995**n, 1, False), (lambda n: 0.02 + 0.0 * n, 2, True), (lambda n: 0.02 + 0.002 * 0.9**n, 2, True)])
+def test_an_alternation_that_dies_out_slowly_is_no_period_two(alternation, period, settled):
+    n = np.arange(60)
+    section = np.stack([0.0 * n, 1.0 + (-1.0) ** n * alternation(n), 0.0 * n], axis=1)
+    found = periodicity(Cycles(section, np.ones(59), np.zeros(59), np.zeros(59)), tolerance=1e-2)
+    assert (found.period, found.settled) == (period, settled)
