@@ -60,7 +60,7 @@ class RealTimeLoop:
         self.stepper = Stepper(scene.system, 1.0 / operation.rate)
         self.pacer = Pacer(self._period(scene))
         self.paused = False
-        self.stick_ticks = self.slip_ticks = 0
+        self.stick_ticks = self.slip_ticks = self.unsent_messages = 0
         self.failure: BaseException | None = None
         self._stamp_step = 1e9 / operation.rate
         self._own = terms_of(scene.system)
@@ -217,7 +217,7 @@ class RealTimeLoop:
         v, plate_angle, plate_speed, flywheel_angle = stepper.state.tolist()
         engine, friction = stepper.torques()
         stamp = round(stepper.tick * self._stamp_step)
-        self._joint_states.publish(cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
+        self._send(self._joint_states, cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
                                                    friction))
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         if state:
@@ -225,13 +225,22 @@ class RealTimeLoop:
         else:
             self.stick_ticks += 1
         if self._slip_speed is not None and self._friction_torque is not None and self._state is not None:
-            self._slip_speed.publish(cdr.float64(v))
-            self._friction_torque.publish(cdr.float64(friction))
-            self._state.publish(cdr.int8(state))
+            self._send(self._slip_speed, cdr.float64(v))
+            self._send(self._friction_torque, cdr.float64(friction))
+            self._send(self._state, cdr.int8(state))
         if self._applied_pressure is not None and self.pressure_command is not None:
-            self._applied_pressure.publish(cdr.fluid_pressure(stamp, self.pressure_command.value))
+            self._send(self._applied_pressure, cdr.fluid_pressure(stamp, self.pressure_command.value))
         if self._clock is not None:
-            self._clock.publish(cdr.clock(stamp))
+            self._send(self._clock, cdr.clock(stamp))
+
+    def _send(self, publisher: Any, data: bytes) -> None:
+        """Publish; what the middleware refuses (it does in the moment when a flooded reader dies) is counted, not fatal."""
+        try:
+            publisher.publish(data)
+        except RuntimeError:
+            if not self._context.ok():
+                raise
+            self.unsent_messages += 1
 
     def _await_subscribers(self) -> bool:
         """Wait for the subscribers that were asked for, and until no more of them appear; False when told to stop."""

@@ -259,3 +259,25 @@ def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
     assert call(bench, SetBool, "driveline/pause", SetBool.Request(data=True)).success
     node.loop.stop()
     assert not node.loop.running
+
+
+def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = start(bench, scene="minimal", publish_scalars=False)
+    refusing = node.loop._joint_states
+
+    class Refusing:
+        def __init__(self) -> None:
+            self.left = 3
+
+        def publish(self, data: bytes) -> None:
+            if self.left:
+                self.left -= 1
+                raise RuntimeError("cannot publish data")
+            refusing.publish(data)
+
+    monkeypatch.setattr(node.loop, "_joint_states", Refusing())
+    heard = listener(bench, JointState, "joint_states")
+    node.start()
+    bench.until(lambda: len(heard) > 5)
+    assert node.loop.unsent_messages == 3
+    assert node.loop.failure is None
