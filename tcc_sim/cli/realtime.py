@@ -15,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Rate, duration and where the figures go."""
     parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ", help="tick rate (1000)")
     parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=60.0, metavar="S", help="of each loop (60)")
+    parser.add_argument("--recorder", action="store_true",
+                        help="publish to a recorder in a process of its own, which competes for the cores")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
 
 
@@ -31,7 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     with tqdm(total=2.0 * arguments.duration, unit="s", desc="realtime", disable=None, leave=False,
               bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:
-        found = measure(arguments.rate, arguments.duration, lambda seconds: bar.update(seconds - bar.n))
+        found = measure(arguments.rate, arguments.duration, lambda seconds: bar.update(seconds - bar.n),
+                        arguments.recorder)
     print(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
           f"drift {found['drift_s'] * 1e3:.3f} ms")
     print(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")

@@ -29,7 +29,7 @@ from tcc_sim.solvers.fixed_step import Stepper, substeps
 from tcc_sim.solvers.terms import Terms, general_terms, terms_of
 from tcc_sim.solvers.trajectory import stick_speed_of
 
-HISTORY = 5.0
+HISTORY = 0.25
 """Seconds of messages that a publisher keeps for a slow reader."""
 SETTLED = 0.3
 """Real time, s, without a new subscription, after which the subscribers waited for count as complete."""

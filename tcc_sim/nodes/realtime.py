@@ -47,14 +47,15 @@ class Stretches:
                 f"{prefix}lateness_max_s": float(late.max()), f"{prefix}cpu_fraction": self.cpu / self.wall}
 
 
-def measure(rate: float, duration: float, progress: Callable[[float], Any]) -> dict[str, float]:
-    """Run the node's loop, publishing to a recorder in a process of its own, and the bare loop, `duration` seconds each.
+def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False) -> dict[str, float]:
+    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each.
 
     Parameters
     ----------
     rate : Hz
     duration : s of each loop
     progress : called with the seconds done so far, of 2 * duration
+    recorder : publish to a recorder in a process of its own, which works while the node runs and rests beside the bare loop
 
     Returns
     -------
@@ -66,14 +67,15 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any]) -> d
     sys.setswitchinterval(SWITCH_INTERVAL)
     node_side, bare_side = Stretches(), Stretches()
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
-        recorder = NodeProcess("recorder", {"output": str(Path(folder) / "recording")}, environment)
-        node = DrivelineNode(parameter_overrides=[Parameter("rate", value=rate), Parameter("wait_for_subscribers", value=1)])
+        listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")}, environment) if recorder else None
+        node = DrivelineNode(parameter_overrides=[Parameter("rate", value=rate),
+                                                  Parameter("wait_for_subscribers", value=int(recorder))])
         node.get_logger().set_level(LoggingSeverity.WARN)
         try:
             node.start()
             loop = node.loop
-            if not loop.clock_started.wait(30.0):
-                recorder.check()
+            if not loop.clock_started.wait(30.0) and listener is not None:
+                listener.check()
             loop.request(lambda: loop.pause(True))
             done = 0.0
             while done < duration - 1e-9:
@@ -88,7 +90,8 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any]) -> d
                 progress(2.0 * done)
         finally:
             node.destroy_node()
-            recorder.stop()
+            if listener is not None:
+                listener.stop()
     worst = max((p.drift for p in node_side.pacers), key=abs)
     return {"rate": rate, "ticks": sum(p.ticks for p in node_side.pacers),
             "missed_ticks": sum(p.missed_ticks for p in node_side.pacers), "drift_s": worst,
