@@ -39,7 +39,7 @@ def declare(node: Node) -> Scene:
         else:
             node.get_logger().warning(f"parameter ignored: {unknown_key(name, KNOWN_KEYS)}")
     scene = base.with_values(known)
-    if scene != base:
+    if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides", description=f"{base.description}, with overrides")
     text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
     node.declare_parameter("scene", base.name, text)
