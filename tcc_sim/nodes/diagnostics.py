@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from tcc_sim.nodes.loop import RealTimeLoop
+from tcc_sim.nodes.polling import DIAGNOSTICS
 
 PERIOD = 1.0
 """Real time between two messages, s."""
@@ -18,7 +19,7 @@ class Diagnostics:
 
     def __init__(self, node: Node, loop: RealTimeLoop) -> None:
         self._node, self._loop = node, loop
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._due = time.monotonic() + PERIOD
         self._since, self._ticks, self._late = time.monotonic(), 0, 0
         self._stick = self._slip = 0

@@ -1,19 +1,14 @@
-"""ROS messages and types <-> plain values. The driveline's own messages are encoded by `tcc_sim.recording.cdr`."""
+"""ROS message types and QoS <-> plain values. The driveline's own messages are encoded by `tcc_sim.recording.cdr`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import QoSProfile
 
 from tcc_sim.errors import InputError
 from tcc_sim.recording.definitions import type_parts
-
-OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 _NANOSECONDS = 1_000_000_000
 
@@ -32,21 +27,6 @@ def message_class(type_name: str) -> type:
     except (ImportError, AttributeError):
         raise InputError(f"message type {type_name} is not installed") from None
     return found
-
-
-def time(stamp_ns: int) -> Time:
-    """A stamp, ns, as a message."""
-    sec, nanosec = divmod(stamp_ns, _NANOSECONDS)
-    return Time(sec=sec, nanosec=nanosec)
-
-
-def diagnostics(stamp_ns: int, name: str, level: bytes, summary: str, values: Mapping[str, object]) -> DiagnosticArray:
-    """One status with its values, which are shown as they print."""
-    status = DiagnosticStatus(level=level, name=name, message=summary, hardware_id="tcc_sim",
-                              values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = time(stamp_ns)
-    return message
 
 
 def qos_fields(profile: QoSProfile) -> dict[str, Any]:
