@@ -28,6 +28,11 @@ from tcc_sim.solvers.radau import LAST_TERM, STAGES
 from tcc_sim.solvers.taylor import FALLING, LAYER, ORDER_MAXIMUM, SLIDING, TWO_PI
 
 DONE, STEP_LIMIT, STEP_TOO_SMALL, NOT_FINITE = range(4)
+CALM = 4
+"""Series steps on the slow manifold after which Radau is tried again, where its error had sent it away; doubles each time."""
+PATIENCE = 16
+"""Series steps of equal length, the mark of a step that stability limits, after which Radau is tried; doubles each time."""
+
 
 @compiled
 def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: float, period: float, frequency_ratio: float,
@@ -61,9 +66,14 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
     dense = min(0.03 * rtol ** 0.6, 1e-2)
     stiff = False
     released = 0.0
+    calm = 0
+    calm_enough = CALM
     h_radau = 0.0
+    h_before = 0.0
+    h_accepted = 0.0
+    error_accepted = 0.0
     streak = 0
-    patience = 64
+    patience = PATIENCE
     prepared = 0.0
     base = 0.0
     h_previous = 1.0
@@ -164,6 +174,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         if h_radau < explicit:
                             stiff = False
                             released = beta * stage[5, 0] * slope
+                            calm = 0
                         continue
                     if region == LAYER and stribeck is not None:
                         crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, -2.0 * nearly_zero,
@@ -200,7 +211,16 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         previous[0, i] = trial[0, i]
                     base = 1.0
                     h_previous = h
-                    h_next = h * min(5.0, 0.85 * max(error, 1e-12) ** -0.2)
+                    error = max(error, 1e-12)
+                    h_next = h * min(5.0, 0.85 * error ** -0.2)
+                    if error_accepted > 0.0:
+                        # Gustafsson's predictive controller (Hairer and Wanner, Sec. IV.8): error grows from step to step on the
+                        # way to breakaway.
+                        h_next = min(h_next, h * max(0.2, 0.7 * h / h_accepted * (error_accepted / (error * error)) ** 0.2))
+                    if 0.9 * h < h_next < 1.2 * h:
+                        h_next = h
+                    error_accepted = error
+                    h_accepted = h
                     if full:
                         h_next = max(h_next, h_radau)
                     h_radau = h_next
@@ -215,7 +235,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     if h_radau < explicit:
                         stiff = False
                         released = beta * stage[5, STAGES - 1] * slope
-                        streak = 0
+                        calm = 0
                     continue
                 p = linear_order if region == SLIDING else order
                 unit, rho = taylor.expand(series, p, base_rate, state, tau, shift, region, sign, loaded, linear, mean_torque,
@@ -260,13 +280,21 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     break
                 tau = until if full else tau + h
                 tally[STEPS] += 1
-                streak += 1
+                streak = streak + 1 if abs(h - h_before) < 0.1 * h else 0
+                h_before = h
                 if region == LAYER:
                     slope /= unit
-                    if released > 0.0 and rho > 2.0 * released:
-                        released = 0.0
-                    if released == 0.0 and h * rho > 2.0 and abs(slope) < 0.02 * rho / sigma and abs(state[0]) < layer:
+                    settled = h * rho > 2.0 and abs(slope) < 0.02 * rho / sigma and abs(state[0]) < layer
+                    if released > 0.0:
+                        calm = calm + 1 if settled else 0
+                        if calm >= calm_enough:
+                            calm_enough = min(2 * calm_enough, 64 * CALM)
+                            released = 0.0
+                        elif rho > 2.0 * released:
+                            released = 0.0
+                    if released == 0.0 and settled:
                         stiff = True
+                        error_accepted = 0.0
                         h_radau = 3.0 / rho
                         h_previous = h_radau
                         base = 0.0
@@ -276,10 +304,12 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         previous[0, 1] = slope * h_radau
                 else:
                     released = 0.0
+                    calm_enough = CALM
                 if streak > patience and not stiff:
                     streak = 0
                     patience = min(2 * patience, 1024)
                     stiff = True
+                    error_accepted = 0.0
                     h_radau = 2.0 * h
                     h_previous = h
                     base = 0.0
@@ -289,7 +319,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
         if status != DONE:
             break
         streak = 0
-        patience = 64
+        patience = PATIENCE
         if n < count:
             highest[n] = extent[0]
             lowest[n] = extent[1]

@@ -191,3 +191,13 @@ def test_slip_that_dies_down_fast_feels_the_whole_exponential():
     run = smoothed.solve(p)
     states = np.stack([run.cycles.section[:, i] for i in range(3)], axis=1)
     assert np.all(np.abs(states - expected[:, :3]) < 1e-6 * np.array([80.0, 0.3, 70.0]))
+
+
+@pytest.mark.parametrize(("ratio", "frequency"), [(1.0, 0.12), (0.94, 0.12), (0.83, 0.12), (0.83, 0.2), (0.667, 0.2)])
+def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, frequency):
+    """Slow engine cycles of Fig. 4: some hundred steps where the stick eigenvalue of 1e6 1/s would ask for ten thousand."""
+    values = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3 * ratio,
+              "engine.frequency": frequency * math.sqrt(3000.0 / 0.02)}
+    run = smoothed.solve(problem(values, cycles=40, state=State(150.0, 0.0, 0.0, 0.0)))
+    slips = (len(run.transitions.time) + 1) / 2.0
+    assert run.statistics.steps + run.statistics.rejected < 70.0 * slips + 55.0 * 40
