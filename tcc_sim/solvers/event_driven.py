@@ -13,6 +13,7 @@ import time
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.event_arcs import Floats, tables_of
@@ -60,11 +61,17 @@ def solve(problem: Problem) -> Trajectory:
     flywheel = True if problem.flywheel_angle else None
     kept: list[tuple[Floats, Modes, Modes]] = []
     buffer, kinds = np.empty((65536 + limit, 2)), np.empty((65536 + limit, 2), dtype=np.int64)
+
+    def go_on(state: Floats, progress: NDArray[np.int64]) -> None:
+        """March until the end, a failure or a full buffer."""
+        march(problem.start_cycle, whole, state, settings, progress, tables, terms.stribeck, series, flywheel, rows, section,
+              highest, lowest, stick_time, buffer, kinds)
+
+    go_on(state.copy(), np.where(np.arange(len(progress)) == 5, whole + 1, progress))  # Compiling is not solving.
     began = time.perf_counter()
     while progress[4] == 0 and progress[5] < whole + (rest > 0.0):
         progress[3] = 0
-        march(problem.start_cycle, whole, state, settings, progress, tables, terms.stribeck, series, flywheel, rows, section,
-              highest, lowest, stick_time, buffer, kinds)
+        go_on(state, progress)
         n = int(progress[3])
         kept.append((buffer[:n, 0] * cycle + buffer[:n, 1], MODES[kinds[:n, 0]], MODES[kinds[:n, 1]]))
     seconds = time.perf_counter() - began

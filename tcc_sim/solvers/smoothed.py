@@ -29,6 +29,7 @@ STATUSES = {marching.DONE: Status.DONE, marching.STEP_LIMIT: Status.STEP_LIMIT,
             marching.STEP_TOO_SMALL: Status.STEP_TOO_SMALL, marching.NOT_FINITE: Status.NOT_FINITE}
 
 Floats = NDArray[np.float64]
+Moves = tuple[Floats, NDArray[np.int8], NDArray[np.int8]]
 
 
 def solve(problem: Problem) -> Trajectory:
@@ -49,7 +50,8 @@ def orders(rtol: float) -> tuple[int, int]:
 
 def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     """`solve` with given terms of the same system, own or general."""
-    assert terms.smoothing is not None
+    smoothing = terms.smoothing
+    assert smoothing is not None
     rtol = SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
     rtol = max(LOCAL * rtol, 1e-13)
     count, period = problem.whole_cycles, problem.system.cycle
@@ -72,20 +74,24 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     scales[4] = 1e-6 * torques / math.sqrt(terms.linear[3] * terms.linear[1]) + 1e-12
     order, linear_order = orders(rtol)
     limit = 400_000 + 2_000 * count
-    found: list[tuple[Floats, NDArray[np.int8], NDArray[np.int8]]] = []
+    found: list[Moves] = []
     seconds, kept, done = 0.0, 0, 0
-    while True:
-        batch = min(BATCH, count - done)
-        room = min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept)
-        moves = np.empty(room), np.empty(room, np.int8), np.empty(room, np.int8)
-        last = done + batch == count
-        tally[keeping.TRANSITIONS] = 0
-        begin = time.perf_counter()
-        marching.march(state, tally, scales, problem.start_cycle + done, batch, tail if last else 0.0, period,
+    def march(cycles: int, rest: float, moves: Moves) -> None:
+        """March on through some cycles and the rest of one."""
+        marching.march(state, tally, scales, problem.start_cycle + done, cycles, rest, period,
                        problem.system.pressure.frequency_ratio, limit, rtol, order, linear_order, problem.samples_per_cycle,
                        samples, section[done:], highest[done:], lowest[done:], stick_time[done:], *moves, stick_speed,
                        True if problem.flywheel_angle else None, terms.linear, terms.mean_torque, terms.torque,
-                       terms.harmonics, terms.mean_load, terms.pulsation, terms.smoothing, terms.stribeck)
+                       terms.harmonics, terms.mean_load, terms.pulsation, smoothing, terms.stribeck)
+
+    march(0, 0.0, _room(0))  # Compiling is not solving.
+    while True:
+        batch = min(BATCH, count - done)
+        moves = _room(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept))
+        last = done + batch == count
+        tally[keeping.TRANSITIONS] = 0
+        begin = time.perf_counter()
+        march(batch, tail if last else 0.0, moves)
         seconds += time.perf_counter() - begin
         filled = int(tally[keeping.TRANSITIONS])
         kept += filled
@@ -113,3 +119,8 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     trajectory = assemble(problem, "smoothed", t, states[:, :columns], cycles=cycles, transitions=changes, status=status,
                           statistics=statistics)
     return trajectory if status is not Status.NOT_FINITE else replace(trajectory, detail="the state grew without bound")
+
+
+def _room(count: int) -> Moves:
+    """Where `count` transitions are put."""
+    return np.empty(count), np.empty(count, np.int8), np.empty(count, np.int8)
