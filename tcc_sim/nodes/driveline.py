@@ -25,6 +25,8 @@ from tcc_sim.nodes.loop import RealTimeLoop
 from tcc_sim.nodes.polling import LATCHED, hold_signals, release_signals, run
 from tcc_sim.nodes.processes import CLOCK_STARTED
 from tcc_sim.recording import cdr
+from tcc_sim.recording.scenes import holding_from
+from tcc_sim.scene import Scene
 
 SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
@@ -40,8 +42,10 @@ class DrivelineNode(Node):
         self.scene = parameters.declare(self)
         self.loop = RealTimeLoop(self, self.scene)
         self._scene_publisher = self.create_publisher(String, "scene", LATCHED)
-        self._publish_scene()
+        self._scene_text, self._changed = self.scene.text(), False
+        self._scene_publisher.publish(cdr.string(self._scene_text))
         self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._after_set_parameters)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
@@ -81,24 +85,45 @@ class DrivelineNode(Node):
     def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check all changes of a request together and apply them at a tick boundary."""
         try:
+            parameters.check_text(changes, self.scene)
             after = parameters.changed(self.scene, changes)
             self.loop.check(after)
         except InputError as error:
             return parameters.refused(error)
-        if after != self.scene:
-            if not self.loop.request(lambda: self.loop.use(after)):
-                return parameters.refused(InputError("the real-time loop did not take the change within 1 s"))
-            self.scene = after
-            self._publish_scene()
+        text = after.text()
+        if after != self.scene and not self.loop.request(lambda: self._take(after, text)):
+            return parameters.refused(InputError("the real-time loop did not take the change within 1 s"))
         return parameters.accepted()
 
-    def _publish_scene(self) -> None:
-        """Say what runs from here on, with every override and change."""
-        self._scene_publisher.publish(cdr.string(self.scene.text()))
+    def _after_set_parameters(self, changes: list[Parameter]) -> None:
+        """Let scene_text follow what was changed."""
+        text = self.scene.text()
+        if text != self.get_parameter(parameters.TEXT).value:
+            self.set_parameters([Parameter(parameters.TEXT, value=text)])
+
+    def _take(self, scene: Scene, text: str) -> bool:
+        """In the loop, between two ticks: run `scene` from the next tick on, and say so before that tick's state.
+
+        States and scenes are sent by one thread, so a recording has them in the order in which they came into force.
+        """
+        self.loop.use(scene)
+        self.scene, self._scene_text, self._changed = scene, text, True
+        self._say(self.loop.next_stamp_ns)
+        return True
+
+    def _restart(self) -> bool:
+        """In the loop: start again with the parameters as they are, which hold from stamp 0 of the new run on."""
+        if self._changed:
+            self._say(0)
+        return self.loop.reset()
+
+    def _say(self, stamp_ns: int) -> None:
+        """Say the scene as it was changed, and the stamp of the first state that it leads to."""
+        self.loop.send(self._scene_publisher, cdr.string(holding_from(self._scene_text, stamp_ns, self.loop.general)))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/reset."""
-        response.success = self.loop.request(self.loop.reset)
+        response.success = self.loop.request(self._restart)
         response.message = "at the initial state, simulation time 0" if response.success else "the real-time loop did not answer"
         return response
 

@@ -42,6 +42,12 @@ class Command:
         """Back to the fallback, as before the first command."""
         self.value, self.fallen_back, self._last_tick = self.fallback, True, 0
 
+    def replace_fallback(self, fallback: float) -> None:
+        """Take another fallback, which applies at once where no command does."""
+        self.fallback = fallback
+        if self.fallen_back:
+            self.value = fallback
+
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take what has arrived before tick `tick`."""
         for data, _ in poll(self.subscription):

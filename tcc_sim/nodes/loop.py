@@ -12,7 +12,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
@@ -37,10 +37,11 @@ SETTLED = 0.3
 
 @dataclass
 class Request:
-    """Something asked of the loop between two ticks; `done` is set when it has happened."""
+    """Something asked of the loop between two ticks. Who takes `claim` first does it or withdraws it; then `done` is set."""
 
     action: Callable[[], bool]
-    done: threading.Event
+    claim: threading.Lock = field(default_factory=threading.Lock)
+    done: threading.Event = field(default_factory=threading.Event)
     result: bool = False
 
 
@@ -59,7 +60,7 @@ class RealTimeLoop:
         operation = scene.operation
         self.stepper = Stepper(scene.system, 1.0 / operation.rate)
         self.pacer = Pacer(self._period(scene))
-        self.paused = False
+        self.paused = self.general = False
         self.stick_ticks = self.slip_ticks = self.unsent_messages = 0
         self.failure: BaseException | None = None
         self._stamp_step = 1e9 / operation.rate
@@ -99,15 +100,22 @@ class RealTimeLoop:
             self._thread.join(timeout=1.0)
 
     @property
+    def next_stamp_ns(self) -> int:
+        """Stamp of the state that the next tick leads to."""
+        return round((self.stepper.tick + 1) * self._stamp_step)
+
+    @property
     def running(self) -> bool:
         """Whether the thread is alive."""
         return self._thread.is_alive()
 
     def request(self, action: Callable[[], bool], timeout: float = 1.0) -> bool:
-        """Have the loop do `action` between two ticks; its result, or False after `timeout` seconds."""
-        asked = Request(action, threading.Event())
+        """Have the loop do `action` between two ticks; its result, or False where it was withdrawn after `timeout` seconds."""
+        asked = Request(action)
         self._requests.put(asked)
         self._wake.set()
+        if not asked.done.wait(timeout) and asked.claim.acquire(blocking=False):
+            return False
         return asked.done.wait(timeout) and asked.result
 
     def reset(self) -> bool:
@@ -136,14 +144,14 @@ class RealTimeLoop:
     def use(self, scene: Scene) -> bool:
         """Take changed parameters from the next tick on. The kernel must be one that was warmed up."""
         own, general = terms_of(scene.system), general_terms(scene.system)
-        same = all((a is None) == (b is None) for a, b in zip(own, self._own))
-        self._terms = own if same else general
+        self.general = any((a is None) != (b is None) for a, b in zip(own, self._own))
+        self._terms = general if self.general else own
         self._stick_speed = stick_speed_of(own)
         self.scene = scene
         if self.engine_command is not None:
-            self.engine_command.fallback = scene.system.engine.mean_torque
+            self.engine_command.replace_fallback(scene.system.engine.mean_torque)
         if self.pressure_command is not None:
-            self.pressure_command.fallback = scene.system.pressure.mean
+            self.pressure_command.replace_fallback(scene.system.pressure.mean)
         self._apply_inputs()
         self.pacer.period_ns = self._period(scene) * 1e9
         self.pacer.anchor()
@@ -171,8 +179,9 @@ class RealTimeLoop:
             while not stopped():
                 while not self._requests.empty():
                     asked = self._requests.get()
-                    asked.result = asked.action()
-                    asked.done.set()
+                    if asked.claim.acquire(blocking=False):
+                        asked.result = asked.action()
+                        asked.done.set()
                 if self.paused:
                     self._wake.wait()
                     self._wake.clear()
@@ -217,23 +226,23 @@ class RealTimeLoop:
         v, plate_angle, plate_speed, flywheel_angle = stepper.state.tolist()
         engine, friction = stepper.torques()
         stamp = round(stepper.tick * self._stamp_step)
-        self._send(self._joint_states, cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
-                                                   friction))
+        self.send(self._joint_states, cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
+                                                      friction))
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         if state:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
         if self._slip_speed is not None and self._friction_torque is not None and self._state is not None:
-            self._send(self._slip_speed, cdr.float64(v))
-            self._send(self._friction_torque, cdr.float64(friction))
-            self._send(self._state, cdr.int8(state))
+            self.send(self._slip_speed, cdr.float64(v))
+            self.send(self._friction_torque, cdr.float64(friction))
+            self.send(self._state, cdr.int8(state))
         if self._applied_pressure is not None and self.pressure_command is not None:
-            self._send(self._applied_pressure, cdr.fluid_pressure(stamp, self.pressure_command.value))
+            self.send(self._applied_pressure, cdr.fluid_pressure(stamp, self.pressure_command.value))
         if self._clock is not None:
-            self._send(self._clock, cdr.clock(stamp))
+            self.send(self._clock, cdr.clock(stamp))
 
-    def _send(self, publisher: Any, data: bytes) -> None:
+    def send(self, publisher: Any, data: bytes) -> None:
         """Publish; what the middleware refuses (it does in the moment when a flooded reader dies) is counted, not fatal."""
         try:
             publisher.publish(data)

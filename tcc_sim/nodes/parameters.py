@@ -14,6 +14,8 @@ from tcc_sim.model.parameters import QUANTITIES, Quantity, unknown_key, values_o
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, OPERATION_QUANTITIES, Scene, load_scene
 
 ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
+TEXT = "scene_text"
+"""The parameter that tells the scene as it is; it follows every change, so it cannot be one that is read-only."""
 BUILT_IN = ("use_sim_time", "start_type_description_service")
 
 
@@ -45,8 +47,8 @@ def declare(node: Node) -> Scene:
     node.declare_parameter("scene", base.name, text)
     for name, value in [*values_of(scene.system), *_options(scene)]:
         _declare(node, name, value, ALL_QUANTITIES[name])
-    text = ParameterDescriptor(read_only=True, description="the scene with every override, as a parameter file")
-    node.declare_parameter("scene_text", scene.text(), text)
+    text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot be set")
+    node.declare_parameter(TEXT, scene.text(), text, ignore_override=True)
     return scene
 
 
@@ -86,6 +88,12 @@ def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
     if (after.operation.real_time_factor == 0.0) != (scene.operation.real_time_factor == 0.0):
         raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to or from 0")
     return after
+
+
+def check_text(parameters: list[Parameter], scene: Scene) -> None:
+    """Raise InputError where a request sets scene_text to what is not the scene."""
+    if any(p.name == TEXT and p.value != scene.text() for p in parameters):
+        raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")
 
 
 def refused(reason: Exception) -> SetParametersResult:

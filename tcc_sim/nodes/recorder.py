@@ -129,7 +129,7 @@ class Recorder:
                 count(publisher["data"], number)
             received = info["received_timestamp"] or time.time_ns()
             if track.topic in self._scene_topics:
-                self._describe(data, min(received, info["source_timestamp"] or received))
+                self._describe(data, info["source_timestamp"] or received)
             write(channel, received, info["source_timestamp"], data, number)
         track.messages += len(taken)
         if track.stamps is not None:
@@ -138,7 +138,7 @@ class Recorder:
     def _describe(self, data: bytes, said_ns: int) -> None:
         """Write a scene as a metadata record, which survives a kill at any moment after it.
 
-        It belongs to what is received from when it was said on: a driveline's first states may arrive before its scene does.
+        It belongs to what was sent after it was said, by the driveline's own clock: states and scenes take ways of their own.
         """
         try:
             self.bag.describe(cdr.read_string(data), log_ns=said_ns)

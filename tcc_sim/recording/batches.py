@@ -21,13 +21,14 @@ _VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "en
 
 @dataclass(frozen=True)
 class JointStates:
-    """Consecutive joint_states messages, (n,) arrays: stamps of simulation time and of receipt (ns), angles (rad), speeds
-    (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one message of it is missing.
-    `run` counts how often simulation time has started again within the recording.
+    """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles (rad),
+    speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one message of it is
+    missing. `run` counts how often simulation time has started again within the recording.
     """
 
     stamp_ns: NDArray[np.int64]
     log_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
     flywheel_angle: Floats
     plate_angle: Floats
     flywheel_speed: Floats
@@ -48,10 +49,11 @@ class JointStates:
 
 def joint_states(data: NDArray[np.uint8], messages: Messages, channel: int) -> tuple[JointStates, int]:
     """The joint_states of one chunk, and how many messages of the channel have another layout and were left out."""
-    log_ns, rows, refused = _rows(data, messages, channel, *cdr.joint_state_template())
+    times, rows, refused = _rows(data, messages, channel, *cdr.joint_state_template())
     records = rows.view(cdr.JOINT_STATE)[:, 0]
     columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in _VALUES}
-    return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, **columns), refused
+    log_ns, sent_ns = times[:, 0], np.where(times[:, 1] > 0, times[:, 1], times[:, 0])
+    return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, sent_ns=sent_ns, **columns), refused
 
 
 def pressures(data: NDArray[np.uint8], messages: Messages, channel: int) -> tuple[NDArray[np.int64], Floats, int]:
@@ -63,20 +65,22 @@ def pressures(data: NDArray[np.uint8], messages: Messages, channel: int) -> tupl
 
 def _rows(data: NDArray[np.uint8], messages: Messages, channel: int, expected: NDArray[np.uint8],
           fixed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.uint8], int]:
-    """Log times and bytes of the channel's messages whose fixed bytes are as expected, and the number of the others."""
+    """Times of receipt and of sending, (n, 2), and bytes of the channel's messages whose fixed bytes are as expected, and the
+    number of the others.
+    """
     mine = messages.channel == channel
     right_length = messages.length[mine] == 22 + len(expected)
     offset = messages.offset[mine][right_length]
     refused = len(right_length) - len(offset)
     if not len(offset):
-        return np.empty(0, np.int64), np.empty((0, len(expected)), np.uint8), refused
+        return np.empty((0, 2), np.int64), np.empty((0, len(expected)), np.uint8), refused
     rows = sliding_window_view(data, len(expected))[offset + 22]
     mask = np.where(fixed, np.uint8(0xFF), np.uint8(0))
     wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
-    log_ns = sliding_window_view(data, 8)[offset + 6].view("<i8")[:, 0]
+    times = sliding_window_view(data, 16)[offset + 6].view("<i8")
     if wrong.any():
-        rows, log_ns, refused = rows[~wrong], log_ns[~wrong], refused + int(wrong.sum())
-    return log_ns, rows, refused
+        rows, times, refused = rows[~wrong], times[~wrong], refused + int(wrong.sum())
+    return times, rows, refused
 
 
 class PressureJoin:

@@ -11,18 +11,10 @@ from typing import Any, TypeVar
 from tcc_sim.recording import records
 from tcc_sim.recording.bag import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
 from tcc_sim.recording.records import DamagedChunk, Record
+from tcc_sim.recording.scenes import SceneRecord
 
 _UNCHUNKED = 1 << 20
 _T = TypeVar("_T")
-
-
-@dataclass(frozen=True)
-class SceneRecord:
-    """A scene (YAML) that a recording holds, the package version that ran it and when it was recorded (ns; 0: the start)."""
-
-    text: str
-    version: str
-    log_ns: int
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
                           elapsed_s=time.perf_counter() - began)
         cycles, first, _ = stream.longest()[1].kept(0)
         warnings = list(run.warnings)
-        if len({record.text for record in run.scenes}) > 1:
+        if len({record.parameters for record in run.scenes}) > 1:
             warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures are worked out with the first")
         found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source, stream.continuity,
                        run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),

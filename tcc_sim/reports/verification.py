@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.contents import SceneRecord
+from tcc_sim.recording.scenes import SceneRecord
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
+from tcc_sim.solvers.terms import Terms, general_terms, terms_of
 from tcc_sim.solvers.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6
@@ -54,13 +55,18 @@ class Verifier:
     """Compares batches with the solution of their scene, one tick after the other.
 
     A run that starts at stamp 0 is solved from the scene's initial state and goes on exactly across gaps, as long as no input
-    comes from a topic. Otherwise each tick is solved from the recorded state before it. A pause leaves no trace; a change of
-    parameters while running cannot be seen in the recording and shows as a difference.
+    comes from a topic. Otherwise each tick is solved from the recorded state before it.
+
+    Where parameters were changed while running, the driveline said its scene again, with the stamp of the first state that the
+    change led to and the kernel that went on; the change is made at that tick, in a gap too. A scene counts from the first
+    message on that was sent after it was said, so a reset, after which the changed values hold, goes on with the last one. A
+    pause leaves no trace.
     """
 
     def __init__(self, scenes: Sequence[SceneRecord], fallback: Scene) -> None:
         self._scenes = sorted(scenes, key=lambda s: s.log_ns)
-        self._fallback = fallback
+        self._place = -1
+        self._scene, self._general = fallback, False
         self._run = -1
         self._stepper: Stepper | None = None
         self._exact = False
@@ -89,7 +95,7 @@ class Verifier:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
             for k in range(begin, len(batch)):
-                solved[k] = self._next(int(batch.stamp_ns[k]), rows[k], pressure[k])
+                solved[k] = self._next(int(batch.stamp_ns[k]), int(batch.sent_ns[k]), rows[k], pressure[k])
                 exact[k] = self._exact
         except InputError as error:
             self._refusal = str(error)
@@ -104,25 +110,55 @@ class Verifier:
         largest, detail = float(ratio.max()), ""
         if self._first is not None:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
-                      f"{largest:.3g} of its signal's maximum (a changed value, a parameter changed while running, or another "
-                      "version or machine)")
+                      f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another version or "
+                      "machine)")
         return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
-        """Start on a new run with the scene of its driveline."""
-        scene, log_ns = self._fallback, int(batch.log_ns[0])
-        for record in self._scenes:
-            if record.log_ns <= log_ns or record is self._scenes[0]:
-                scene = parse_scene(record.text, self._fallback.name)
-        self._run, self._scene = batch.run, scene
+        """Start on a new run with the scene in force."""
+        stamp = int(batch.stamp_ns[0])
+        if not self._take_over(int(batch.sent_ns[0]), stamp, beginning=True) and self._place < 0 and self._scenes:
+            self._take_scene(0)
+        scene = self._scene
+        self._run = batch.run
         self._stamp_step = 1e9 / scene.operation.rate
         self._topics = scene.system.engine.source == "topic", scene.system.pressure.source == "topic"
         stepper = self._stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
-        self._applied = stepper.terms.mean_torque, stepper.terms.mean_load
-        stepper.tick = self._tick(int(batch.stamp_ns[0]))
+        self._use_scene()
+        stepper.tick = self._tick(stamp)
         self._exact = stepper.tick == 0
         if not self._exact:
             self._take(batch, 0)
+
+    def _take_over(self, sent_ns: int, stamp_ns: int, beginning: bool = False) -> bool:
+        """Go on to the last scene that was said by `sent_ns` and leads to the state of `stamp_ns`; whether there was one.
+
+        Within a run they follow one another; where one begins, those of the run before it may still stand in between.
+        """
+        latest = self._place
+        for place in range(self._place + 1, len(self._scenes)):
+            record = self._scenes[place]
+            if record.log_ns > sent_ns or (record.first_stamp_ns > stamp_ns and not beginning):
+                break
+            if record.first_stamp_ns <= stamp_ns:
+                latest = place
+        if latest == self._place:
+            return False
+        self._take_scene(latest)
+        return True
+
+    def _take_scene(self, place: int) -> None:
+        """Read the scene at this place."""
+        self._place, record = place, self._scenes[place]
+        self._scene, self._general = parse_scene(record.text, self._scene.name), record.general
+
+    def _use_scene(self) -> None:
+        """Solve with the scene's terms from the next tick on, in the kernel that the driveline had."""
+        assert self._stepper is not None
+        system = self._scene.system
+        self._terms: Terms = general_terms(system) if self._general else terms_of(system)
+        self._applied = self._terms.mean_torque, self._terms.mean_load
+        self._stepper.use(self._terms)
 
     def _tick(self, stamp: int) -> int:
         """The tick that a stamp belongs to."""
@@ -138,21 +174,23 @@ class Verifier:
         self._stepper.state[:] = (batch.flywheel_speed[k] - batch.plate_speed[k], batch.plate_angle[k], batch.plate_speed[k],
                                   batch.flywheel_angle[k])
 
-    def _next(self, stamp: int, row: list[float], pressure: float) -> list[float]:
-        """Solve up to `stamp` with the inputs that its tick applied; what the message should hold."""
+    def _next(self, stamp: int, sent: int, row: list[float], pressure: float) -> list[float]:
+        """Solve up to `stamp` with the scenes and inputs that its ticks applied; what the message should hold."""
         stepper = self._stepper
         assert stepper is not None
-        ticks = self._tick(stamp) - stepper.tick
-        if ticks < 1:
+        begin, end = stepper.tick, self._tick(stamp)
+        if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
-        known = ticks == 1 or not any(self._topics)
-        self._apply(row[4], pressure)
-        if known and self._applied_is_known(row[4], pressure):
-            for _ in range(ticks):
+        known = (end == begin + 1 or not any(self._topics)) and self._applied_is_known(row[4], pressure)
+        for tick in range(begin + 1 if known else end, end + 1):
+            if self._place + 1 < len(self._scenes) and self._take_over(sent, round(tick * self._stamp_step)):
+                self._use_scene()
+            self._apply(row[4], pressure)
+            if known:
                 stepper.advance()
-            solved = self._values()
-        else:
-            self._exact, stepper.tick, solved = False, stepper.tick + ticks, row
+        solved = self._values() if known else row
+        if not known:
+            self._exact, stepper.tick = False, end
         if not self._exact:
             stepper.state[:] = row[2] - row[3], row[1], row[3], row[0]
         return solved
@@ -168,16 +206,16 @@ class Verifier:
 
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""
-        stepper = self._stepper
+        stepper, terms = self._stepper, self._terms
         assert stepper is not None
-        torque, load = self._applied
-        if self._topics[0] and not math.isnan(engine):
-            torque = engine
-        if self._topics[1] and not math.isnan(pressure):
-            load = self._scene.system.torque_per_pressure * pressure
+        torque, load = terms.mean_torque, terms.mean_load
+        if self._topics[0]:
+            torque = self._applied[0] if math.isnan(engine) else engine
+        if self._topics[1]:
+            load = self._applied[1] if math.isnan(pressure) else self._scene.system.torque_per_pressure * pressure
         if (torque, load) != self._applied:
             self._applied = torque, load
-            stepper.use(stepper.terms._replace(mean_torque=torque, mean_load=load))
+            stepper.use(terms._replace(mean_torque=torque, mean_load=load))
 
     def _values(self) -> list[float]:
         """The columns of a message about the state as it is."""

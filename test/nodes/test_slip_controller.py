@@ -24,6 +24,7 @@ from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.recording import cdr
 from tcc_sim.recording.reader import open_run
+from tcc_sim.reports.replay import replay
 from tcc_sim.scene import load_scene
 
 CYCLE = 2.0 * np.pi / 150.0
@@ -59,7 +60,7 @@ def recorded(bench: Any, output: Path, until: Callable[[Any, Callable[[], int]],
     """Run the scene in lock-step with a recorder until `until` returns; the recording."""
     recorder_node = rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
         Parameter("output", value=str(output)),
-        Parameter("topics", value=["joint_states", "actuation_pressure", "applied_pressure"])])
+        Parameter("topics", value=["scene", "joint_states", "actuation_pressure", "applied_pressure"])])
     recorder = Recorder(recorder_node)
     # The controller is known to have joined when its subscription is there beside the recorder's.
     overrides = {"scene": "controlled", "pacing": "lockstep", "command_timeout": 0.0, "wait_for_subscribers": 2,
@@ -115,6 +116,10 @@ def test_it_holds_the_mean_slip_under_pulsation_and_after_a_step(bench: Any, tmp
     assert np.abs(means[settled:step] - 20.0).max() < 1.0
     assert np.abs(means[step + settled:] - 20.0).max() < 1.0
     assert np.abs(means[step:step + 5] - 20.0).max() > 1.0
+    # The recording alone gives the same run again, with the step at its tick.
+    verification = replay(tmp_path / "run", verify=True).verification
+    assert verification is not None
+    assert (verification.verified, verification.largest_difference, verification.exact) == (True, 0.0, len(t))
     # In the mean the clutch passes on what the engine gives: 0.27 * 0.08 m^2 * 0.1 m * P.
     assert pressure[-500:].mean() * 0.27 * 0.008 == pytest.approx(300.0, rel=0.02)
 

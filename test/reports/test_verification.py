@@ -77,12 +77,57 @@ def test_a_value_that_is_not_finite_is_found(tmp_path):
     assert found.json()["largest_difference"] is None
 
 
-def test_a_parameter_changed_while_running_is_not_verified(tmp_path):
-    rows = ticked(SCENES["fig02"], 400, changed=(250, {"friction.static_coefficient": 0.31}))
+STEPS = {"fig02": [(100, {"engine.mean_torque": 250.0}, False), (250, {"pressure.amplitude": 0.0}, True)],
+         "minimal": [(100, {"friction.kinetic_coefficient": 0.2}, True), (101, {"pressure.phase": 1.0}, True),
+                     (250, {}, False), (251, {"pressure.mean": 2e5, "pressure.amplitude": 3e4}, True)]}
+
+
+@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("resets", [(), (99,), (100, 250), (300, 301)])
+def test_parameters_changed_while_running_are_followed_to_the_last_bit(tmp_path, name, resets):
+    said = []
+    rows = ticked(SCENES[name], 400, changes=STEPS[name], resets=resets, said=said)
+    found = verified(tmp_path / "run", rows, SCENES[name], said=said)
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, len(rows))
+
+
+def test_the_kernel_that_the_recording_names_matters(tmp_path):
+    said = []
+    rows = ticked(SCENES["minimal"], 400, changes=STEPS["minimal"], said=said)
+    other = [(row, text.replace(", in the kernel with every term", "")) for row, text in said]
+    assert not verified(tmp_path / "run", rows, SCENES["minimal"], said=other).verified
+
+
+def test_a_change_in_a_gap_is_made_at_its_tick(tmp_path):
+    said = []
+    rows = ticked(SCENES["minimal"], 400, changes=STEPS["minimal"], said=said)
+    gap = rows[:90] + rows[130:]
+    found = verified(tmp_path / "run", gap, SCENES["minimal"], said=[(min(row, 90) if row < 130 else row - 40, text)
+                                                                     for row, text in said])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 360)
+
+
+def test_changes_beside_commanded_inputs_are_followed(tmp_path):
+    said = []
+    rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure, resets=(200,), said=said,
+                  changes=[(150, {"friction.static_coefficient": 0.4, "friction.kinetic_coefficient": 0.2}, False)])
+    found = verified(tmp_path / "run", rows, SCENES["commands"], said=said)
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 401)
+
+
+def test_a_change_that_nobody_said_is_a_difference(tmp_path):
+    rows = ticked(SCENES["fig02"], 400, changes=[(250, {"friction.static_coefficient": 0.31}, False)])
     found = verified(tmp_path / "run", rows, SCENES["fig02"])
     assert not found.verified
     assert found.first_difference_ns == 250 * TICK
     assert found.largest_difference > 1e-6
+
+
+def test_a_scene_counts_from_its_stamp_on_even_if_the_clock_was_set_back_before(tmp_path):
+    said = []
+    rows = ticked(SCENES["fig02"], 400, changes=STEPS["fig02"], said=said)
+    found = verified(tmp_path / "run", rows, SCENES["fig02"], said=[(row - 50, text) for row, text in said])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 400)
 
 
 @pytest.mark.parametrize("name", ["fig02", "chaos"])

@@ -1,0 +1,178 @@
+"""Parameters changed while running, pauses, steps and resets: the recording alone gives the same run to the last bit."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64
+
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.polling import COMMANDS
+from tcc_sim.nodes.recorder import Recorder
+from tcc_sim.recording import cdr
+from tcc_sim.reports.replay import Replay, replay
+from tcc_sim.scene import load_scene, parse_scene
+
+
+class Recorded:
+    """A driveline with a recorder beside it, both driven by the test."""
+
+    def __init__(self, bench: Any, output: Path, **parameters: object) -> None:
+        self.bench, self.output = bench, output
+        self.recorder = Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+            Parameter("output", value=str(output))]))
+        values = {"wait_for_subscribers": 1, "publish_scalars": False, "publish_diagnostics": False, **parameters}
+        self.node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+            Parameter(key.replace("__", "."), value=value) for key, value in values.items()]))
+        self.loop = self.node.loop
+        self.node.start()
+        self.run(50)
+
+    def run(self, ticks: int) -> None:
+        """Let so many more states be recorded."""
+        def messages() -> int:
+            self.recorder.drain()
+            return self.recorder.tracks["/joint_states"].messages
+
+        wanted = messages() + ticks
+        self.bench.until(lambda: messages() >= wanted)
+
+    def change(self, **values: object) -> None:
+        """Set parameters in one request."""
+        assert self.node.set_parameters_atomically([
+            Parameter(key.replace("__", "."), value=value) for key, value in values.items()]).successful
+
+    def reset(self) -> None:
+        assert self.loop.request(self.node._restart)
+
+    def pause(self, paused: bool) -> None:
+        assert self.loop.request(lambda: self.loop.pause(paused))
+
+    def step(self) -> None:
+        assert self.loop.request(self.loop.single_step)
+
+    def close(self) -> Replay:
+        self.loop.stop()
+        self.recorder.close()
+        self.recorder.node.destroy_node()
+        return replay(self.output, verify=True, frequency=150.0)
+
+
+def exactly(found: Replay, runs: int, repeated: int = 0) -> None:
+    verification = found.verification
+    assert verification is not None
+    assert (verification.detail, verification.largest_difference, verification.verified) == ("", 0.0, True)
+    assert verification.exact == verification.compared == found.messages - repeated
+    assert (found.continuity.runs, found.lost_messages) == (runs, 0)
+
+
+def test_changes_of_every_kind_between_pauses_steps_and_resets(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="minimal")
+    chain.change(engine__mean_torque=260.0)
+    chain.run(60)
+    chain.change(friction__kinetic_coefficient=0.2, pressure__amplitude=3e4)
+    chain.change(pressure__phase=1.0)
+    assert chain.loop.general
+    chain.run(60)
+    chain.reset()
+    chain.run(60)
+    chain.pause(True)
+    chain.change(engine__torque_amplitude=100.0)
+    chain.change(engine__torque_amplitude=150.0)
+    chain.step()
+    chain.step()
+    chain.reset()
+    chain.change(pressure__mean=2.2e5)
+    chain.reset()
+    chain.step()
+    chain.change(friction__kinetic_coefficient=0.3, pressure__amplitude=0.0)
+    assert not chain.loop.general
+    chain.pause(False)
+    chain.run(600)
+    exactly(chain.close(), runs=3, repeated=1)
+
+
+def test_a_reset_without_a_change_before_it_says_nothing_again(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="fig02")
+    chain.reset()
+    chain.run(300)
+    found = chain.close()
+    exactly(found, runs=2)
+    assert len(chain.recorder.bag.scenes) == 1
+
+
+def test_after_a_reset_the_changed_values_hold(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="minimal")
+    chain.pause(True)
+    chain.change(engine__mean_torque=260.0)
+    chain.reset()
+    assert chain.loop.stepper.tick == 0
+    assert chain.loop.stepper.terms.mean_torque == 260.0
+    assert chain.node.get_parameter("engine.mean_torque").value == 260.0
+    chain.pause(False)
+    chain.run(300)
+    exactly(chain.close(), runs=2)
+
+
+def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_path: Path) -> None:
+    """The fallback is the scene's mean value, so it follows the change where no command applies."""
+    chain = Recorded(bench, tmp_path / "run", scene="commands", command_timeout=0.0)
+    chain.change(pressure__mean=2e5)
+    assert chain.loop.pressure_command is not None
+    assert chain.loop.pressure_command.value == 2e5
+    chain.run(60)
+    torques = bench.add(rclpy.create_node("commander", context=bench.context)).create_publisher(
+        Float64, "engine_torque", COMMANDS)
+    bench.until(torques.get_subscription_count)
+    torques.publish(cdr.float64(250.0))
+    bench.until(lambda: chain.loop.engine_command is not None and chain.loop.engine_command.value == 250.0)
+    chain.change(engine__mean_torque=400.0, friction__static_coefficient=0.4)
+    assert chain.loop.engine_command is not None
+    assert chain.loop.engine_command.value == 250.0
+    chain.run(300)
+    chain.reset()
+    chain.run(60)
+    assert chain.loop.engine_command.value == 400.0
+    exactly(chain.close(), runs=2)
+
+
+def test_scene_text_follows_every_change_and_cannot_be_set(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="minimal")
+    chain.change(engine__mean_torque=260.0, pressure__amplitude=100.0)
+    expected = load_scene("minimal").with_values({"engine.mean_torque": 260.0, "pressure.amplitude": 100.0})
+    text = chain.node.get_parameter("scene_text").value
+    assert parse_scene(text, "minimal").system == expected.system
+    refused = chain.node.set_parameters([Parameter("scene_text", value="/**: {}")])[0]
+    assert not refused.successful
+    assert "cannot be set" in refused.reason
+    assert chain.node.get_parameter("scene_text").value == text
+    chain.run(300)
+    chain.close()
+
+
+def test_what_the_loop_did_not_take_in_time_is_not_done_later(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="minimal")
+    busy, go, done = threading.Event(), threading.Event(), []
+
+    def hold() -> bool:
+        busy.set()
+        return go.wait(20.0)
+
+    holder = threading.Thread(target=chain.loop.request, args=(hold,))
+    holder.start()
+    busy.wait(20.0)
+    assert not chain.loop.request(lambda: bool(done.append(1)) or True, timeout=0.0)
+    go.set()
+    holder.join()
+    assert chain.loop.request(lambda: True)
+    assert done == []
+    chain.run(300)
+    chain.close()
