@@ -7,6 +7,7 @@ The functions take plain floats or arrays and are compiled for the solvers from 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,7 @@ def sliding(v: Any, sign: float, stribeck: Stribeck) -> Any:
         return sign * (1.0 + stribeck[0] * np.exp(-stribeck[1] * sign * v))
 
 
+@lru_cache(maxsize=256)
 def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     """Slip speed (rad/s) and value of the maximum of the smoothed mubar (7), the root of the slope (20b).
 
@@ -67,16 +69,12 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     low, high = 0.0, 20.0 / sigma + (math.log(sigma + stribeck[1]) - math.log(stribeck[1])) / sigma
     if smoothed_and_slope(high, sigma, stribeck)[1] > 0.0:
         return math.inf, 1.0
-    for _ in range(200):
-        middle = 0.5 * (low + high)
+    while low < (middle := 0.5 * (low + high)) < high:
         if smoothed_and_slope(middle, sigma, stribeck)[1] > 0.0:
             low = middle
         else:
             high = middle
-        if high - low <= 1e-16 * high:
-            break
-    v = 0.5 * (low + high)
-    return v, float(smoothed(v, sigma, stribeck))
+    return high, float(smoothed(high, sigma, stribeck))
 
 
 def stick_speed(sigma: float, stribeck: Stribeck) -> float:

@@ -242,12 +242,13 @@ def fastest(record: Record, target: float) -> dict[str, Record]:
     return out
 
 
-def as_json(records: list[Record], quick: bool, complete: bool) -> Record:
-    """What precision.json holds: the first scene's record, and all of them under `scenes`."""
+def as_json(records: list[Record], speed: Record | None, quick: bool, complete: bool) -> Record:
+    """What precision.json holds: the first scene's record, all of them under `scenes`, and `sweep_speed` where it was done."""
     from tcc_sim import __version__
 
     head = records[0] if records else {"scene": None, "reference": {"solvers": [], "floor": None}, "results": [], "omitted": []}
-    return {**head, "scenes": records, "peers": joined(records), "quick": quick, "complete": complete, "version": __version__}
+    return {**head, "scenes": records, "sweep_speed": speed, "peers": joined(records), "quick": quick, "complete": complete,
+            "version": __version__}
 
 
 def joined(records: list[Record]) -> dict[str, str]:

@@ -28,6 +28,9 @@ LOCAL = 0.03
 STATUSES = {marching.DONE: Status.DONE, marching.STEP_LIMIT: Status.STEP_LIMIT,
             marching.STEP_TOO_SMALL: Status.STEP_TOO_SMALL, marching.NOT_FINITE: Status.NOT_FINITE}
 
+_compiled: set[tuple[bool, ...]] = set()
+"""Which terms are absent, for every kernel that has been called."""
+
 Floats = NDArray[np.float64]
 Moves = tuple[Floats, NDArray[np.int8], NDArray[np.int8]]
 
@@ -84,7 +87,10 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
                        True if problem.flywheel_angle else None, terms.linear, terms.mean_torque, terms.torque,
                        terms.harmonics, terms.mean_load, terms.pulsation, smoothing, terms.stribeck)
 
-    march(0, 0.0, _room(0))  # Compiling is not solving.
+    kernel = problem.flywheel_angle, *(term is None for term in terms)
+    if kernel not in _compiled:
+        march(0, 0.0, _room(0))  # Compiling is not solving.
+        _compiled.add(kernel)
     while True:
         batch = min(BATCH, count - done)
         moves = _room(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept))

@@ -7,7 +7,8 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.reports import peers, precision
+from tcc_sim.reports import peers, precision, sweep_speed
+from tcc_sim.reports.paper import paper_system
 from tcc_sim.reports.reference import Reference, disagreement, errors, reference
 
 KEYS = {"scene", "reference", "results", "omitted"}
@@ -58,6 +59,9 @@ def tiny(monkeypatch):
                                "rk4": (3.0,), "rk45": (1e-5,)},
                               {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20)
     monkeypatch.setattr(precision, "QUICK", effort)
+    monkeypatch.setattr(sweep_speed, "CYCLES", 10)
+    monkeypatch.setattr(sweep_speed, "REPEATS", 1)
+    monkeypatch.setattr(sweep_speed, "whole_sweep", lambda _, plain=sweep_speed.whole_sweep: plain(2))
     monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: [plain(effort)[i] for i in (0, 5)])
 
 
@@ -85,7 +89,40 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     text = (folder / "precision.md").read_text()
     assert "Omitted:" in text
     assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
-    assert "ms per 100 cycles" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "ms per 100 cycles" in said
+    speed = found["sweep_speed"]
+    engine = [row for row in speed["rows"] if row["solver"] == sweep_speed.ENGINE]
+    assert [row["kinetic_ratio"] for row in engine[::2]] == pytest.approx([1.0, 0.83, 0.75, 0.667])
+    assert all(row["error"] <= sweep_speed.ERROR and row["cycles_per_second"] > 0.0 for row in speed["rows"])
+    peer = [row for row in [*speed["rows"], *speed["omitted"]] if row["solver"] == sweep_speed.PEER]
+    assert len(peer) == 4
+    assert all("why" in row or row["setting"] in sweep_speed.LADDER for row in peer)
+    assert (speed["sweep"]["points"], speed["sweep"]["cycles"]) == (8, 80)
+    assert "cycles a second and core at an error of at most 1e-06" in said
+    assert text.count("| 0.83 | 0.36 |") == 1
+
+
+def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():
+    system = paper_system({"friction.kinetic_coefficient": 0.25, "engine.frequency": 77.0})
+    truth = reference(system, sweep_speed.HORIZON, "LSODA", 1e-12)
+    with pytest.raises(peers.Failed, match="its error is at least"):
+        sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1,), truth)
+    setting, error = sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1, 1e-9), truth)
+    assert setting == 1e-9
+    assert error < 1e-7
+
+
+def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+    monkeypatch.setattr(sweep_speed, "sweep_speed", interrupted)
+    folder = tmp_path / "out"
+    assert main(["precision", "--quick", "--out", str(folder)]) == 130
+    found = json.loads((folder / "precision.json").read_text())
+    assert (found["complete"], found["sweep_speed"], len(found["scenes"])) == (False, None, 2)
+    assert "not complete" in (folder / "precision.md").read_text()
+    assert capsys.readouterr().err == "tcc-sim: interrupted\n"
 
 
 def test_an_existing_directory_is_refused(tmp_path, capsys):
