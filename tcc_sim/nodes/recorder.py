@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ DEPTH = 20_000
 """Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
+_MOST_ASKED = 20
 
 
 class Track:
@@ -50,6 +52,7 @@ class Track:
         self.lost = 0
         self.stamps = StampCount() if type_name == JOINT_STATE else None
         self._next: dict[bytes, int] = {}
+        self._asked: Counter[bytes] = Counter()
 
     def count(self, publisher: bytes, number: int) -> None:
         """Count what is missing between this message and the one that the same publisher sent before it."""
@@ -57,6 +60,16 @@ class Track:
         if number > expected:
             self.lost += number - expected
         self._next[publisher] = number + 1
+
+    def asks_again(self, publishers: Iterable[bytes]) -> bool:
+        """Whether one of these has said nothing yet and should be asked again, which it is a limited number of times.
+
+        What a publisher keeps for late subscribers comes seconds late where others were killed just before; a new subscription
+        gets it at once.
+        """
+        silent = [publisher for publisher in publishers if publisher not in self._next and self._asked[publisher] < _MOST_ASKED]
+        self._asked.update(silent)
+        return bool(silent)
 
 
 class Recorder:
@@ -155,12 +168,14 @@ class Recorder:
                     self._add(topic, found[topic][0])
                 except InputError as error:
                     self.node.get_logger().error(f"{topic} is not recorded: {error}")
+        running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
             if offered:
                 best_effort = any(o.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for o in offered)
                 latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offered)
-                if (best_effort, latched) != (track.best_effort, track.latched):
+                late = latched and running and track.asks_again(bytes(o.endpoint_gid) for o in offered)
+                if late or (best_effort, latched) != (track.best_effort, track.latched):
                     self._subscribe(track, best_effort, latched)
             if track.type == JOINT_STATE:
                 now = {bytes(o.endpoint_gid) for o in offered}

@@ -1,11 +1,6 @@
 """The recorder node: what it writes, what it refuses, and how it ends."""
 
-import os
-import signal
-import subprocess
-import sys
 import time
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -14,7 +9,6 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from rclpy.context import Context
-from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -165,6 +159,38 @@ def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lo
     assert track.lost == 3
 
 
+def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_number_of_times(context, tmp_path):
+    found = start(context, tmp_path / "run")
+    node = rclpy.create_node("driveline", context=context)
+    scene, states = publisher_of(node, "scene"), publisher_of(node, "joint_states")
+    track, subscriptions = found.tracks["/scene"], []
+
+    def look():
+        found.look()
+        subscriptions.append(track.subscription)
+
+    look()
+    assert len(set(map(id, subscriptions))) == 1
+    states.publish(joint_state(0))
+    until(lambda: found.tracks["/joint_states"].messages == 1, step=found.drain)
+    for _ in range(30):
+        look()
+    assert len(set(map(id, subscriptions))) == 21
+    scene.publish(String(data=SCENE))
+    until(lambda: track.messages == 1, step=found.drain)
+    another = rclpy.create_node("another", context=context)
+    kept = publisher_of(another, "scene")
+    for _ in range(3):
+        look()
+    assert len(set(map(id, subscriptions))) == 24
+    kept.publish(String(data=SCENE + "# 2\n"))
+    until(lambda: SCENE + "# 2\n" in found.bag.scenes, step=found.drain)
+    for _ in range(3):
+        look()
+    assert len(set(map(id, subscriptions))) == 24
+    found.close()
+
+
 @pytest.mark.parametrize("parameters", [{"flush_period": 0.0}, {"flush_period": "soon"}, {"flush_period": float("nan")},
                                         {"flush_period": True}, {"topics": [""]}, {"topics": 3}])
 def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, parameters):
@@ -176,114 +202,3 @@ def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, 
 def test_an_existing_output_is_refused(context, tmp_path):
     with pytest.raises(RecordingError, match="exists already"):
         start(context, tmp_path)
-
-
-@pytest.fixture
-def process(tmp_path, monkeypatch):
-    """A recorder in a process of its own, a publisher that it subscribes to, and the bag's directory."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(5 + os.getpid() % 90))
-    context = Context()
-    rclpy.init(context=context, args=[])
-    node = rclpy.create_node("driveline", context=context)
-    publisher = publisher_of(node, "joint_states")
-    output = tmp_path / "run"
-    child = subprocess.Popen([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={output}"],
-                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        # The bag comes after the subscriptions: a signal before it is there ends the recorder with nothing recorded.
-        until(lambda: (publisher.get_subscription_count() == 1 and any(output.glob("*.mcap"))) or child.poll() is not None)
-        yield child, publisher, output
-    finally:
-        child.kill()
-        child.communicate()
-        rclpy.shutdown(context=context)
-
-
-def readable(output):
-    """How many joint_states can be read now."""
-    try:
-        return sum(map(len, open_run(output).batches()))
-    except RecordingError:
-        return 0
-
-
-def send_until_known(publisher, output):
-    """Send states until the recorder has one, which may be a moment after the publisher knows it; gives the next number."""
-    numbers = iter(range(10**9))
-
-    def send():
-        publisher.publish(joint_state(next(numbers)))
-        # One at a time: the publisher keeps the last 1000 only.
-        publisher.wait_for_all_acked(Duration(seconds=0.1))
-
-    until(lambda: readable(output) > 0, step=send)
-    return next(numbers)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
-    child, publisher, output = process
-    known = send_until_known(publisher, output)
-    for n in range(known, known + 700):
-        publisher.publish(joint_state(n))
-    publisher.wait_for_all_acked()
-    child.send_signal(number)
-    out, err = child.communicate(timeout=20)
-    assert child.returncode == 0, err
-    assert "Traceback" not in err
-    run = open_run(output)
-    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
-    assert len(stamps) > 700
-    assert stamps.tolist() == [n * TICK for n in range(known + 700 - len(stamps), known + 700)]
-    assert out == f"recorded {len(stamps)} messages in {output}, 0 lost\n"
-    assert run.complete
-    assert (output / "metadata.yaml").exists()
-
-
-def test_after_a_kill_everything_up_to_the_last_flush_is_there(process):
-    child, publisher, output = process
-    known = send_until_known(publisher, output)
-    for n in range(known, known + 700):
-        publisher.publish(joint_state(n))
-    until(lambda: readable(output) > 700)
-    flushed = readable(output)
-    for n in range(known + 700, known + 900):
-        publisher.publish(joint_state(n))
-    child.kill()
-    child.communicate()
-    run = open_run(output)
-    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
-    first = int(stamps[0]) // TICK
-    assert stamps.tolist() == [n * TICK for n in range(first, first + len(stamps))]
-    assert len(stamps) >= flushed
-    assert not run.complete
-    assert run.lost_messages == 0
-
-
-def test_where_the_output_exists_the_process_says_so_and_ends_with_status_2(tmp_path, monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    found = subprocess.run([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={tmp_path}"],
-                           capture_output=True, text=True, timeout=30)
-    assert found.returncode == 2
-    assert found.stderr == f"recorder: {tmp_path} exists already and is not overwritten\n"
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_told_at_once_and_what_was_written_stays_readable(process):
-    resource = pytest.importorskip("resource")
-    child, publisher, output = process
-    numbers = iter(range(send_until_known(publisher, output), 10**9))
-    resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
-
-
-    def flood():
-        with suppress(RuntimeError):  # The middleware may refuse in the moment when the flooded recorder ends.
-            publisher.publish(joint_state(next(numbers)))
-
-    until(lambda: child.poll() is not None, step=flood)
-    _, err = child.communicate()
-    assert child.returncode == 1
-    assert "cannot be written" in err
-    assert "Traceback" not in err
-    assert readable(output) >= 1

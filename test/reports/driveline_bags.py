@@ -65,7 +65,7 @@ def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, fricti
     return [(k * TICK, angle[k], angle[k], v[k] + speed[k], speed[k], engine[k], friction[k], math.nan) for k in range(len(t))]
 
 
-def bag(directory, rows, scene, *, said=(), cut=False):
+def bag(directory, rows, scene, *, said=(), cut=False, lost=0):
     """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag."""
     scene = load_scene(scene) if isinstance(scene, str) else scene
     writer = BagWriter(directory, scene.text() if scene is not None else None)
@@ -84,5 +84,5 @@ def bag(directory, rows, scene, *, said=(), cut=False):
     if cut:
         writer.abandon()
     else:
-        writer.close({"lost": {}})
+        writer.close({"lost": {"/joint_states": lost}})
     return directory

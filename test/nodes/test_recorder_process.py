@@ -1,0 +1,211 @@
+"""The recorder as a process of its own: how it ends by a signal, a kill or a full disk, and what is then on disk."""
+
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from rclpy.context import Context
+from rclpy.duration import Duration
+from test_recorder import TICK, joint_state, publisher_of, until
+
+from tcc_sim.cli import main
+from tcc_sim.errors import RecordingError
+from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
+from tcc_sim.recording.reader import open_run
+
+
+@pytest.fixture
+def process(tmp_path, monkeypatch):
+    """A recorder in a process of its own, a publisher that it subscribes to, and the bag's directory."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(5 + os.getpid() % 90))
+    context = Context()
+    rclpy.init(context=context, args=[])
+    node = rclpy.create_node("driveline", context=context)
+    publisher = publisher_of(node, "joint_states")
+    output = tmp_path / "run"
+    child = subprocess.Popen([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={output}"],
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        # The bag comes after the subscriptions: a signal before it is there ends the recorder with nothing recorded.
+        until(lambda: (publisher.get_subscription_count() == 1 and any(output.glob("*.mcap"))) or child.poll() is not None)
+        yield child, publisher, output
+    finally:
+        child.kill()
+        child.communicate()
+        rclpy.shutdown(context=context)
+
+
+def readable(output):
+    """How many joint_states can be read now."""
+    try:
+        return sum(map(len, open_run(output).batches()))
+    except RecordingError:
+        return 0
+
+
+def send_until_known(publisher, output):
+    """Send states until the recorder has one, which may be a moment after the publisher knows it; gives the next number."""
+    numbers = iter(range(10**9))
+
+    def send():
+        publisher.publish(joint_state(next(numbers)))
+        # One at a time: the publisher keeps the last 1000 only.
+        publisher.wait_for_all_acked(Duration(seconds=0.1))
+
+    until(lambda: readable(output) > 0, step=send)
+    return next(numbers)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
+    child, publisher, output = process
+    known = send_until_known(publisher, output)
+    for n in range(known, known + 700):
+        publisher.publish(joint_state(n))
+    publisher.wait_for_all_acked()
+    child.send_signal(number)
+    out, err = child.communicate(timeout=20)
+    assert child.returncode == 0, err
+    assert "Traceback" not in err
+    run = open_run(output)
+    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    assert len(stamps) > 700
+    assert stamps.tolist() == [n * TICK for n in range(known + 700 - len(stamps), known + 700)]
+    assert out == f"recorded {len(stamps)} messages in {output}, 0 lost\n"
+    assert run.complete
+    assert (output / "metadata.yaml").exists()
+
+
+def test_after_a_kill_everything_up_to_the_last_flush_is_there(process):
+    child, publisher, output = process
+    known = send_until_known(publisher, output)
+    for n in range(known, known + 700):
+        publisher.publish(joint_state(n))
+    until(lambda: readable(output) > 700)
+    flushed = readable(output)
+    for n in range(known + 700, known + 900):
+        publisher.publish(joint_state(n))
+    child.kill()
+    child.communicate()
+    run = open_run(output)
+    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    first = int(stamps[0]) // TICK
+    assert stamps.tolist() == [n * TICK for n in range(first, first + len(stamps))]
+    assert len(stamps) >= flushed
+    assert not run.complete
+    assert run.lost_messages == 0
+
+
+def test_where_the_output_exists_the_process_says_so_and_ends_with_status_2(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    found = subprocess.run([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={tmp_path}"],
+                           capture_output=True, text=True, timeout=30)
+    assert found.returncode == 2
+    assert found.stderr == f"recorder: {tmp_path} exists already and is not overwritten\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_told_at_once_and_what_was_written_stays_readable(process):
+    resource = pytest.importorskip("resource")
+    child, publisher, output = process
+    numbers = iter(range(send_until_known(publisher, output), 10**9))
+    resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+
+    def flood():
+        with suppress(RuntimeError):  # The middleware may refuse in the moment when the flooded recorder ends.
+            publisher.publish(joint_state(next(numbers)))
+
+    until(lambda: child.poll() is not None, step=flood)
+    _, err = child.communicate()
+    assert child.returncode == 1
+    assert "cannot be written" in err
+    assert "Traceback" not in err
+    assert readable(output) >= 1
+
+
+@pytest.fixture
+def driveline(monkeypatch):
+    """A real driveline at 1 kHz on a domain of its own."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(6 + os.getpid() % 90))
+    node = NodeProcess("driveline", {"scene": "minimal", "publish_diagnostics": False}, dict(os.environ))
+    node.await_line(CLOCK_STARTED)
+    yield node
+    node._process.kill()
+    node._process.wait()
+
+
+def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recovered(driveline, tmp_path, capsys):
+    """Also that each has its scene, though the readers that died before it are still known to the driveline."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    draw = random.Random(11)
+    for n in range(2):
+        output = tmp_path / f"run{n}"
+        recorder = NodeProcess("recorder", {"output": str(output)}, dict(os.environ))
+        until(lambda output=output: readable(output) > 100, step=lambda: time.sleep(0.05))
+        # A moment that nothing else decides.
+        time.sleep(draw.uniform(0.5, 1.0))
+        before = readable(output)
+        recorder._process.kill()
+        recorder._process.wait()
+        (mcap,) = output.iterdir()
+        digest = hashlib.sha256(mcap.read_bytes()).digest()
+        assert main(["analyse", str(output), "--json", str(tmp_path / "run.json"), "--verify"]) == 0
+        found = json.loads((tmp_path / "run.json").read_text())
+        (tmp_path / "run.json").unlink()
+        assert not found["complete"]
+        assert found["messages"] >= before
+        assert found["verified"]
+        assert main(["recover", str(output)]) == 0
+        assert "missing: the recording was cut short" in capsys.readouterr().out
+        recovered = tmp_path / f"run{n}_recovered"
+        with rosbag2.Reader(recovered) as reader:
+            assert sum(1 for _ in reader.messages()) == reader.message_count
+            assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == found["messages"]
+        assert open_run(recovered).complete
+        assert ([path.name for path in output.iterdir()], hashlib.sha256(mcap.read_bytes()).digest()) == ([mcap.name], digest)
+    rerun = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
+    if rerun is not None:
+        view = str(tmp_path / "run.rrd")
+        for words in (["mcap", "convert", str(next(recovered.glob("*.mcap"))), "-o", view], ["rrd", "verify", view]):
+            ended = subprocess.run([rerun, *words], capture_output=True, text=True, timeout=120, check=False)
+            assert ended.returncode == 0, ended.stderr
+    driveline.check()
+
+
+def test_a_full_disk_ends_the_recorder_with_one_line_and_the_driveline_goes_on(driveline, tmp_path):
+    resource = pytest.importorskip("resource")
+    output = tmp_path / "run"
+    recorder = NodeProcess("recorder", {"output": str(output)}, dict(os.environ))
+    until(lambda: readable(output) > 100, step=lambda: time.sleep(0.05))
+    size = next(output.iterdir()).stat().st_size + 20_000
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))
+    assert recorder._process.wait(timeout=20) == 1
+    recorder._reader.join()
+    assert [line for line in recorder.lines if "INFO" not in line] == [
+        f"recorder: {next(output.iterdir())} cannot be written: File too large; what is in it stays readable"]
+    assert readable(output) > 100
+    # The driveline serves the next one.
+    second = NodeProcess("recorder", {"output": str(tmp_path / "second")}, dict(os.environ))
+    until(lambda: readable(tmp_path / "second") > 100, step=lambda: time.sleep(0.05))
+    assert second.stop() == driveline.stop() == 0
+    run = open_run(tmp_path / "second")
+    list(run.batches())
+    assert run.complete
+    assert len(run.scenes) >= 1
