@@ -22,8 +22,9 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
     -------
     dict : `rate`, `duration_s`, `simulated_s`, `messages` per topic, `lost_messages`, `complete`, `recorder_result` (what the
     recorder counted), `count_is_honest` (the recorder counted as many joint_states lost, by their numbers at the publisher, as
-    there are gaps in the stamps that it recorded), `drift_s` (real time beyond simulation time over the run), `warnings`, and for `driveline` and `recorder`
-    `memory_first_bytes`, `memory_last_bytes`, `memory_growth_bytes` after the warm-up, and `cpu_fraction`
+    there are gaps in the stamps that it recorded), `drift_s` (real time beyond simulation time over the run), `warnings`, and
+    for `driveline` and `recorder` `memory_first_bytes`, `memory_last_bytes`, `memory_growth_bytes` after the warm-up, and
+    `cpu_fraction`
     """
     session = Session(recording, {"scene": "commands", "rate": float(rate)})
     sender = NodeProcess("commander", {"rate": float(rate)}, session.environment)
@@ -67,8 +68,8 @@ def _read(recording: Path) -> dict[str, Any]:
     result = run.result or {}
     counted = result.get("lost", {}).get(run.joint_states_topic)
     return {"messages": run.messages, "lost_messages": run.lost_messages, "complete": run.complete,
-            "recorder_result": result, "count_is_honest": counted == run.lost_messages, "drift_s": drift, "warnings": run.warnings,
-            "simulated_s": (last[0] - begin[0]) * 1e-9}
+            "recorder_result": result, "count_is_honest": counted == run.lost_messages, "drift_s": drift,
+            "warnings": run.warnings, "simulated_s": (last[0] - begin[0]) * 1e-9}
 
 
 def _resident(pid: int) -> int:
