@@ -7,12 +7,20 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.cycles import default_discard, first_cycle_of
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.solvers.trajectory import Floats, Trajectory
+from tcc_sim.solvers.trajectory import Cycles, Floats, State, Status, Trajectory
+
+CYCLES = 16
+"""Engine cycles that the averages are taken over."""
+SAMPLES = 8192
+"""Samples per cycle: the layer of the smoothed law is crossed in some 10 us."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +60,56 @@ def equivalent_damping(trajectory: Trajectory, discard: int | None = None) -> Da
     inside = (trajectory.t >= (first + dropped) * trajectory.cycle - slack) & (trajectory.t <= last * trajectory.cycle + slack)
     if dropped < 0 or int(inside.sum()) < 4:
         raise InputError(f"--discard {dropped} leaves fewer than 4 of the {len(trajectory.t)} samples")
+    return _averages(_integrals(trajectory, inside), trajectory.system)
+
+
+def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int, *, solver: str = "auto",
+                      rtol: float | None = None, step: float | None = None) -> Damping:
+    """The averages over the last engine cycles, each solved from its state on the section with dense samples.
+
+    So they are as good for a recording, whose ticks pass over the layer of the smoothed law, as for a solution.
+
+    Parameters
+    ----------
+    cycles, first : the cycles, NaN where one is missing, and the number of the first of them, which gives its phase
+    period : of the motion in engine cycles, 0 where there is none; whole periods are taken
+    solver, rtol, step : as `solvers.solve` takes them
+
+    Returns
+    -------
+    Damping, NaN where no cycle can be solved
+    """
+    count = math.ceil(CYCLES / max(period, 1)) * max(period, 1)
+    total = np.zeros(4)
+    for n in range(max(len(cycles) - count, 0), len(cycles)):
+        if not math.isfinite(cycles.highest[n]):
+            continue
+        run = solve(system, cycles=1, solver=solver, rtol=rtol, step=step, samples_per_cycle=SAMPLES, start_cycle=first + n,
+                    state=State(*cycles.section[n].tolist()))
+        if run.status is not Status.DONE:
+            return Damping(math.nan, math.nan, -system.driveline.damping)
+        total += _integrals(run, slice(None))
+    return _averages(total, system)
+
+
+def damping_as_json(found: Damping) -> dict[str, float | None]:
+    """The two averages under their names in JSON; null where there is none."""
+    averages = {"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}
+    return {name: value if math.isfinite(value) else None for name, value in averages.items()}
+
+
+def _integrals(trajectory: Trajectory, inside: slice | NDArray[np.bool_]) -> Floats:
+    """Over time, (4,): dT/dv v^2, v^2, the negative part of dT/dv, and 1."""
     t, v = trajectory.t[inside], trajectory.slip_speed[inside]
     slope = slope_of_friction(trajectory)[inside]
-    energy = _trapezoid(v * v, t)
-    weighted = _trapezoid(slope * v * v, t) / energy if energy > 0.0 else math.nan
-    negative = _trapezoid(np.minimum(slope, 0.0), t) / float(t[-1] - t[0])
-    return Damping(weighted, negative, -trajectory.system.driveline.damping)
+    return np.array([_trapezoid(slope * v * v, t), _trapezoid(v * v, t), _trapezoid(np.minimum(slope, 0.0), t), t[-1] - t[0]])
+
+
+def _averages(integrals: Floats, system: System) -> Damping:
+    """What the integrals come to."""
+    weighted, energy, negative, time = integrals.tolist()
+    return Damping(weighted / energy if energy > 0.0 else math.nan, negative / time if time > 0.0 else math.nan,
+                   -system.driveline.damping)
 
 
 def slope_of_friction(trajectory: Trajectory) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.cycles import DISCARD, default_discard
-from tcc_sim.analysis.damping import Damping, equivalent_damping
+from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.lyapunov import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, TOLERANCE, periodicity
 from tcc_sim.analysis.summary import Summary, summarise_cycles
@@ -26,9 +26,6 @@ SETTLING_WINDOW = 50
 """Cycles over which a settled section must repeat; three periods of the longest that is looked for."""
 SETTLING_TOLERANCE = 1e-6
 """Repetition, relative to the size of the motion, at which `auto` stops."""
-DAMPING_CYCLES = 16
-DAMPING_SAMPLES = 8192
-"""Samples per cycle for (21): the layer of the smoothed law is crossed in some 10 us."""
 LYAPUNOV_CYCLES = 2000
 
 
@@ -43,7 +40,7 @@ class Plan:
         (at phase 0), from the lowest value or from the highest
     solver, rtol, step : as `solvers.solve` takes them
     section_points : points of the section kept besides those of one period; 0 keeps none
-    damping : whether (21) is worked out, on further cycles with dense samples
+    damping : whether (21) is worked out, on the last cycles with dense samples
     lyapunov : whether the largest Lyapunov exponent is worked out
     lyapunov_cycles : cycles over which it is averaged
     """
@@ -105,8 +102,7 @@ class Point:
         if self.theta2:
             out["theta2"] = list(self.theta2)
         if self.damping is not None:
-            out["equivalent_damping"] = finite_or_none(self.damping.weighted)
-            out["negative_slope_mean"] = finite_or_none(self.damping.negative_mean)
+            out.update(damping_as_json(self.damping))
         if self.lyapunov is not None:
             out["lyapunov"] = self.lyapunov.as_json()
         return out
@@ -115,11 +111,6 @@ class Point:
 SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles", "discarded",
                 "settled", "section_change", "solver", "elapsed_s")
 """Keys of `simulate --json` that a sweep has per value."""
-
-
-def finite_or_none(x: float) -> float | None:
-    """`x`, or None where it is not finite."""
-    return x if math.isfinite(x) else None
 
 
 def solve_point(system: System, value: float, plan: Plan, state: State | None = None) -> Point:
@@ -142,7 +133,8 @@ def solve_point(system: System, value: float, plan: Plan, state: State | None = 
     final = State(*end)
     theta2 = tuple(float(x) for x in kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1]) if plan.section_points else ()
     return Point(value, summary, _confirmed(system, plan, kept, summary, len(cycles), final), trajectory.status.value, theta2,
-                 _damping(system, plan, summary, len(cycles), final) if plan.damping else None,
+                 damping_of_cycles(system, kept, discarded, summary.period, solver=plan.solver, rtol=plan.rtol,
+                                   step=plan.step) if plan.damping else None,
                  _lyapunov(system, plan, summary, len(cycles), final) if plan.lyapunov else None, end)
 
 
@@ -217,16 +209,6 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, done:
     if further.status is not Status.DONE or further.cycles is None:
         return False
     return periodicity(concatenated([kept, further.cycles]), TOLERANCE).period == summary.period
-
-
-def _damping(system: System, plan: Plan, summary: Summary, done: int, state: State) -> Damping:
-    """(21) over further cycles, whole periods of them."""
-    count = math.ceil(DAMPING_CYCLES / max(summary.period, 1)) * max(summary.period, 1)
-    tail = solve(system, cycles=count, solver=plan.solver, rtol=plan.rtol, step=plan.step, start_cycle=done, state=state,
-                 samples_per_cycle=DAMPING_SAMPLES)
-    if tail.status is not Status.DONE:
-        return Damping(math.nan, math.nan, -system.driveline.damping)
-    return equivalent_damping(tail, 0)
 
 
 def _lyapunov(system: System, plan: Plan, summary: Summary, done: int, state: State) -> Lyapunov:

@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "(default 50, or half of them where there are fewer than 100)")
     parser.add_argument("--frequency", metavar="RAD_PER_S", type=float, help="of the engine torque (default: the scene's or, "
                         "where the torque came from a topic, found in the recording)")
+    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) of the last cycles too")
     parser.add_argument("--verify", action="store_true", help="solve the run again from the recording alone and compare")
     parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
@@ -39,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         new_file(arguments.rrd, arguments.force)
     found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene, verify=arguments.verify,
-                   progress=True)
+                   damping=arguments.damping, progress=True)
     if arguments.json is not None:
         write_json(arguments.json, found.json())
     if arguments.json != STANDARD_OUTPUT:

@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
     parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
     parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
+    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) too")
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
     parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
@@ -69,6 +70,15 @@ def run(arguments: argparse.Namespace) -> int:
     summary = summarise_samples(solved) if shorter else summarise(solved, discard)
     values = {**summary.as_json(), "scene": scene.name}
     lines = _lines(scene.name, solved, summary)
+    if arguments.damping:
+        from tcc_sim.analysis.damping import damping_as_json, damping_of_cycles
+        from tcc_sim.reports.table import damping_row, rows
+
+        assert solved.cycles is not None
+        damping = damping_of_cycles(system, solved.cycles[discard:], discard, summary.period, solver=arguments.solver,
+                                    rtol=arguments.rtol, step=arguments.step)
+        values.update(damping_as_json(damping))
+        lines += rows([damping_row(damping)])
     if arguments.lyapunov:
         from tcc_sim.analysis.lyapunov import largest_lyapunov_exponent
         from tcc_sim.reports.table import lyapunov_row, rows

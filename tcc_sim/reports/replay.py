@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.analysis.continuity import Continuity
+from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
@@ -17,7 +18,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.reports.output import draft
-from tcc_sim.reports.table import rows, summary_rows
+from tcc_sim.reports.table import damping_row, rows, summary_rows
 from tcc_sim.reports.tail import Tail
 from tcc_sim.reports.verification import Verification, Verifier
 from tcc_sim.scene import Scene, load_scene, parse_scene
@@ -43,7 +44,7 @@ class Replay:
     complete : False where the recording was cut short
     warnings : one sentence per damage
     pace : simulated seconds per second of real time between the first and the last message, by when they were received
-    verification : where it was asked for
+    verification, damping : where they were asked for
     """
 
     path: Path
@@ -61,6 +62,7 @@ class Replay:
     warnings: tuple[str, ...]
     pace: float
     verification: Verification | None = None
+    damping: Damping | None = None
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""
@@ -70,6 +72,8 @@ class Replay:
                      frequency_source=self.frequency_source, gaps=self.continuity.gaps, uneven_stamps=self.continuity.uneven,
                      tick_s=self.continuity.step * 1e-9, runs=self.continuity.runs,
                      real_time_factor=self.pace if math.isfinite(self.pace) else None)
+        if self.damping is not None:
+            found.update(damping_as_json(self.damping))
         if self.verification is not None:
             largest = self.verification.largest_difference
             found.update(verified=self.verification.verified, largest_difference=largest if math.isfinite(largest) else None,
@@ -87,6 +91,8 @@ class Replay:
         table = [("recording", "complete" if self.complete else "cut short; what was flushed is read"),
                  ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps), *self._pace(),
                  ("frequency", f"{self.frequency:.9g} rad/s, {SOURCES[self.frequency_source]}"), *summary_rows(self.summary)]
+        if self.damping is not None:
+            table.append(damping_row(self.damping))
         if self.verification is not None:
             table.append(("solved again", self.verification.sentence()))
         notes = [f"  note: {text}" for text in self.warnings]
@@ -130,7 +136,7 @@ class Pace:
 
 def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
-           progress: bool = False) -> Replay:
+           damping: bool = False, progress: bool = False) -> Replay:
     """Read a recording in bounded memory through the analysis and, if asked, to Rerun while reading.
 
     Parameters
@@ -142,6 +148,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         reads the recording once more
     scene : name or file, for a recording that holds none
     verify : solve the run again from the recording alone
+    damping : work out the equivalent damping (21) of the last cycles
     progress : show a bar on a terminal
 
     Raises
@@ -157,6 +164,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     began = time.perf_counter()
     run = open_run(path)
     own = _scene(run, path, scene)
+    if damping:
+        _check_damping(own)
     omega, source = _frequency(run, own, frequency, progress)
     system = replace(own.system, engine=replace(own.system.engine, frequency=omega))
     cycle = 2.0 * math.pi / omega
@@ -181,13 +190,16 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         solver = run.result.get("solver") if run.result is not None else None
         summary = replace(stream.summary(discard), solver=solver if isinstance(solver, str) else "fixed_step",
                           elapsed_s=time.perf_counter() - began)
-        cycles, first, _ = stream.longest()[1].kept(0)
+        longest = stream.longest()[1]
+        cycles, first, _ = longest.kept(0)
+        kept, begin, _ = longest.kept(discard)
+        averages = damping_of_cycles(system, kept, begin, summary.period) if damping else None
         warnings = list(run.warnings)
         if len({record.parameters for record in run.scenes}) > 1:
             warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures are worked out with the first")
         found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source, stream.continuity,
                        run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
-                       verifier.result() if verifier is not None else None)
+                       verifier.result() if verifier is not None else None, averages)
         if view is not None:
             view.text(found.markdown())
     return found
@@ -200,6 +212,13 @@ def _scene(run: Run, path: Path, given: str | None) -> Scene:
     if given is None:
         raise InputError(f"{path} holds no scene; name the one that it was made with (--scene)")
     return load_scene(given)
+
+
+def _check_damping(scene: Scene) -> None:
+    """Raise InputError where an input came from a topic: between two points of the section it is not the scene's."""
+    for name, source in (("engine.source", scene.system.engine.source), ("pressure.source", scene.system.pressure.source)):
+        if source == "topic":
+            raise InputError(f"{name} is topic; --damping is for recordings of harmonic torque and pressure")
 
 
 def _frequency(run: Run, scene: Scene, given: float | None, progress: bool) -> tuple[float, str]:

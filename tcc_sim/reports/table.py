@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.lyapunov import Lyapunov
 from tcc_sim.analysis.summary import Summary
 
@@ -32,6 +33,12 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
         out.append(("section", f"{len(summary.section)} points"))
     out.append(("engine cycles", f"{summary.cycles}, the first {summary.discarded} dropped"))
     return out
+
+
+def damping_row(found: Damping) -> tuple[str, str]:
+    """The equivalent damping (21) beside what (23) compares it with."""
+    return ("equivalent damping (21)", f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
+            f"-C23 is {found.threshold:.4g}")
 
 
 def lyapunov_row(found: Lyapunov) -> tuple[str, str]:

@@ -98,3 +98,11 @@ def test_without_rerun_the_extra_is_named_and_nothing_is_left(capsys, monkeypatc
     assert main(["analyse", str(recording), "--rrd", str(recording.parent / "run.rrd")]) == 1
     assert "tcc_sim[view]" in capsys.readouterr().err
     assert [p.name for p in recording.parent.iterdir()] == ["run.mcap"]
+
+
+def test_damping_is_that_of_pure_slip(capsys, recording):
+    assert main(["analyse", str(recording), "--damping", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["equivalent_damping"], found["negative_slope_mean"]) == (0.0, 0.0)
+    assert main(["analyse", str(recording), "--damping"]) == 0
+    assert "0 N m s/rad, mean of the negative slope 0; -C23 is -0.6" in capsys.readouterr().out

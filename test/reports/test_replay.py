@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from driveline_bags import TICK, bag, by_hand
+from driveline_bags import TICK, bag, by_hand, ticked
 
 from tcc_sim.errors import InputError
 from tcc_sim.reports.replay import replay
@@ -186,3 +186,11 @@ def test_memory_holds_cycles_and_not_samples(tmp_path):
         tracemalloc.stop()
     # The samples of a cycle are 42 rows of 72 bytes; what is kept of it are 6 numbers and what the summary makes of them.
     assert peaks[1] - peaks[0] < 500 * (cycles[1] - cycles[0])
+
+
+def test_damping_is_refused_before_reading_where_inputs_came_from_topics(tmp_path):
+    scene = load_scene("commands")
+    path = bag(tmp_path / "driven", ticked(scene, 600, torque=lambda k: 300.0, pressure=lambda k: 240e3), scene)
+    with pytest.raises(InputError, match=r"engine\.source is topic"):
+        replay(path, damping=True, rrd=tmp_path / "x.rrd")
+    assert not (tmp_path / "x.rrd").exists()
