@@ -35,6 +35,8 @@ DEPTH = 20_000
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
 _MOST_ASKED = 20
+SILENCE = 3.0
+"""Real time, s, without states after which the recorder says so; the middleware takes 20 s to find that a publisher is dead."""
 
 
 class Track:
@@ -50,6 +52,8 @@ class Track:
         self.channel = 0
         self.messages = 0
         self.lost = 0
+        self.arrived = time.monotonic()
+        self.silence_told = False
         self.stamps = StampCount() if type_name == JOINT_STATE else None
         self._next: dict[bytes, int] = {}
         self._asked: Counter[bytes] = Counter()
@@ -145,6 +149,7 @@ class Recorder:
                 self._describe(data, info["source_timestamp"] or received)
             write(channel, received, info["source_timestamp"], data, number)
         track.messages += len(taken)
+        track.arrived = time.monotonic()
         if track.stamps is not None:
             track.stamps.add(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64))
 
@@ -178,11 +183,22 @@ class Recorder:
                 if late or (best_effort, latched) != (track.best_effort, track.latched):
                     self._subscribe(track, best_effort, latched)
             if track.type == JOINT_STATE:
+                self._tell_of_silence(track)
                 now = {bytes(o.endpoint_gid) for o in offered}
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
                     self.node.get_logger().warning(f"the publisher of {track.topic} is gone{left}; the recording goes on")
                 track.publishers = now
+
+    def _tell_of_silence(self, track: Track) -> None:
+        """Say once that nothing more arrives, and once that it does again."""
+        silent = track.messages > 0 and time.monotonic() - track.arrived > SILENCE
+        if silent and not track.silence_told:
+            self.node.get_logger().warning(
+                f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording goes on")
+        elif track.silence_told and not silent:
+            self.node.get_logger().info(f"{track.topic} is heard again")
+        track.silence_told = silent
 
     def close(self) -> str:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line."""

@@ -191,6 +191,27 @@ def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_numb
     found.close()
 
 
+def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
+    found = start(context, tmp_path / "run")
+    publisher = publisher_of(rclpy.create_node("driveline", context=context), "joint_states")
+    track = found.tracks["/joint_states"]
+
+    def told():
+        found.look()
+        found.look()
+        return [line.split("]: ")[-1] for line in capfd.readouterr().err.splitlines() if "/joint_states" in line]
+
+    track.arrived -= 2 * recorder.SILENCE
+    assert told() == []  # Nothing was heard yet, so nothing is missing.
+    for number in range(2):
+        publisher.publish(joint_state(number))
+        until(lambda n=number: track.messages == n + 1, step=found.drain)
+        assert told() == ["/joint_states is heard again"][:number]
+        track.arrived -= 2 * recorder.SILENCE
+        assert told() == ["no /joint_states for 3 s: paused, stopped or killed; the recording goes on"]
+    found.close()
+
+
 @pytest.mark.parametrize("parameters", [{"flush_period": 0.0}, {"flush_period": "soon"}, {"flush_period": float("nan")},
                                         {"flush_period": True}, {"topics": [""]}, {"topics": 3}])
 def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, parameters):

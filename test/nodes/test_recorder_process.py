@@ -189,18 +189,37 @@ def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recov
     driveline.check()
 
 
-def test_a_full_disk_ends_the_recorder_with_one_line_and_the_driveline_goes_on(driveline, tmp_path):
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder on a disk of 400 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    with suppress(OSError):
+        if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", str(folder)], capture_output=True,
+                          check=False).returncode == 0:
+            yield folder
+            subprocess.run(["umount", str(folder)], check=True)
+            return
+    pytest.skip("only root may mount a small disk")
+
+
+def ended_by_itself(recorder, output, reason):
+    """The recorder has ended with status 1 and this line, and what it wrote is there."""
+    assert recorder._process.wait(timeout=20) == 1
+    recorder._reader.join()
+    assert [line for line in recorder.lines if "INFO" not in line] == [
+        f"recorder: {next(output.iterdir())} cannot be written: {reason}; what is in it stays readable"]
+    assert readable(output) > 100
+
+
+def test_a_file_size_limit_ends_the_recorder_with_one_line_and_the_driveline_goes_on(driveline, tmp_path):
     resource = pytest.importorskip("resource")
     output = tmp_path / "run"
     recorder = NodeProcess("recorder", {"output": str(output)}, dict(os.environ))
     until(lambda: readable(output) > 100, step=lambda: time.sleep(0.05))
     size = next(output.iterdir()).stat().st_size + 20_000
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))
-    assert recorder._process.wait(timeout=20) == 1
-    recorder._reader.join()
-    assert [line for line in recorder.lines if "INFO" not in line] == [
-        f"recorder: {next(output.iterdir())} cannot be written: File too large; what is in it stays readable"]
-    assert readable(output) > 100
+    ended_by_itself(recorder, output, "File too large")
     # The driveline serves the next one.
     second = NodeProcess("recorder", {"output": str(tmp_path / "second")}, dict(os.environ))
     until(lambda: readable(tmp_path / "second") > 100, step=lambda: time.sleep(0.05))
@@ -209,3 +228,14 @@ def test_a_full_disk_ends_the_recorder_with_one_line_and_the_driveline_goes_on(d
     list(run.batches())
     assert run.complete
     assert len(run.scenes) >= 1
+
+
+def test_a_full_disk_ends_the_recorder_with_one_line_and_can_be_recovered_to_another(driveline, small_disk, tmp_path, capsys):
+    recorder = NodeProcess("recorder", {"output": str(small_disk / "run")}, dict(os.environ))
+    ended_by_itself(recorder, small_disk / "run", "No space left on device")
+    driveline.check()
+    # On the full disk itself there is no room for it.
+    assert main(["recover", str(small_disk / "run")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main(["recover", str(small_disk / "run"), "--out", str(tmp_path / "saved")]) == 0
+    assert open_run(tmp_path / "saved").complete
