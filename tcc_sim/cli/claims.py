@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file
@@ -20,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
-    from tcc_sim.reports.claims import Verdict, judge, markdown, text
+    from tcc_sim.reports.claims import Verdict, judge, markdown, tally, text
     from tcc_sim.reports.output import draft
 
     for path in (arguments.json, arguments.markdown):
@@ -29,7 +30,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
 
+    verdicts: list[Verdict] = []
+    interrupted = False
+
     def show(verdict: Verdict) -> None:
+        verdicts.append(verdict)
         row = verdict.as_json()
         print(f"Fig. {row['figure']:<10}  {row['verdict']:<13}  {row['claim']}" if row["figure"][0].isdigit() else
               f"{row['figure']:<15}  {row['verdict']:<13}  {row['claim']}")
@@ -38,11 +43,18 @@ def run(arguments: argparse.Namespace) -> int:
         if row["why"]:
             print(f"{'':<32}{row['why']}", flush=True)
 
-    verdicts = judge(jobs=arguments.jobs, progress=True, each=show)
+    try:
+        judge(jobs=arguments.jobs, progress=True, each=show)
+    except KeyboardInterrupt:
+        interrupted = True
+        print("tcc-sim: interrupted; the claims judged so far are kept", file=sys.stderr)
+    if not verdicts:
+        return 130
+    print(tally(verdicts))
     if arguments.json is not None:
         with draft(arguments.json) as part:
             part.write_text(json.dumps([v.as_json() for v in verdicts], allow_nan=False, indent=1) + "\n")
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
-            part.write_text(markdown(verdicts))
-    return 0
+            part.write_text(markdown(verdicts, complete=not interrupted))
+    return 130 if interrupted else 0

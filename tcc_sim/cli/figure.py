@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
-    from tcc_sim.reports.figures import Manner
+    from tcc_sim.reports.figures import Manner, check_manner
     from tcc_sim.reports.paper import FIGURES
     from tcc_sim.views.paper_figures import draw
 
@@ -51,6 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
     manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True)
+    if len(numbers) == 1:
+        check_manner(numbers[0], manner)
     arguments.out.mkdir(parents=True, exist_ok=True)
     if len(stems) == 1:
         (number, stem), = stems.items()

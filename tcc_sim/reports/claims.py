@@ -75,7 +75,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def markdown(verdicts: list[Verdict]) -> str:
+def markdown(verdicts: list[Verdict], *, complete: bool = True) -> str:
     """The table of claims as a Markdown page, with the criterion and the numbers of every claim under it."""
     rows = [v.as_json() for v in verdicts]
     lines = ["# The paper's claims", "",
@@ -84,6 +84,9 @@ def markdown(verdicts: list[Verdict]) -> str:
              "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n.", "",
              "| Fig. | claim | verdict |", "|---|---|---|"]
     lines += [f"| {r['figure']} | {_escape(r['claim'])} | {r['verdict']} |" for r in rows]
+    lines += ["", f"- {tally(verdicts)}."]
+    if not complete:
+        lines += ["", "**Interrupted: not every claim was judged.**"]
     for r in rows:
         lines += ["", f"## {r['figure']}: {_escape(r['claim'])}", ""]
         lines += [f"**{r['verdict'].capitalize()}**. Criterion: {_escape(r['criterion'])}."]
@@ -91,6 +94,13 @@ def markdown(verdicts: list[Verdict]) -> str:
             lines += ["", f"{_escape(r['why'][0].upper() + r['why'][1:])}."]
         lines += ["", *(f"- {_escape(name)}: {_escape(text(value))}" for name, value in r["values"].items())]
     return "\n".join(lines) + "\n"
+
+
+def tally(verdicts: list[Verdict]) -> str:
+    """How many claims there are of each verdict."""
+    found = [v.as_json()["verdict"] for v in verdicts]
+    counts = ", ".join(f"{found.count(name)} {name}" for name in ("confirmed", "depends", "not confirmed"))
+    return f"Of {len(found)} claims: {counts}"
 
 
 def _escape(words: str) -> str:

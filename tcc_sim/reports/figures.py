@@ -32,6 +32,11 @@ RUN_IN = 150
 SECTION_CYCLES = 2000
 """Section points of a motion without period in Fig. 7."""
 
+SWEPT = ("map", "damping", "orbit")
+"""Kinds of figures with a sweep, which has a direction."""
+BOTH_LAWS = ("law", "solvers")
+"""Kinds of figures that show the smoothed and the set-valued law."""
+
 
 @dataclass(frozen=True)
 class Manner:
@@ -49,6 +54,15 @@ class Manner:
     law: str = "smoothed"
     jobs: int | None = None
     progress: bool = False
+
+
+def check_manner(number: int, manner: Manner) -> None:
+    """Raise InputError where a figure has nothing that a direction or the set-valued law would change."""
+    kind = FIGURES[number].kind
+    if manner.direction is not None and kind not in SWEPT:
+        raise InputError(f"direction is {manner.direction}; Fig. {number} has no sweep")
+    if manner.law != "smoothed" and kind in BOTH_LAWS:
+        raise InputError(f"law is {manner.law}; Fig. {number} shows both laws")
 
 
 def figure_data(number: int, manner: Manner) -> dict[str, Any]:

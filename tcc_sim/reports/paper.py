@@ -1,8 +1,8 @@
 """Figures 2 to 18 of the paper as data: what each shows, over what, and for which curves.
 
 The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4 to 18; the
-paper does not print the pressure, and this is the one that reproduces its text. Fig. 2 states its own. Amplitudes are ratios
-Tsp/Tsm = Pp/Pm.
+paper does not print the pressure, and of those tried this one agrees with most of its text. Fig. 2 states its own. Amplitudes
+are ratios Tsp/Tsm = Pp/Pm.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Series:
 class PaperFigure:
     """One figure.
 
-    number, title, caption : of the paper's figure, in our words
+    number, title, caption : of the paper's figure, in our words; the caption says what the picture's own labels do not
     kind : solvers, law, map (maxima and orbit diagrams over the frequency), damping, orbit (over mu_k/mu_s), histories,
         delay or actuation
     series : curves, or panels of time histories
@@ -116,47 +116,55 @@ def _amplitudes(kinetic: float) -> tuple[Series, ...]:
 
 HALF_ONE_TWO = {"0.5": 0.5, "": 1.0, "2": 2.0}
 THIRDS = {r"\frac{2}{3}": 2.0 / 3.0, "": 1.0, r"\frac{4}{3}": 4.0 / 3.0}
+LOAD = r"$\mu_s N_m R = 540$ N m"
+CONSTANT = rf"constant load, {LOAD}"
+QUARTER = rf"{LOAD}, $T_{{sp}}/T_{{sm}} = 0.25$"
 FALLING_SLOPE = r"$\mu_k = 0.75\mu_s$"
 
 _FIG02: dict[str, Value] = {**_kinetic(0.8), "pressure.mean": 500.0 / (0.24 * 0.08 * 0.1),
                             "pressure.amplitude": 100.0 / (0.24 * 0.08 * 0.1), "engine.frequency": 150.0}
 
 FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
-    PaperFigure(2, "The same stick-slip motion by five solvers", "steady state at omega = 150 rad/s, Tsm = 500 N m, "
-                "Tsp = 0.2 Tsm, mu_k = 0.8 mu_s", "solvers", (Series("", _FIG02),)),
-    PaperFigure(3, "Smoothed friction law and its slope", "the law (6) and (7), zoom and slope (20b)", "law",
+    PaperFigure(2, "The same stick-slip motion by five solvers", r"steady state at $\omega = 150$ rad/s, "
+                r"$T_{sm} = 500$ N m, $T_{sp} = 0.2T_{sm}$, $\mu_k = 0.8\mu_s$", "solvers", (Series("", _FIG02),)),
+    PaperFigure(3, "Smoothed friction law and its slope", r"$\alpha = 2$ s/rad, $\sigma = 50$ s/rad", "law",
                 _friction_ratios(1.0, 0.8, 0.75, 0.677)),
-    PaperFigure(4, r"Effect of $\mu_k$ at constant normal load", "maximum slip speed and orbit diagrams", "map",
+    PaperFigure(4, r"Effect of $\mu_k$ at constant normal load",
+                rf"{CONSTANT}; dotted: $\omega/\omega_n = 1/6, 1/5, 1/4, 1/3$", "map",
                 _friction_ratios(1.0, 0.83, 0.75, 0.667), marks=SUPER_HARMONICS),
-    PaperFigure(5, r"Equivalent damping beside the orbit diagram, $\mu_k = 0.667\mu_s$", "equation (21) against -C23", "damping",
+    PaperFigure(5, r"Equivalent damping beside the orbit diagram, $\mu_k = 0.667\mu_s$", rf"{CONSTANT}; "
+                "(23): unstable below the dashed line", "damping",
                 (Series(r"$\mu_k = 0.667\mu_s$", _kinetic(0.667)),), span=(0.08, 0.30), count=221),
-    PaperFigure(6, r"Orbit diagram over $\mu_k/\mu_s$ at $\omega/\omega_n = 0.36$", "from the initial state (13) and continued",
+    PaperFigure(6, r"Orbit diagram over $\mu_k/\mu_s$ at $\omega/\omega_n = 0.36$", CONSTANT,
                 "orbit", (Series("", {"engine.frequency": 0.36 * OMEGA_N}),), over="friction.kinetic_coefficient",
                 span=(0.55, 1.0), count=226),
     PaperFigure(7, r"Time histories and Poincar\'e sections at $\omega/\omega_n = 0.36$".replace(r"\'e", "é"),
-                "slip speed, plate angle and section", "histories",
+                rf"{CONSTANT}; sections at $t = 2\pi n/\omega$", "histories",
                 tuple(Series(rf"$\mu_k/\mu_s = {r:g}$", {**_kinetic(r), "engine.frequency": 0.36 * OMEGA_N})
                       for r in (0.94, 0.74, 0.64))),
-    PaperFigure(8, r"Effect of the phase $\psi$, $\mu_k = \mu_s$", "omega_f = omega, Tsp/Tsm = 0.25", "map", _phases(1.0),
+    PaperFigure(8, r"Effect of the phase $\psi$, $\mu_k = \mu_s$",
+                rf"{QUARTER}, $\omega_f = \omega$; dotted: $\omega_{{sn}}/\omega_n$", "map", _phases(1.0),
                 marks=(STUCK_RATIO,)),
-    PaperFigure(9, "Delay of positive slip behind the engine torque", "constant load, mu_k = mu_s", "delay",
+    PaperFigure(9, "Delay of positive slip behind the engine torque",
+                rf"{CONSTANT}, $\mu_k = \mu_s$; shaded: positive slip; dashed: $T_e$", "delay",
                 tuple(Series(rf"$\omega/\omega_n = {r:.2f}$", {"engine.frequency": r * OMEGA_N})
                       for r in (0.15, 0.18, 0.37, 0.40))),
-    PaperFigure(10, r"Effect of $\omega_f$, $\mu_k = \mu_s$", "psi = 0, Tsp/Tsm = 0.25", "map", _frequencies(1.0, HALF_ONE_TWO)),
-    PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", "psi = 0, Tsp/Tsm = 0.25", "map", _frequencies(1.0, THIRDS)),
-    PaperFigure(12, r"Time histories for three $\omega_f$ at $\omega = 150$ rad/s", "Tsp/Tsm = 1/4, mu_k = mu_s", "actuation",
+    PaperFigure(10, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map", _frequencies(1.0, HALF_ONE_TWO)),
+    PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map", _frequencies(1.0, THIRDS)),
+    PaperFigure(12, r"Time histories for three $\omega_f$ at $\omega = 150$ rad/s",
+                rf"{QUARTER}, $\psi = 0$, $\mu_k = \mu_s$; dashed: $T_s$", "actuation",
                 tuple(Series(rf"$\omega_f = {name}\omega$", {**_pressure(frequency_ratio=ratio), "engine.frequency": 150.0})
                       for name, ratio in (("0.5", 0.5), (r"\frac{2}{3}", 2.0 / 3.0), (r"\frac{4}{3}", 4.0 / 3.0)))),
-    PaperFigure(13, r"Effect of $T_{sp}$, $\mu_k = \mu_s$", "omega_f = omega, psi = 0", "map", _amplitudes(1.0)),
-    PaperFigure(14, rf"Phase with a falling friction law, {FALLING_SLOPE}", "omega_f = omega, Tsp/Tsm = 0.25", "map",
+    PaperFigure(13, r"Effect of $T_{sp}$, $\mu_k = \mu_s$", rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(1.0)),
+    PaperFigure(14, rf"Phase with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\omega_f = \omega$", "map",
                 _phases(0.75)),
-    PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", "omega_f = omega, Tsp/Tsm = 0.25", "map",
+    PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", rf"{QUARTER}, $\omega_f = \omega$", "map",
                 _phases(0.67)),
-    PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", "psi = 0, Tsp/Tsm = 0.25", "map",
+    PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$", "map",
                 _frequencies(0.75, HALF_ONE_TWO)),
-    PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", "psi = 0, Tsp/Tsm = 0.25", "map",
+    PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$", "map",
                 _frequencies(0.75, THIRDS)),
-    PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}", "omega_f = omega, psi = 0", "map",
-                _amplitudes(0.75)),
+    PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}",
+                rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(0.75)),
 )}
 """Every figure with numbers in it, by its number in the paper."""

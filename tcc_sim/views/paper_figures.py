@@ -36,12 +36,22 @@ def draw(data: Data, stem: Path) -> None:
         note = f" ({', '.join(extra)})" if extra else ""
         drawn.suptitle(f"Fig. {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
         paint(drawn, data)
+        drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
         style.save_both(drawn, stem)
 
 
 def draw_file(path: Path, stem: Path) -> None:
     """Draw a figure again from its JSON file."""
     draw(json.loads(path.read_text()), stem)
+
+
+def _caption(data: Data) -> str:
+    """The line below a picture: parameters, and what was dropped and kept."""
+    if "cycles" not in data:
+        return str(data["caption"])
+    most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
+    return (f"{data['caption']}; {data['cycles']} engine cycles, the first {data['discarded']} dropped; "
+            rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}")
 
 
 def _numbers(values: list[float | None]) -> np.ndarray:
@@ -84,12 +94,20 @@ def _paint_map(drawn: Any, data: Data) -> None:
     _marks(maxima, data)
     maxima.set_ylabel(MAXIMUM)
     maxima.set_xlim(x[0], x[-1])
-    maxima.set_ylim(0.0, 1.08 * maxima.get_ylim()[1])
+    maxima.set_ylim(0.0, _top(x, curves))
     for axis in (maxima, orbits[-1]):
         axis.set_xlabel(AXES[data["axis"]])
     maxima.set_title("(a) maximum slip speed")
     orbits[0].set_title("(b) orbit diagrams")
-    maxima.legend(loc="best", frameon=True, framealpha=0.85, edgecolor="none")
+    maxima.legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none")
+
+
+def _top(x: list[float], curves: list[Data]) -> float:
+    """The end of the axis of maxima, above which no curve reaches and the legend at its right hides none."""
+    values = np.stack([_numbers(curve["max_slip_speed"]) for curve in curves])
+    values = np.where(np.isfinite(values), values, 0.0)
+    below = values[:, np.array(x) >= x[0] + 0.55 * (x[-1] - x[0])]
+    return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
 
 
 def _paint_damping(drawn: Any, data: Data) -> None:

@@ -83,6 +83,21 @@ def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> No
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
 
 
+def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    def interrupted(evidence: Evidence) -> Finding:
+        raise KeyboardInterrupt
+
+    for chosen, kept in (((claims_constant_load.maximum_falls, interrupted), 1), ((interrupted,), 0)):
+        monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
+        page, rows = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
+        assert main(["claims", "--json", str(rows), "--markdown", str(page)]) == 130
+        assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
+        assert rows.exists() == page.exists() == bool(kept)
+    assert len(json.loads((tmp_path / "1.json").read_text())) == 1
+    assert "Of 1 claims: 1 confirmed, 0 depends, 0 not confirmed." in (tmp_path / "1.md").read_text()
+    assert "Interrupted" in (tmp_path / "1.md").read_text()
+
+
 def test_every_figure_with_a_claim_has_one_in_the_registry() -> None:
     assert len(claims.CLAIMS) == len(set(claims.CLAIMS)) >= 25
     assert share_where(np.array([True, False]), np.array([True, True])) == 0.5
