@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import main
+from tcc_sim.nodes.processes import isolated_environment
 from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.definitions import Definition
@@ -105,3 +106,15 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
     assert names == {"saved", f".run.{os.getpid()}.part.json"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run", "run.json", "saved"]
     assert sorted(path.name for path in (tmp_path / "saved").iterdir()) == ["metadata.yaml", "saved_0.mcap"]
+
+
+def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    found = isolated_environment()
+    assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert 1 <= int(found["ROS_DOMAIN_ID"]) <= 101
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    found = isolated_environment()
+    assert (found["ROS_AUTOMATIC_DISCOVERY_RANGE"], found["ROS_DOMAIN_ID"]) == ("SUBNET", "7")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,7 @@ class Track:
         self.stamps = StampCount() if type_name == JOINT_STATE else None
         self._next: dict[bytes, int] = {}
         self._asked: Counter[bytes] = Counter()
+        self._offered: set[bytes] = set()
 
     def count(self, publisher: bytes, number: int) -> None:
         """Count what is missing between this message and the one that the same publisher sent before it."""
@@ -65,12 +66,15 @@ class Track:
             self.lost += number - expected
         self._next[publisher] = number + 1
 
-    def asks_again(self, publishers: Iterable[bytes]) -> bool:
+    def asks_again(self, publishers: Sequence[bytes]) -> bool:
         """Whether one of these has said nothing yet and should be asked again, which it is a limited number of times.
 
         What a publisher keeps for late subscribers comes seconds late where others were killed just before; a new subscription
         gets it at once.
         """
+        self._offered.update(publishers)
+        if self._next and not self._offered & self._next.keys():
+            return False  # This middleware names publishers in two ways, so who is silent cannot be known.
         silent = [publisher for publisher in publishers if publisher not in self._next and self._asked[publisher] < _MOST_ASKED]
         self._asked.update(silent)
         return bool(silent)
@@ -179,7 +183,7 @@ class Recorder:
             if offered:
                 best_effort = any(o.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for o in offered)
                 latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offered)
-                late = latched and running and track.asks_again(bytes(o.endpoint_gid) for o in offered)
+                late = latched and running and track.asks_again([bytes(o.endpoint_gid) for o in offered])
                 if late or (best_effort, latched) != (track.best_effort, track.latched):
                     self._subscribe(track, best_effort, latched)
             if track.type == JOINT_STATE:

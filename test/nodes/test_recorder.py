@@ -191,6 +191,14 @@ def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_numb
     found.close()
 
 
+def test_where_publishers_have_other_names_in_the_messages_nobody_is_asked_again():
+    track = recorder.Track("/scene", "std_msgs/msg/String")
+    assert track.asks_again([b"a"])
+    track.count(b"another name of a", 1)
+    assert not track.asks_again([b"a"])
+    assert not track.asks_again([b"a", b"b"])
+
+
 def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
     found = start(context, tmp_path / "run")
     publisher = publisher_of(rclpy.create_node("driveline", context=context), "joint_states")
