@@ -106,6 +106,7 @@ class Recorder:
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
         self.tracks: dict[str, Track] = {}
+        self._next_look = 0.0
         # The scene comes first, so that it is in the file before what it explains; joint_states come last: the driveline may
         # wait for their subscriber, and then all the others are there.
         self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
@@ -118,16 +119,16 @@ class Recorder:
 
     def spin(self) -> None:
         """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
-        flush = look = time.monotonic()
+        flush = time.monotonic()
         while self.node.context.ok():
             wake = time.monotonic() + self.drain_period
             self.drain()
             if time.monotonic() >= flush:
                 self.bag.flush()
                 flush = time.monotonic() + self.flush_period - self.drain_period
-            if time.monotonic() >= look:
+            if time.monotonic() >= self._next_look:
                 self.look()
-                look = time.monotonic() + _LOOK_PERIOD
+                self._next_look = time.monotonic() + _LOOK_PERIOD
             while (left := wake - time.monotonic()) > 0.0:
                 self._executor.spin_once(timeout_sec=left)
 
@@ -152,6 +153,8 @@ class Recorder:
             if track.topic in self._scene_topics:
                 self._describe(data, info["source_timestamp"] or received)
             write(channel, received, info["source_timestamp"], data, number)
+        if track.type == JOINT_STATE and not track.messages:
+            self._next_look = 0.0  # Now a scene that is not there yet can be asked for.
         track.messages += len(taken)
         track.arrived = time.monotonic()
         if track.stamps is not None:

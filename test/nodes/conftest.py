@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import random
+import socket
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -45,3 +47,19 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
+
+
+@pytest.fixture(scope="session")
+def domain() -> Iterator[str]:
+    """A ROS domain that no other test process on this machine has: a name that only one may bind, until the process ends."""
+    numbers = list(range(1, 102))
+    random.shuffle(numbers)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as mine:
+        for number in numbers:
+            try:
+                mine.bind(f"\0tcc_sim_test_domain_{number}")
+            except OSError:
+                continue
+            yield str(number)
+            return
+    pytest.skip("every ROS domain is taken")

@@ -14,8 +14,8 @@ COMMAND = [sys.executable, "-m", "tcc_sim.nodes.driveline", "--ros-args"]
 
 
 @pytest.fixture
-def environment() -> dict[str, str]:
-    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+def environment(domain: str) -> dict[str, str]:
+    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain}
 
 
 @pytest.fixture

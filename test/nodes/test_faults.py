@@ -36,9 +36,9 @@ LEASE = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+def start(tmp_path: Path, domain: str) -> Iterator[Callable[..., NodeProcess]]:
     """Starts nodes on a domain of their own; none outlives the test."""
-    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(7 + os.getpid() % 90)}
+    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain}
     processes: list[NodeProcess] = []
 
     def start(module: str, lease: Path | None = None, **parameters: object) -> NodeProcess:

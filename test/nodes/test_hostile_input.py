@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import struct
 from pathlib import Path
@@ -125,10 +124,10 @@ def test_a_flood_from_two_publishers_is_taken_without_a_missing_tick(bench: Any)
     assert refusals(bench, node)["engine_torque"] == torque.refused > 0
 
 
-def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypatch: pytest.MonkeyPatch, domain: str) -> None:
     """From another participant: within one, Fast DDS refuses to create such a publisher."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(8 + os.getpid() % 90))
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     own, foreign = type(bench)(), type(bench)()
     try:
         wrong = foreign.add(rclpy.create_node("stranger", context=foreign.context)).create_publisher(

@@ -29,10 +29,10 @@ from tcc_sim.recording.reader import open_run
 
 
 @pytest.fixture
-def process(tmp_path, monkeypatch):
+def process(tmp_path, monkeypatch, domain):
     """A recorder in a process of its own, a publisher that it subscribes to, and the bag's directory."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(5 + os.getpid() % 90))
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     context = Context()
     rclpy.init(context=context, args=[])
     node = rclpy.create_node("driveline", context=context)
@@ -140,10 +140,10 @@ def test_a_full_disk_is_told_at_once_and_what_was_written_stays_readable(process
 
 
 @pytest.fixture
-def driveline(monkeypatch):
+def driveline(monkeypatch, domain):
     """A real driveline at 1 kHz on a domain of its own."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(6 + os.getpid() % 90))
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     node = NodeProcess("driveline", {"scene": "minimal", "publish_diagnostics": False}, dict(os.environ))
     node.await_line(CLOCK_STARTED)
     yield node
