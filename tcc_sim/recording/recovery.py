@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,6 +41,8 @@ def default_directory(path: Path) -> Path:
 def recover(run: Run, directory: Path) -> Recovery:
     """Write every message that can be read into a new bag, with the scenes of the original and a record of what is missing.
 
+    A recovery that fails or is interrupted takes its bag away again, so that the same command can be given once more.
+
     Raises
     ------
     RecordingError
@@ -57,6 +60,7 @@ def recover(run: Run, directory: Path) -> Recovery:
     except BaseException:
         if copy.bag is not None:
             copy.bag.abandon()
+            shutil.rmtree(directory, ignore_errors=True)
         raise
     counts = {topic: copy.bag.counts[number] for (topic, _), number in copy.known.items()}
     return Recovery(directory, counts, run.complete, list(run.warnings))

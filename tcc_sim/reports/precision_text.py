@@ -87,6 +87,10 @@ def _speed(found: Record) -> list[str]:
         cells = [f"{kinetic:.3g}", f"{frequency:g}", *_cells(loose, True), *_cells(default, False), *_cells(peer, True),
                  f"{loose['cycles_per_second'] / peer['cycles_per_second']:.2g}" if loose and peer else "-"]
         lines.append("| " + " | ".join(cells) + " |")
+    left_out = [f"{_name(row['solver'])} at {row['kinetic_ratio']:.3g}, {row['frequency_ratio']:g}: {row['why']}"
+                for row in found["omitted"]]
+    if left_out:
+        lines += ["", "Omitted (mu_k/mu_s, omega/omega_n): " + "; ".join(left_out) + "."]
     return [*lines, "", *(f"- {line[0].upper()}{line[1:]}." for line in speed_summary(found)), ""]
 
 

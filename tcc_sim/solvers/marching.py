@@ -79,6 +79,7 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
     h_previous = 1.0
     status = DONE
     sign = 1.0
+    tau = 0.0
     for n in range(count + (1 if tail > 0.0 else 0)):
         cycle = first + n
         time = cycle * period
@@ -245,6 +246,10 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                 x = 0.9 * taylor.step_length(series, p, slip_tolerance, speed_tolerance)
                 if region == FALLING and loaded and stribeck is not None:
                     x = taylor.falling_length(series, p, min(x, remaining / unit), sign, stribeck, strength * unit,
+                                              slip_tolerance)
+                if region == LAYER and sigma * abs(v) > 3.0:
+                    # tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|) here.
+                    x = taylor.falling_length(series, p, min(x, remaining / unit), sign, (2.0, 2.0 * sigma), strength * unit,
                                               slip_tolerance)
                 if not x > 0.0:
                     status = STEP_TOO_SMALL if x == 0.0 else NOT_FINITE

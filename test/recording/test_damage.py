@@ -1,5 +1,6 @@
 """Recordings that are cut, flipped or zeroed anywhere: a result or one line, and no wrong figure without a warning."""
 
+import errno
 import random
 import struct
 
@@ -9,7 +10,7 @@ from test_bag_round_trip import SCENE, TICK, columns, read, write
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
-from tcc_sim.recording import records
+from tcc_sim.recording import records, recovery
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
 
@@ -126,6 +127,20 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     assert "exists already" in capsys.readouterr().err
     assert main(["recover", str(tmp_path / "nothing")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_recovery_that_fails_takes_its_bag_away_again(tmp_path, original, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "x.mcap"
+    path.write_bytes(original[0])
+    with monkeypatch.context() as patch:
+        patch.setattr(recovery.BagWriter, "close", full)
+        assert main(["recover", str(path)]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]
+    assert main(["recover", str(path)]) == 0
 
 
 def test_a_chunk_that_claims_too_much_is_refused_unread(tmp_path, original):

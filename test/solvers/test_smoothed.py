@@ -201,3 +201,13 @@ def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, freq
     run = smoothed.solve(problem(values, cycles=40, state=State(150.0, 0.0, 0.0, 0.0)))
     slips = (len(run.transitions.time) + 1) / 2.0
     assert run.statistics.steps + run.statistics.rejected < 70.0 * slips + 55.0 * 40
+
+
+@pytest.mark.parametrize("name", ["no stribeck", "fig02", "harmonics"])
+def test_a_loose_tolerance_does_not_step_through_the_layer(name):
+    """At the edge of the layer nothing of tanh is left in the series but rounding, which a loose tolerance cannot see."""
+    p = problem(SCENES[name], cycles=4, state=State(150.0, 0.0, 0.0, 0.0))
+    expected = reference(p, 4, 1)[:, :3]
+    run = smoothed.solve(changed(p, rtol=1e-3))
+    assert np.all(np.abs(run.cycles.section - expected) <= 1e-4 * np.abs(expected).max(axis=0))
+    assert run.statistics.steps < 60 * 4
