@@ -28,7 +28,7 @@ HORIZON = 6
 CYCLES = 150
 """Engine cycles that are timed, those of one point of a sweep."""
 REPEATS = 5
-LADDER = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
+LADDER = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8, 3e-9, 1e-9, 1e-10)
 ENGINE, PEER = "smoothed", "XPPAUT cvode"
 FREQUENCIES = (0.12, 0.2, 0.36)
 """omega/omega_n of the scenes, for each mu_k/mu_s of Fig. 4."""

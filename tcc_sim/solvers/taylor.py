@@ -216,7 +216,7 @@ def falling_length(series: Any, order: int, x: float, sign: float, stribeck: tup
     """A step of at most x over which the series of exp(-alpha |v|) is accurate too.
 
     While slip dies down the coefficients of that series rise up to order z = alpha |change of v|, far beyond the last ones kept
-    where z is large, which the last two terms do not show. Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of
+    where z is large, which the last two terms do not show (below order/2 they do: each is at most half of the one before). Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of
     the two end values of the exponential.
     """
     excess, decay = stribeck
@@ -224,7 +224,7 @@ def falling_length(series: Any, order: int, x: float, sign: float, stribeck: tup
     while True:
         change = decay * sign * (series[SLIP, 1] * x + series[SLIP, 2] * x * x)
         z = abs(change)
-        if z <= 1.0:
+        if z <= 0.5 * order:
             return x
         remainder = math.log(strength * excess * x) - decay * abs(series[SLIP, 0]) + max(-change, 0.0)
         if not remainder + (order + 1.0) * math.log(z) > goal:
