@@ -216,8 +216,8 @@ def falling_length(series: Any, order: int, x: float, sign: float, stribeck: tup
     """A step of at most x over which the series of exp(-alpha |v|) is accurate too.
 
     While slip dies down the coefficients of that series rise up to order z = alpha |change of v|, far beyond the last ones kept
-    where z is large, which the last two terms do not show (below order/2 they do: each is at most half of the one before). Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of
-    the two end values of the exponential.
+    where z is large, which the last two terms do not show. (Below z = order/2 they do: each is at most half of the one before.)
+    Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of the two end values of the exponential.
     """
     excess, decay = stribeck
     goal = math.log(slip_tolerance) + math.lgamma(order + 2.0)
