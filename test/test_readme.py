@@ -70,7 +70,16 @@ def tables() -> dict[str, str]:
         "scenes": table(("scene", "what it shows"), [(f"`{n}`", load_scene(n).description) for n in bundled_scenes()]),
         "solvers": table(("solver", "what it is", "friction law", "setting"), [
             (f"`{n}`", s.description, " or ".join(s.laws), s.setting) for n, s in SOLVERS.items()]),
+        "sweep speed": report(".github/precision.md", "Engine cycles a second"),
+        "verdicts": report(".github/claims.md", "The paper's claims"),
     }
+
+
+def report(page: str, heading: str) -> str:
+    """The lines with bullets of one section of a page that a command wrote."""
+    text = (ROOT / page).read_text()
+    section = re.split(r"^#+ ", text[text.index(f"# {heading}"):], maxsplit=2, flags=re.MULTILINE)[1]
+    return "\n".join(line for line in section.splitlines() if line.startswith("- "))
 
 
 def between(name: str) -> re.Pattern[str]:
@@ -92,8 +101,8 @@ def test_every_verb_is_documented() -> None:
 @pytest.mark.parametrize("line", re.findall(r"^    (?:\S*/)?tcc-sim (.*)$", README.read_text(), re.MULTILINE))
 def test_every_command_is_one_that_the_program_takes(line: str) -> None:
     words = shlex.split(line, comments=True)
-    if words[0] in VERBS:
-        build_parser(words[0]).parse_args(words)
+    assert words[0] in VERBS
+    build_parser(words[0]).parse_args(words)
 
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:

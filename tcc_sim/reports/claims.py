@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from tcc_sim.reports import claims_constant_load, claims_varying_load
-from tcc_sim.reports.evidence import DEPENDS, Evidence, Finding
+from tcc_sim.reports.evidence import CONFIRMED, DEPENDS, NOT_CONFIRMED, Evidence, Finding
 
 Judge = Callable[[Evidence], Finding]
 CLAIMS: tuple[Judge, ...] = (*claims_constant_load.CLAIMS, *claims_varying_load.CLAIMS)
@@ -99,7 +99,8 @@ def markdown(verdicts: list[Verdict], *, complete: bool = True) -> str:
 def tally(verdicts: list[Verdict]) -> str:
     """How many claims there are of each verdict."""
     found = [v.as_json()["verdict"] for v in verdicts]
-    counts = ", ".join(f"{found.count(name)} {name}" for name in ("confirmed", "depends", "not confirmed"))
+    words = {CONFIRMED: "confirmed", DEPENDS: "depend on a reading", NOT_CONFIRMED: "not confirmed"}
+    counts = ", ".join(f"{found.count(name)} {word}" for name, word in words.items())
     return f"Of {len(found)} claims: {counts}"
 
 

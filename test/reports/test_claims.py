@@ -94,7 +94,7 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monk
         assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
         assert rows.exists() == page.exists() == bool(kept)
     assert len(json.loads((tmp_path / "1.json").read_text())) == 1
-    assert "Of 1 claims: 1 confirmed, 0 depends, 0 not confirmed." in (tmp_path / "1.md").read_text()
+    assert "Of 1 claims: 1 confirmed, 0 depend on a reading, 0 not confirmed." in (tmp_path / "1.md").read_text()
     assert "Interrupted" in (tmp_path / "1.md").read_text()
 
 
