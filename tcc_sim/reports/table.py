@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.lyapunov import Lyapunov
 from tcc_sim.analysis.summary import Summary
@@ -37,6 +39,9 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
 
 def damping_row(found: Damping) -> tuple[str, str]:
     """The equivalent damping (21) beside what (23) compares it with."""
+    if math.isnan(found.weighted):
+        reason = "no whole engine cycle could be solved" if math.isnan(found.negative_mean) else "there is no slip"
+        return "equivalent damping (21)", f"none: {reason}"
     return ("equivalent damping (21)", f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
             f"-C23 is {found.threshold:.4g}")
 
