@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
-    from tcc_sim.solvers.trajectory import Trajectory
+    from tcc_sim.trajectory import Trajectory
 
 __version__ = "0.1.0"
 
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
-           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.solvers.trajectory"}
+           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "load_scene", "solve"]
 

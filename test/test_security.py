@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import main
+from tcc_sim.messages import cdr
+from tcc_sim.messages.definitions import Definition
 from tcc_sim.nodes.processes import isolated_environment
-from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.definitions import Definition
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tcc_sim.recording.definitions import type_parts
+from tcc_sim.messages.definitions import type_parts
 from tcc_sim.topics import JOINT_NAMES, TOPICS, topic
 
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.observe import cycles_from_samples
-from tcc_sim.solvers.terms import terms_of
-from tcc_sim.solvers.trajectory import Cycles, Trajectory, stick_speed_of
+from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.trajectory import Cycles, Trajectory
 
 DISCARD = 50
 """Engine cycles dropped as transient: the paper's rule."""

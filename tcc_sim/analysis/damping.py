@@ -15,7 +15,7 @@ from tcc_sim.model import friction
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.solvers.trajectory import Cycles, Floats, State, Status, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 CYCLES = 16
 """Engine cycles that the averages are taken over."""

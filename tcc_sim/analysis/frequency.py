@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tcc_sim.analysis.continuity import Break, Continuity, Stamps
-from tcc_sim.solvers.trajectory import Floats
+from tcc_sim.trajectory import Floats
 
 OPENING = 1 << 14
 """Samples of a run, at most, that give the first estimate."""

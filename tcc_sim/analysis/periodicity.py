@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.solvers.trajectory import Cycles
+from tcc_sim.trajectory import Cycles
 
 MAXIMUM_PERIOD = 16
 TOLERANCE = 1e-4

@@ -12,9 +12,9 @@ from tcc_sim.analysis.cycles import accelerations_of, default_discard
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.observe import cycles_from_samples
-from tcc_sim.solvers.terms import terms_of
-from tcc_sim.solvers.trajectory import Cycles, Floats, concatenated, stick_speed_of
+from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.trajectory import Cycles, Floats, concatenated
 
 RECORDING_TOLERANCE = 2e-3
 """Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse."""

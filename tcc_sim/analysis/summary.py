@@ -11,7 +11,7 @@ import numpy as np
 from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept
 from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
-from tcc_sim.solvers.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Cycles, Trajectory
 
 PASSING = 5e-3
 """A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer."""

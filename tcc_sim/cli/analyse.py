@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
-    from tcc_sim.reports.output import STANDARD_OUTPUT, write_json
-    from tcc_sim.reports.replay import replay
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.replay.replay import replay
 
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)

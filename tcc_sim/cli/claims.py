@@ -21,8 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
-    from tcc_sim.reports.claims import Verdict, judge, markdown, tally, text
-    from tcc_sim.reports.output import draft
+    from tcc_sim.output.files import draft
+    from tcc_sim.paper.claims import Verdict, judge, markdown, tally, text
 
     for path in (arguments.json, arguments.markdown):
         if path is not None:

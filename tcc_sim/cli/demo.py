@@ -68,14 +68,14 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
 
 def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str]) -> int:
     """Replay the recording into analysis.json, run.rrd and overview.png, and print the figures that matter."""
-    from tcc_sim.reports.output import write_json
-    from tcc_sim.reports.replay import replay
+    from tcc_sim.output.files import write_json
+    from tcc_sim.replay.replay import replay
 
     found = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
     write_json(directory / "analysis.json", found.json())
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "matplotlib" not in missing:
-        from tcc_sim.views.pictures import overview
+        from tcc_sim.views.overview import overview
 
         overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary, scene.name)
         made.append("overview.png")

@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.scene)
     if arguments.json is not None:
         new_file(arguments.json)
-    from tcc_sim.reports.explain import explain
+    from tcc_sim.output.explanation import explain
 
     found = explain(scene)
     print(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")

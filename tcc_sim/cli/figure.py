@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from tcc_sim.errors import InputError, RecordingError
 
 if TYPE_CHECKING:
-    from tcc_sim.reports.figures import Manner
+    from tcc_sim.paper.figures import Manner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
-    from tcc_sim.reports.figures import Manner, check_manner
-    from tcc_sim.reports.paper import FIGURES
-    from tcc_sim.views.paper_figures import draw
+    from tcc_sim.paper.catalogue import FIGURES
+    from tcc_sim.paper.drawings import draw
+    from tcc_sim.paper.figures import Manner, check_manner
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, Any], Path], Any]) -> Any:
     """Work out one figure, write its numbers and have it drawn."""
-    from tcc_sim.reports.figures import figure_data
+    from tcc_sim.paper.figures import figure_data
 
     data = figure_data(number, manner)
     stem.with_suffix(".json").write_text(json.dumps(data, allow_nan=False) + "\n")

@@ -16,11 +16,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure, draw and write; an interrupted study writes the scenes that are complete."""
     folder = new_directory(arguments.out)
-    from tcc_sim.reports import precision
-    from tcc_sim.reports.output import write_json
-    from tcc_sim.reports.precision_text import markdown, scene_lines
-    from tcc_sim.reports.sweep_speed import speed_summary, sweep_speed
-    from tcc_sim.views.precision import precision as draw
+    from tcc_sim.benchmarks import work_precision as precision
+    from tcc_sim.benchmarks.precision_drawing import precision as draw
+    from tcc_sim.benchmarks.precision_text import markdown, scene_lines
+    from tcc_sim.benchmarks.sweep_speed import speed_summary, sweep_speed
+    from tcc_sim.output.files import write_json
 
     records, speed = [], None
     with study("run") as running:

@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     require_ros()
     if arguments.json is not None:
         new_file(arguments.json)
-    from tcc_sim.nodes.realtime import measure
+    from tcc_sim.benchmarks.pacing_benchmark import measure
 
     with tqdm(total=2.0 * arguments.duration, unit="s", desc="realtime", disable=None, leave=False,
               bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:

@@ -13,7 +13,7 @@ from tcc_sim.errors import InputError
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.summary import Summary
-    from tcc_sim.solvers.trajectory import Trajectory
+    from tcc_sim.trajectory import Trajectory
 
 CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
 
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.analysis.summary import summarise, summarise_samples
-    from tcc_sim.reports.output import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
     from tcc_sim.scene import load_scene, parse_assignments
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     lines = _lines(scene.name, solved, summary)
     if arguments.damping:
         from tcc_sim.analysis.damping import damping_as_json, damping_of_cycles
-        from tcc_sim.reports.table import damping_row, rows
+        from tcc_sim.output.table import damping_row, rows
 
         assert solved.cycles is not None
         damping = damping_of_cycles(system, solved.cycles[discard:], discard, summary.period, solver=arguments.solver,
@@ -80,9 +80,9 @@ def run(arguments: argparse.Namespace) -> int:
         values.update(damping_as_json(damping))
         lines += rows([damping_row(damping)])
     if arguments.lyapunov:
-        from tcc_sim.analysis.lyapunov import largest_lyapunov_exponent
-        from tcc_sim.reports.table import lyapunov_row, rows
-        from tcc_sim.solvers.trajectory import State
+        from tcc_sim.output.table import lyapunov_row, rows
+        from tcc_sim.studies.lyapunov import largest_lyapunov_exponent
+        from tcc_sim.trajectory import State
 
         assert solved.cycles is not None
         found = largest_lyapunov_exponent(system, State(*solved.cycles.section[-1].tolist()), start_cycle=len(solved.cycles),
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         values["lyapunov"] = found.as_json()
         lines += rows([lyapunov_row(found)])
     if arguments.out is not None:
-        from tcc_sim.reports.samples import write_samples
+        from tcc_sim.output.samples import write_samples
 
         write_samples(arguments.out, solved, scene.text())
         lines.append(f"{len(solved.t)} samples in {arguments.out}")
@@ -122,7 +122,7 @@ def _discard(arguments: argparse.Namespace, cycles: int | None, cycle: float) ->
 
 def _check_out(arguments: argparse.Namespace, samples: float) -> None:
     """Raise InputError for a file of another kind, one that is asked for twice, or too many samples."""
-    from tcc_sim.reports.samples import check_suffix
+    from tcc_sim.output.samples import check_suffix
 
     check_suffix(arguments.out)
     new_file(arguments.out, arguments.force)
@@ -144,7 +144,7 @@ def _solved(solve: Callable[[], Trajectory]) -> Trajectory:
     InputError
         The solver refuses the case.
     """
-    from tcc_sim.solvers.trajectory import Status
+    from tcc_sim.trajectory import Status
 
     found: list[Trajectory] = []
     failed: list[BaseException] = []
@@ -168,7 +168,7 @@ def _solved(solve: Callable[[], Trajectory]) -> Trajectory:
 
 def _lines(name: str, solved: Trajectory, summary: Summary) -> list[str]:
     """The summary for a terminal."""
-    from tcc_sim.reports.table import rows, summary_rows
+    from tcc_sim.output.table import rows, summary_rows
 
     cost = f"{solved.statistics.steps} steps in {solved.statistics.seconds:.3g} s"
     return [f"{name}: {solved.t[-1]:.6g} s, solved by {solved.solver} in {cost}", *rows(summary_rows(summary))]

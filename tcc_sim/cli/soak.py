@@ -22,8 +22,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run, print the figures, write JSON; the recording is made in a temporary folder."""
     from tqdm import tqdm
 
+    from tcc_sim.benchmarks.endurance import soak
     from tcc_sim.nodes.processes import require_ros
-    from tcc_sim.reports.soak import soak
 
     require_ros()
     if arguments.json is not None:

@@ -16,10 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve, draw and write; an interrupted report holds what is done."""
     folder = new_directory(arguments.out)
-    from tcc_sim.reports.charts import charts
-    from tcc_sim.reports.output import write_json
-    from tcc_sim.reports.stability import grid, markdown, summary
-    from tcc_sim.views.stability import stability
+    from tcc_sim.benchmarks.error_charts import charts
+    from tcc_sim.benchmarks.extremes_report import grid, markdown, summary
+    from tcc_sim.benchmarks.stability_drawing import stability
+    from tcc_sim.output.files import write_json
 
     records, maps = [], []
     with study("scene") as running:

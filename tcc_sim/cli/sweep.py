@@ -36,9 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
-    from tcc_sim.analysis.sweep import Plan, sweep, values_of_range
-    from tcc_sim.reports.output import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
     from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.studies.sweep import Plan, sweep, values_of_range
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     key, values = values_of_range(arguments.over)

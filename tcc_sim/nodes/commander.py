@@ -13,10 +13,10 @@ from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.polling import COMMANDS, run
 from tcc_sim.nodes.processes import SENDING
-from tcc_sim.recording import cdr
 from tcc_sim.scene import load_scene
 
 

@@ -19,13 +19,13 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes import parameters
 from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import RealTimeLoop
 from tcc_sim.nodes.polling import LATCHED, hold_signals, release_signals, run
 from tcc_sim.nodes.processes import CLOCK_STARTED
-from tcc_sim.recording import cdr
-from tcc_sim.recording.scenes import holding_from
+from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import Scene
 
 SWITCH_INTERVAL = 1e-4

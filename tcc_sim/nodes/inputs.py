@@ -11,9 +11,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
+from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
 from tcc_sim.nodes.polling import COMMANDS, poll, subscribe
-from tcc_sim.recording import cdr
 from tcc_sim.topics import topic
 
 LOCKSTEP_POLL = 2e-5

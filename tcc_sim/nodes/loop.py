@@ -20,14 +20,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, Int8
 
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.inputs import Command, engine_torque_command, pressure_command
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.polling import states
-from tcc_sim.recording import cdr
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Stepper, substeps
-from tcc_sim.solvers.terms import Terms, general_terms, terms_of
-from tcc_sim.solvers.trajectory import stick_speed_of
+from tcc_sim.solvers.terms import Terms, general_terms, stick_speed_of, terms_of
 
 HISTORY = 0.25
 """Seconds of messages that a publisher keeps for a slow reader."""

@@ -22,11 +22,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from tcc_sim.errors import InputError
-from tcc_sim.nodes.messages import message_class, qos_fields
+from tcc_sim.messages import cdr
+from tcc_sim.messages.definitions import definition
+from tcc_sim.nodes.message_types import message_class, qos_fields
 from tcc_sim.nodes.polling import hold_signals, poll, release_signals, run, subscribe, unknown_parameters
-from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import RELIABLE, BagWriter
-from tcc_sim.recording.definitions import definition
 from tcc_sim.recording.stamps import StampCount
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 

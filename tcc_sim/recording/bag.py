@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from tcc_sim import __version__
 from tcc_sim.errors import RecordingError
-from tcc_sim.recording.definitions import Definition, definition
+from tcc_sim.messages.definitions import Definition, definition
 
 SCENE_RECORD = "tcc_sim"
 RESULT_RECORD = "tcc_sim_result"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tcc_sim.recording import cdr
+from tcc_sim.messages import cdr
 from tcc_sim.recording.records import Messages
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from tcc_sim.recording import records
 from tcc_sim.recording.bag import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
 from tcc_sim.recording.records import DamagedChunk, Record
-from tcc_sim.recording.scenes import SceneRecord
+from tcc_sim.recording.scene_records import SceneRecord
 
 _UNCHUNKED = 1 << 20
 _T = TypeVar("_T")

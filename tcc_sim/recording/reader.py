@@ -15,7 +15,7 @@ from tcc_sim.recording import records
 from tcc_sim.recording.batches import JointStates, PressureJoin, joint_states, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, unpack
 from tcc_sim.recording.records import DamagedChunk, Messages, Record, RecordStream
-from tcc_sim.recording.scenes import SceneRecord
+from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import StampCount
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 

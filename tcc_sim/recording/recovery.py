@@ -12,9 +12,9 @@ from typing import Any
 import yaml
 
 from tcc_sim.errors import RecordingError
+from tcc_sim.messages.definitions import Definition
 from tcc_sim.recording.bag import RECOVERY_RECORD, RELIABLE, BagWriter
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.definitions import Definition
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.records import Messages
 

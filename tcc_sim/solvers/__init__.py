@@ -9,12 +9,13 @@ from importlib import import_module
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.trajectory import Problem, State, Status, Trajectory
+from tcc_sim.solvers.problem import Problem
+from tcc_sim.trajectory import State, Status, Trajectory
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One registered solver: where it lives, what it is, which laws it solves, and which setting it takes."""
+    """One registered solver: its module below this package, what it is, which laws it solves, and which setting it takes."""
 
     module: str
     function: str
@@ -26,26 +27,27 @@ class Entry:
 
     def load(self) -> Callable[[Problem], Trajectory]:
         """The solver's function."""
-        found: Callable[[Problem], Trajectory] = getattr(import_module(self.module), self.function)
+        found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{self.module}"), self.function)
         return found
 
 
 SMOOTHED = ("smoothed",)
 SET_VALUED = ("set_valued",)
+SCIPY = "comparison.scipy_methods"
 
 SOLVERS: dict[str, Entry] = {
-    "fixed_step": Entry("tcc_sim.solvers.fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
+    "fixed_step": Entry("fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
                         SMOOTHED, "step", 1e-3),
-    "smoothed": Entry("tcc_sim.solvers.smoothed", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
+    "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
                       SMOOTHED, "rtol", 1e-8),
-    "event_driven": Entry("tcc_sim.solvers.event_driven", "solve", "exact: closed forms between located events",
+    "event_driven": Entry("event_driven.solution", "solve", "exact: closed forms between located events",
                           SET_VALUED, "rtol", 1e-10),
-    "rk45": Entry("tcc_sim.solvers.reference", "rk45", "SciPy, Dormand and Prince 5(4)", SMOOTHED, "rtol", 1e-6),
-    "dop853": Entry("tcc_sim.solvers.reference", "dop853", "SciPy, Dormand and Prince 8(5,3)", SMOOTHED, "rtol", 1e-6),
-    "radau": Entry("tcc_sim.solvers.reference", "radau", "SciPy, Radau IIA of order 5", SMOOTHED, "rtol", 1e-6),
-    "bdf": Entry("tcc_sim.solvers.reference", "bdf", "SciPy, backward differentiation (Gear's method)", SMOOTHED, "rtol", 1e-6),
-    "lsoda": Entry("tcc_sim.solvers.reference", "lsoda", "SciPy, LSODA of ODEPACK", SMOOTHED, "rtol", 1e-6),
-    "rk4": Entry("tcc_sim.solvers.classical", "rk4", "classical Runge-Kutta of order 4, fixed step", SMOOTHED, "step", 1e-6),
+    "rk45": Entry(SCIPY, "rk45", "SciPy, Dormand and Prince 5(4)", SMOOTHED, "rtol", 1e-6),
+    "dop853": Entry(SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", SMOOTHED, "rtol", 1e-6),
+    "radau": Entry(SCIPY, "radau", "SciPy, Radau IIA of order 5", SMOOTHED, "rtol", 1e-6),
+    "bdf": Entry(SCIPY, "bdf", "SciPy, backward differentiation (Gear's method)", SMOOTHED, "rtol", 1e-6),
+    "lsoda": Entry(SCIPY, "lsoda", "SciPy, LSODA of ODEPACK", SMOOTHED, "rtol", 1e-6),
+    "rk4": Entry("comparison.runge_kutta", "rk4", "classical Runge-Kutta of order 4, fixed step", SMOOTHED, "step", 1e-6),
 }
 
 

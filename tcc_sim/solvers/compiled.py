@@ -26,7 +26,7 @@ def _cache_directory() -> str:
     package = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(numba.__version__.encode())
     for part in ("model", "solvers"):
-        for file in sorted((package / part).glob("*.py")):
+        for file in sorted((package / part).rglob("*.py")):
             digest.update(file.name.encode())
             digest.update(file.read_bytes())
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

@@ -22,19 +22,11 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiled import compiled, engine_torque, saturation_torque, smoothed
-from tcc_sim.solvers.observe import cycles_from_samples, hermite
+from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite
+from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import Terms, excitation_frequency, natural_frequency, peak_load, terms_of
-from tcc_sim.solvers.trajectory import (
-    Floats,
-    Problem,
-    Statistics,
-    Status,
-    Trajectory,
-    assemble,
-    concatenated,
-    stick_speed_of,
-)
+from tcc_sim.solvers.terms import Terms, excitation_frequency, natural_frequency, peak_load, stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 RESOLUTION = 0.04
 """Largest phase of the fastest oscillation in one sub-step, rad."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.model import friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
@@ -101,3 +102,8 @@ def excitation_frequency(terms: Terms) -> float:
 def natural_frequency(terms: Terms) -> float:
     """omega_n = sqrt(K23/I2), rad/s."""
     return math.sqrt(terms.linear[3] / terms.linear[1])
+
+
+def stick_speed_of(terms: Terms) -> float:
+    """The slip speed at or below which this package says stick; 0 for the set-valued law."""
+    return friction.stick_speed(terms.smoothing, terms.stribeck) if terms.smoothing is not None else 0.0

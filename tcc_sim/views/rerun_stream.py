@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, MissingPackage
-from tcc_sim.solvers.trajectory import Cycles, Floats
+from tcc_sim.trajectory import Cycles, Floats
 from tcc_sim.views import style
 
 ELAPSED = "elapsed"

@@ -8,7 +8,7 @@ import pytest
 from tcc_sim.analysis.damping import damping_as_json, damping_of_cycles, equivalent_damping
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Cycles, Trajectory
 
 CYCLE = 2.0 * math.pi / 150.0
 

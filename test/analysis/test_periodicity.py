@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.periodicity import periodicity
-from tcc_sim.solvers.trajectory import Cycles
+from tcc_sim.trajectory import Cycles
 
 
 def cycles_through(points):

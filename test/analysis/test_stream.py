@@ -10,7 +10,7 @@ from tcc_sim.analysis.cycles import cycles_of
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers.trajectory import Trajectory
+from tcc_sim.trajectory import Trajectory
 
 FREQUENCY = 150.0
 CYCLE = 2.0 * math.pi / FREQUENCY

@@ -11,7 +11,7 @@ from tcc_sim.analysis.cycles import cycles_of, default_discard
 from tcc_sim.analysis.summary import regime_of, summarise, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Cycles, Trajectory
 
 FREQUENCY = 100.0
 CYCLE = 2.0 * math.pi / FREQUENCY

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.recording.trajectory import write_trajectory
+from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers.trajectory import Trajectory
+from tcc_sim.trajectory import Trajectory
 
 KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver", "elapsed_s",
         "messages", "lost_messages", "complete"}

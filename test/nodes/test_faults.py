@@ -19,9 +19,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.pacing import CATCH_UP
 from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
-from tcc_sim.recording import cdr
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.scene import load_scene
@@ -188,7 +188,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
     import rclpy
     from rclpy.parameter import Parameter
 
-    from tcc_sim.nodes.messages import message_class
+    from tcc_sim.nodes.message_types import message_class
     from tcc_sim.nodes.polling import LATCHED, states
     from tcc_sim.nodes.recorder import Recorder
     from tcc_sim.topics import JOINT_STATE, STRING

@@ -19,10 +19,10 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, String
 
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.polling import COMMANDS, poll, states, subscribe
 from tcc_sim.nodes.recorder import Recorder
-from tcc_sim.recording import cdr
 from tcc_sim.recording.reader import open_run
 
 

@@ -14,11 +14,11 @@ import rclpy
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.polling import COMMANDS
 from tcc_sim.nodes.recorder import Recorder
-from tcc_sim.recording import cdr
-from tcc_sim.reports.replay import Replay, replay
+from tcc_sim.replay.replay import Replay, replay
 from tcc_sim.scene import load_scene, parse_scene
 
 

@@ -15,9 +15,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from tcc_sim.errors import InputError, RecordingError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes import polling, recorder
-from tcc_sim.nodes.messages import message_class, qos_fields
-from tcc_sim.recording import cdr
+from tcc_sim.nodes.message_types import message_class, qos_fields
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
 

@@ -19,12 +19,12 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.nodes.slip_controller import SlipControllerNode
-from tcc_sim.recording import cdr
 from tcc_sim.recording.reader import open_run
-from tcc_sim.reports.replay import replay
+from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 
 CYCLE = 2.0 * np.pi / 150.0

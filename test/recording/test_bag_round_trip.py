@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from tcc_sim.errors import InputError, RecordingError
-from tcc_sim.recording import cdr
+from tcc_sim.messages import cdr
+from tcc_sim.messages.definitions import _CARRIED, _installed, definition
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.definitions import _CARRIED, _installed, definition
 from tcc_sim.recording.reader import open_run
-from tcc_sim.recording.trajectory import write_trajectory
+from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.topics import topic
 
 SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"
@@ -182,7 +182,7 @@ def test_mcap_ros2_decodes_every_message_alike(tmp_path):
 
 def test_a_trajectory_becomes_a_recording(tmp_path):
     from tcc_sim.model.parameters import System
-    from tcc_sim.solvers.trajectory import Problem, assemble
+    from tcc_sim.solvers.problem import Problem, assemble
 
     t = np.linspace(0.0, 0.1, 101)
     states = np.column_stack([np.cos(t), np.sin(t), np.cos(2 * t)])

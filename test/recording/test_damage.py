@@ -178,7 +178,7 @@ def test_messages_are_found_without_an_index_too(original):
 
 
 def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
-    from tcc_sim.recording import cdr
+    from tcc_sim.messages import cdr
     from tcc_sim.recording.bag import BagWriter
     from tcc_sim.topics import JOINT_STATE
 

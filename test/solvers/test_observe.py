@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.solvers.observe import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_from_samples
 
 W = 150.0
 CYCLE = 2.0 * math.pi / W

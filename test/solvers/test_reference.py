@@ -7,7 +7,7 @@ import pytest
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.observe import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
 
 BASE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3})
@@ -90,7 +90,7 @@ def test_too_many_steps_are_refused():
 
 
 def test_jacobian_is_the_derivative_of_the_rates():
-    from tcc_sim.solvers.reference import jacobian, rates_of
+    from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
     terms = terms_of(replace(STICK_SLIP, {"pressure.amplitude": 5e4}))
     y = np.array([0.013, 0.1, 3.0, 0.2])
     found = jacobian(0.01, y, terms)

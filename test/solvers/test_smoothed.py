@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers import smoothed
-from tcc_sim.solvers.terms import general_terms, terms_of
-from tcc_sim.solvers.trajectory import Problem, State, Status, stick_speed_of
+from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.smoothed.solve import solve as smoothed
+from tcc_sim.solvers.terms import general_terms, stick_speed_of, terms_of
+from tcc_sim.trajectory import State, Status
 
 FIG02 = {"pressure.mean": 260417.0, "pressure.amplitude": 52083.4, "friction.kinetic_coefficient": 0.24}
 PERIODIC = {**FIG02, "friction.kinetic_coefficient": 0.3, "pressure.amplitude": 0.0}

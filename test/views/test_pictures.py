@@ -10,8 +10,9 @@ from tcc_sim.analysis.cycles import cycles_of
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.errors import MissingPackage
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.trajectory import Trajectory
-from tcc_sim.views import pictures, style
+from tcc_sim.trajectory import Trajectory
+from tcc_sim.views import overview as pictures
+from tcc_sim.views import style
 
 CYCLE = System().cycle
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError, MissingPackage
-from tcc_sim.solvers.trajectory import Cycles
+from tcc_sim.trajectory import Cycles
 from tcc_sim.views.rerun_stream import RerunStream
 
 CYCLE = 0.05

@@ -1,0 +1,1 @@
+"""What is measured: error against run time, extreme cases, other programs, pacing and endurance; with their drawings."""

@@ -1,0 +1,230 @@
+"""The extreme scenes of the stability report, and what each engine must keep on every one of them.
+
+Bounded has a meaning: with E = I1 theta1'^2/2 + I2 theta2'^2/2 + K23 theta2^2/2, friction and damper only take energy, so
+d sqrt(E)/dt <= max|Te|/sqrt(2 I1) and sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1) whatever the friction law does.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.benchmarks.references import Floats, Unfinished, final_state
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers.fixed_step import substeps
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.trajectory import Trajectory
+
+Keys = dict[str, Any]
+Record = dict[str, Any]
+ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None), "fixed_step": ("smoothed", 1e-3)}
+"""Each engine with the friction law that it solves and its step, s."""
+BASE: Keys = {"initial.slip_speed": 5.0}
+"""What every case starts from beside the defaults: stick begins within the horizon."""
+CYCLES, RADIANS = 2, 30.0
+"""Least horizon of a case: engine cycles, and phase of the natural frequency."""
+REFERENCE_RADIANS = 60.0
+"""Longest horizon of the comparison with a reference, in phase of the natural frequency."""
+PHASE = 0.008
+"""Phase of the natural frequency between two samples of the power balance, rad."""
+SAMPLES_PER_STOP = 20.0
+"""Samples of the power balance in the time that the first slip takes to stop, as far as memory allows."""
+SHARPEST = 1e5
+"""Above this smoothing, s/rad, the reference is that of the set-valued law, from which the smoothed one differs by about
+1/sigma."""
+SLACK = 1e-3
+"""How far a run may pass its energy bound, for the error of the method."""
+
+RANGES: dict[str, tuple[Any, ...]] = {
+    "friction.kinetic_coefficient": (0.3, 0.285, 0.24, 0.2, 0.15, 0.1, 0.075),
+    "friction.smoothing": (50.0, 1e3, 1e4, 1e5, 1e6, 1e9),
+    "pressure.mean": (0.0, 1e2, 1e4, 225e3, 1e6, 1e7),
+    "share": (0.0, 0.2, 0.9, 0.999, 1.0, 1.5),
+    "engine.frequency": (1.0, 20.0, 116.77, 150.0, 387.3, 1000.0, 5000.0),
+    "driveline.damping": (0.0, 0.6, 15.4919333848),
+    "driveline.plate_inertia": (0.02, 1e-3, 1e-4, 1e-6),
+    "initial.slip_speed": (0.0, 1e-9, 5.0, -5.0, 1e4),
+    "engine.mean_torque": (300.0, 0.0, -300.0),
+    "engine.torque_amplitude": (250.0, 0.0, 1000.0),
+    "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0),
+    "pressure.phase": (0.0, math.pi / 2.0, math.pi)}
+"""What each key goes through, alone and in combinations; `share` is Tsp/Tsm."""
+PAIRS = (("friction.kinetic_coefficient", "friction.smoothing"), ("friction.kinetic_coefficient", "share"),
+         ("friction.kinetic_coefficient", "pressure.mean"), ("friction.smoothing", "initial.slip_speed"))
+SLOW, LIGHT = 100.0, 1e-3
+"""A plate lighter than this, kg m^2, is not combined with an engine slower than this, rad/s: a cycle would last for ever."""
+
+
+def cases(count: int, seed: int = 1) -> list[Keys]:
+    """`count` different scenes as changes of the defaults: every value alone, pairs, near-grazing ones, then random draws."""
+    found: list[Keys] = [{}]
+    found += [{key: value} for key, values in RANGES.items() for value in values]
+    found += grazing()
+    found += [{one: a, two: b} for one, two in PAIRS for a in RANGES[one] for b in RANGES[two]]
+    draw = np.random.default_rng(seed)
+    if count < len(found):
+        found = [found[i] for i in sorted(draw.permutation(len(found))[:count].tolist())]
+    out: dict[str, Keys] = {}
+    while len(out) < count:
+        keys = found.pop(0) if found else {k: v[int(draw.integers(len(v)))] for k, v in RANGES.items() if draw.random() < 0.5}
+        merged = plain(keys)
+        if merged.get("driveline.plate_inertia", 1.0) < LIGHT and merged.get("engine.frequency", SLOW) < SLOW:
+            continue
+        out.setdefault(repr(sorted(merged.items())), merged)
+    return list(out.values())
+
+
+def plain(keys: Keys) -> Keys:
+    """The scene keys with `share` turned into a pressure amplitude."""
+    out = {**BASE, **keys}
+    share = out.pop("share", 0.2)
+    out["pressure.amplitude"] = min(share * out.get("pressure.mean", System().pressure.mean), 1e7)
+    return out
+
+
+def grazing() -> list[Keys]:
+    """Undamped stuck motions whose interface torque reaches the breakaway torque to within a small share."""
+    gain = 3000.0 - 0.02 * 60.0**2, 3000.0 - 0.22 * 60.0**2
+    reach = 300.0 + 100.0 * gain[0] / gain[1]
+    start = {"initial.slip_speed": 0.0, "initial.plate_angle": 0.1, "initial.plate_speed": 6000.0 / gain[1], "share": 0.0,
+             "driveline.damping": 0.0, "engine.torque_amplitude": 100.0, "engine.frequency": 60.0}
+    return [{**start, "friction.kinetic_coefficient": 0.3 / ratio, "pressure.mean": reach * (1.0 - share) / 0.0024}
+            for ratio in (1.0, 1.25) for share in (-1e-3, -1e-6, 1e-9, 1e-6, 1e-3, 1e-2)]
+
+
+def examine(keys: Keys, engine: str, truth: Truth) -> Record:
+    """Solve one case with one engine; the record of stability.json.
+
+    Parameters
+    ----------
+    keys : scene keys that differ from the defaults
+    truth : the reference for these keys and the law of the engine
+    """
+    law, step = ENGINES[engine]
+    record: Record = {**keys, "friction.law": law, "solver": engine, "step": step, "status": "REFUSED", "why": "",
+                      "finite": None, "bounded": None, "error": None,
+                      "iterations_max": None, "iterations_bound": None, "power_residual": None,
+                      "seconds": 0.0}
+    began = time.perf_counter()
+    try:
+        system = replace(System(), {**keys, "friction.law": law})
+        radians = system.natural_frequency * system.cycle
+        samples = max(radians / PHASE, SAMPLES_PER_STOP * system.cycle / _stopping_time(system), 64.0)
+        if step is not None:
+            step = record["step"] = system.cycle / math.ceil(system.cycle / step)
+        run = solve(system, cycles=max(CYCLES, math.ceil(RADIANS / radians)), solver=engine, step=step,
+                    samples_per_cycle=int(min(samples, 200_000.0)))
+        if truth.why == "":
+            short = solve(system, duration=truth.duration, solver=engine, step=step)
+    except InputError as error:
+        return {**record, "why": str(error)}
+    if run.status is Status.REFUSED:
+        return {**record, "why": run.detail}
+    own = run if step is None else states_of_steps(system, step)
+    record.update(status=run.status.name, why=run.detail if run.status is not Status.DONE else "",
+                  finite=finite(run) and finite(own), iterations_max=run.statistics.iterations_max,
+                  iterations_bound=run.statistics.iterations_bound)
+    if record["finite"]:
+        record.update(bounded=energy_excess(own) <= SLACK, power_residual=power_residual(run))
+    if truth.why == "" and short.status is Status.DONE:
+        state = np.array([short.slip_speed[-1], short.plate_angle[-1], short.plate_speed[-1]])
+        record["error"] = float((np.abs(state - truth.state) / truth.scale).max())
+    elif truth.why:
+        record["why"] = record["why"] or truth.why
+    record["seconds"] = time.perf_counter() - began
+    return record
+
+
+def states_of_steps(system: System, step: float) -> Trajectory:
+    """The states that fixed_step itself computes, sub-step for sub-step; other samples of it are interpolated."""
+    per_cycle = round(system.cycle / step) * substeps(terms_of(system), step)
+    return solve(system, cycles=CYCLES, solver="fixed_step", step=step, samples_per_cycle=min(per_cycle, 1_000_000))
+
+
+def finite(run: Trajectory) -> bool:
+    """Whether everything that a run gives is finite."""
+    arrays = [run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque]
+    if run.cycles is not None:
+        arrays += [run.cycles.section, run.cycles.highest, run.cycles.lowest, run.cycles.stick_time]
+    return all(bool(np.isfinite(a).all()) for a in arrays)
+
+
+def energy(run: Trajectory) -> Floats:
+    """Kinetic and spring energy at every sample, J."""
+    d = _system(run).driveline
+    flywheel = run.slip_speed + run.plate_speed
+    stored: Floats = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
+                            + d.stiffness * run.plate_angle**2)
+    return stored
+
+
+def energy_excess(run: Trajectory) -> float:
+    """By how much sqrt(E) passes its bound, relative to the bound; at most 0 for an exact solution."""
+    system = _system(run)
+    torque = abs(system.engine.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
+    root = np.sqrt(energy(run))
+    bound = root[0] + torque * (run.t - run.t[0]) / math.sqrt(2.0 * system.driveline.flywheel_inertia)
+    return float((root / np.maximum(bound, 1e-300)).max()) - 1.0 if bound[-1] > 0.0 else float(root.max())
+
+
+def power_residual(run: Trajectory) -> float:
+    """Engine work less friction and damper losses and stored energy, in each cycle, over the energies that take part.
+
+    The integrals are trapezoids over the samples; with PHASE between them they are good to about 1e-5. Samples of fixed_step are
+    interpolated between its sub-steps, which the residual shows where slip stops within one of them.
+    """
+    system = _system(run)
+    flywheel = run.slip_speed + run.plate_speed
+    supply = run.engine_torque * flywheel
+    losses = run.friction_torque * run.slip_speed + system.driveline.damping * run.plate_speed**2
+    width = np.diff(run.t)
+    stored = energy(run)
+    per_cycle = max(round(system.cycle / float(width[0])), 1)
+    marks = np.arange(0, len(run.t), per_cycle)
+    if len(marks) < 2:
+        return math.nan
+
+    def work(power: Floats) -> Floats:
+        total = np.concatenate([[0.0], np.cumsum(0.5 * width * (power[1:] + power[:-1]))])
+        return np.diff(total[marks])
+
+    residual = np.abs(work(supply - losses) - np.diff(stored[marks]))
+    scale = max(float(stored.max()), float(work(np.abs(supply)).max()), 1e-300)
+    return float(residual.max()) / scale
+
+
+class Truth:
+    """The final state of a reference over a short horizon, and each signal's size; `why` says what there is none for."""
+
+    def __init__(self, keys: Keys, law: str) -> None:
+        sharp = law == "smoothed" and keys.get("friction.smoothing", 50.0) > SHARPEST
+        self.why, self.state, self.scale, self.duration = "", np.zeros(3), np.ones(3), 0.0
+        try:
+            system = replace(System(), {**keys, "friction.law": "set_valued" if sharp else law})
+            self.duration = min(CYCLES * system.cycle, REFERENCE_RADIANS / system.natural_frequency)
+            method, rtol = ("LSODA", 1e-11) if system.friction.law == "smoothed" else ("DOP853", 1e-12)
+            self.state, largest = final_state(system, self.duration, method, rtol)
+        except Unfinished as error:
+            self.why = f"no reference: {error}"
+            return
+        floor = np.array([1e-6 * max(float(largest[2]), 1e-6), 1e-12, 1e-9])
+        self.scale = np.maximum(largest, floor)
+
+
+def _stopping_time(system: System) -> float:
+    """How soon the initial slip can stop, s: |v|/(beta r Ts); slips too small to carry energy do not count."""
+    load = system.saturation_mean + system.saturation_amplitude
+    slip = abs(system.initial.slip_speed)
+    return slip / max(system.inverse_inertia * system.friction_ratio * load, 1e-12) if slip > 0.1 else math.inf
+
+
+def _system(run: Trajectory) -> System:
+    """The system that a run solved."""
+    if run.system is None:
+        raise ValueError("the run has no system")
+    return run.system

@@ -1,0 +1,261 @@
+"""Error against run time for every registered solver and for other programs, in the manner of SciMLBenchmarks.
+
+Every solver runs over a ladder of tolerances or steps on each scene. The errors are those of the final state, of the
+stroboscopic section and of each cycle's largest slip speed, against SciPy references of `reference.py`; the time is the
+least CPU time of repeated runs, after a first one that compiles. What failed is listed with the reason.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.benchmarks import peers
+from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
+from tcc_sim.errors import TccError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import SOLVERS, Status, solve
+from tcc_sim.solvers.terms import peak_load, terms_of
+
+Record = dict[str, Any]
+REPEATS = 9
+"""A setting runs until it has had this many repeats, or its effort's seconds."""
+WRONG = 1.0
+"""A relative error above this is a failure: no digit is right."""
+STABLE = {"rk4": 2.785, "rk45": 3.3, "dop853": 6.0}
+"""How far the stability region of an explicit method reaches along the negative real axis (Hairer and Wanner, IV.2)."""
+SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 8e-5, "dop853": 1.6e-4}
+"""Rough cost, to leave out what would take too long."""
+
+
+ERRORS = ("error_final", "error_section", "error_max_slip")
+LONG_RUN = ("smoothed", "event_driven", "solve_ivp LSODA", "XPPAUT cvode")
+LONG_RUN_SCENES = ("fig02", "minimal")
+LONG_RUN_ERROR = 1e-6
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene of the study."""
+
+    name: str
+    description: str
+    system: System
+    cycles: int
+
+    def set_valued(self) -> Case:
+        """The same scene with the friction law (6)."""
+        return Case(f"{self.name}, set-valued", f"{self.description}; friction law (6)",
+                    replace(self.system, {"friction.law": "set_valued"}), self.cycles)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a study does."""
+
+    cycles: int
+    patience: float
+    """Seconds of repeats of one setting."""
+    longest: float
+    """A run that would take more seconds is left out."""
+    references: dict[str, tuple[tuple[str, float], tuple[str, float]]]
+    ladders: dict[str, tuple[float, ...]]
+    peers: dict[str, tuple[float, ...]]
+    long_cycles: int
+
+
+FULL = Effort(
+    12, 0.3, 5.0, {"smoothed": (("Radau", 1e-12), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("Radau", 1e-12))},
+    {"fixed_step": (1e-3, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6, 2e-6),
+     "smoothed": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
+     "event_driven": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
+     "rk45": (1e-7,), "dop853": (1e-8,), "radau": (1e-3, 1e-5, 1e-7, 1e-9), "bdf": (1e-3, 1e-5, 1e-7),
+     "lsoda": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10), "rk4": (1.5, 0.9, 0.45, 0.225)},
+    {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10), "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
+     "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8),
+     "Siconos theta 1/2": (1e-4, 3e-5, 1e-5), "Siconos theta 1": (1e-4, 3e-5, 1e-5)}, 2000)
+QUICK = Effort(
+    4, 0.08, 0.7, {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
+    {"fixed_step": (1e-3, 5e-5, 1e-5), "smoothed": (1e-4, 1e-6, 1e-8, 1e-10), "event_driven": (1e-6, 1e-10), "rk45": (1e-5,),
+     "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
+    {"solve_ivp LSODA": (1e-6, 1e-8), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10), "Siconos theta 1/2": (1e-4, 3e-5)}, 500)
+
+
+def cases(effort: Effort) -> list[Case]:
+    """The scenes; the horizon is short since the motion of some of them is chaotic and any error grows."""
+    base, fewest = load_scene("fig02").system, load_scene("minimal").system
+    steep = replace(base, {"friction.kinetic_coefficient": 0.15, "engine.mean_torque": 100.0, "engine.torque_amplitude": 400.0})
+    smoothed = [
+        Case("fig02", "stick-slip of Fig. 2, mu_s/mu_k = 1.25", base, effort.cycles),
+        Case("minimal", "mu_k = mu_s, constant pressure", fewest, effort.cycles),
+        Case("steep", "mu_s/mu_k = 2, Tm = 100 N m, Tp = 400 N m, else fig02", steep, effort.cycles),
+        Case("stiff", "sigma = 1e4 s/rad, else fig02", replace(base, {"friction.smoothing": 1e4}), effort.cycles)]
+    return [*smoothed, *(case.set_valued() for case in smoothed[:3])]
+
+
+def study(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record]:
+    """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more.
+
+    Parameters
+    ----------
+    quick : shorter horizon and ladders, and no run that takes long
+    done : called with runs done, runs in all, and what comes next
+    """
+    effort = QUICK if quick else FULL
+    chosen = cases(effort)
+    total = sum(2 + len(list(settings(case, effort))) for case in chosen)
+    count = 0
+    for case in chosen:
+        truths = []
+        for method, rtol in effort.references[case.system.friction.law]:
+            done(count, total, f"{case.name}: reference {method}")
+            truths.append(reference(case.system, case.cycles, method, rtol))
+            count += 1
+        record = case_record(case, truths)
+        for solver, setting in settings(case, effort):
+            done(count, total, f"{case.name}: {solver} {setting:g}")
+            record_run(record, case, solver, setting, truths[0], effort)
+            count += 1
+        long_run(record, case, effort)
+        yield record
+    done(total, total, "")
+
+
+def case_record(case: Case, truths: list[Reference]) -> Record:
+    """The record of a scene without its runs."""
+    return {"scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
+            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "results": [], "omitted": [],
+            "warm_up": {}, "long_run": []}
+
+
+def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
+    """Every solver that does this law, with its ladder; steps of rk4 are shares of its stability limit."""
+    law = case.system.friction.law
+    for solver, ladder in effort.ladders.items():
+        if law in SOLVERS[solver].laws:
+            if solver == "event_driven" and case.system.friction_ratio == 1.0:
+                ladder = ladder[-1:]
+            for value in ladder:
+                yield solver, float(f"{value * STABLE['rk4'] / stick_rate(case.system):.2g}") if solver == "rk4" else value
+    for peer, ladder in effort.peers.items():
+        relay = case.system.friction_ratio == 1.0 and case.system.pressure.amplitude == 0.0 and law == "set_valued"
+        if relay if peer.startswith("Siconos") else law == "smoothed":
+            for value in ladder:
+                yield peer, value
+
+
+def stick_rate(system: System) -> float:
+    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
+    return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
+
+
+def record_run(record: Record, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
+    """Run one setting and put it into `results` or `omitted`."""
+    try:
+        run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting, effort)
+        found = errors(run.section, run.largest, truth)
+        if not max(found) <= WRONG:
+            raise peers.Failed(f"wrong: its largest relative error is {max(found):.2g}")
+    except (peers.Failed, TccError) as error:
+        record["omitted"].append({"solver": solver, "setting": setting, "why": str(error)})
+        return
+    record["results"].append({"solver": solver, "setting": setting, "error_final": found[0], "error_section": found[1],
+                              "error_max_slip": found[2], "seconds": run.seconds, "steps": run.steps})
+
+
+def _peer(case: Case, solver: str, setting: float) -> peers.Run:
+    """One run of another program."""
+    name, _, method = solver.partition(" ")
+    if name == "XPPAUT":
+        return peers.xppaut(case.system, method, setting, case.cycles, 5)
+    if name == "Siconos":
+        return peers.siconos(case.system, round(case.system.cycle / setting), 0.5 if method.endswith("/2") else 1.0, case.cycles)
+    return peers.bare_lsoda(case.system, case.cycles, setting, 5)
+
+
+def _registered(record: Record, case: Case, solver: str, setting: float, effort: Effort) -> peers.Run:
+    """Repeated runs of a registered solver; its first call, which compiles, is timed apart."""
+    if solver in STABLE:
+        step = setting if solver == "rk4" else STABLE[solver] / stick_rate(case.system)
+        steps = case.cycles * case.system.cycle / step
+        if steps * SECONDS_PER_STEP[solver] > 4.0 * effort.longest:
+            raise peers.Failed(f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, which takes "
+                               f"about {steps * SECONDS_PER_STEP[solver]:.2g} s")
+    options: dict[str, Any] = {SOLVERS[solver].setting: setting}
+    if solver not in record["warm_up"]:
+        began = time.process_time()
+        solve(case.system, duration=1e-3 * case.system.cycle, solver=solver)
+        record["warm_up"][solver] = time.process_time() - began
+    best, spent, count = math.inf, 0.0, 0
+    while count == 0 or (count < REPEATS and spent < effort.patience):
+        began = time.process_time()
+        found = solve(case.system, cycles=case.cycles, solver=solver, **options)
+        used = time.process_time() - began
+        best, spent, count = min(best, used), spent + used, count + 1
+        if found.status is not Status.DONE:
+            raise peers.Failed(found.status.value + (f"; {found.detail}" if found.detail else ""))
+    cycles = found.cycles
+    if cycles is None:
+        raise peers.Failed("no cycles")
+    return peers.Run(cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)), best, found.statistics.steps)
+
+
+def long_run(record: Record, case: Case, effort: Effort) -> None:
+    """Seconds per 100 cycles of a long run, where the cost of a call no longer counts, at the fastest setting up to 1e-6."""
+    best = fastest(record, LONG_RUN_ERROR)
+    for solver in LONG_RUN:
+        if solver not in best or case.name.split(",")[0] not in LONG_RUN_SCENES:
+            continue
+        setting = best[solver]["setting"]
+        if solver in effort.peers:
+            longer = replace_cycles(case, effort.long_cycles // (20 if solver.endswith("LSODA") else 5))
+            try:
+                run = _peer(longer, solver, setting)
+            except peers.Failed:
+                continue
+        else:
+            longer = replace_cycles(case, effort.long_cycles)
+            run = _registered(record, longer, solver, setting, effort)
+        record["long_run"].append({"solver": solver, "setting": setting, "cycles": longer.cycles,
+                                   "seconds_per_100_cycles": 100.0 * run.seconds / longer.cycles})
+
+
+def replace_cycles(case: Case, cycles: int) -> Case:
+    """The scene over another number of cycles."""
+    return dataclasses.replace(case, cycles=cycles)
+
+
+def fastest(record: Record, target: float) -> dict[str, Record]:
+    """For each solver its fastest result whose three errors are all at most `target`."""
+    out: dict[str, Record] = {}
+    for row in record["results"]:
+        if max(row[key] for key in ERRORS) <= target and (
+                row["solver"] not in out or row["seconds"] < out[row["solver"]]["seconds"]):
+            out[row["solver"]] = row
+    return out
+
+
+def as_json(records: list[Record], speed: Record | None, quick: bool, complete: bool) -> Record:
+    """What precision.json holds: the first scene's record, all of them under `scenes`, and `sweep_speed` where it was done."""
+    from tcc_sim import __version__
+
+    head = records[0] if records else {"scene": None, "reference": {"solvers": [], "floor": None}, "results": [], "omitted": []}
+    return {**head, "scenes": records, "sweep_speed": speed, "peers": joined(records), "quick": quick, "complete": complete,
+            "version": __version__}
+
+
+def joined(records: list[Record]) -> dict[str, str]:
+    """For each other program whether it took part."""
+    out = {}
+    for name in ("XPPAUT", "Siconos"):
+        rows = [row for record in records for row in record["results"] if row["solver"].startswith(name)]
+        missing = [row["why"] for record in records for row in record["omitted"] if row["solver"].startswith(name)]
+        out[name] = "joined" if rows else (missing[0] if missing else "not run")
+    return out

@@ -1,0 +1,1 @@
+"""What a result is written as: new files that appear whole, tables for a terminal, samples, what a scene builds."""

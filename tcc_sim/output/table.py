@@ -1,0 +1,52 @@
+"""The summary of a run as lines for a terminal."""
+
+from __future__ import annotations
+
+import math
+
+from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.summary import Summary
+from tcc_sim.studies.lyapunov import Lyapunov
+
+SECTION_LINES = 16
+"""Most section points shown."""
+
+
+def rows(pairs: list[tuple[str, str]]) -> list[str]:
+    """Names and what they are, in two columns."""
+    width = max((len(name) for name, _ in pairs), default=0)
+    return [f"  {name:<{width}}  {value}" for name, value in pairs]
+
+
+def summary_rows(summary: Summary) -> list[tuple[str, str]]:
+    """The figures of a steady state with their units."""
+    if summary.period:
+        period = f"{summary.period} engine cycle{'s' if summary.period > 1 else ''}"
+        period += ", settled" if summary.settled else f", still converging: it changes by {summary.section_change:.1e} of it"
+    else:
+        period = "none up to 16 engine cycles"
+    out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
+           ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
+           ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time"),
+           ("period", period)]
+    for number, (angle, speed) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
+        out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
+    if not summary.period and summary.section:
+        out.append(("section", f"{len(summary.section)} points"))
+    out.append(("engine cycles", f"{summary.cycles}, the first {summary.discarded} dropped"))
+    return out
+
+
+def damping_row(found: Damping) -> tuple[str, str]:
+    """The equivalent damping (21) beside what (23) compares it with."""
+    if math.isnan(found.weighted):
+        reason = "no whole engine cycle could be solved" if math.isnan(found.negative_mean) else "there is no slip"
+        return "equivalent damping (21)", f"none: {reason}"
+    return ("equivalent damping (21)", f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
+            f"-C23 is {found.threshold:.4g}")
+
+
+def lyapunov_row(found: Lyapunov) -> tuple[str, str]:
+    """The largest Lyapunov exponent with its confidence interval."""
+    return ("largest Lyapunov exponent", f"{found.exponent:.4g} 1/s, {found.low:.4g} to {found.high:.4g} at "
+            f"{100.0 * found.confidence:g} % confidence: {found.diagnosis}")

@@ -1,0 +1,1 @@
+"""The paper again: its figures as numbers and drawings, and its claims judged by criteria in code."""

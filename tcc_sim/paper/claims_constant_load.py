@@ -1,0 +1,255 @@
+"""The claims about Figs. 2 to 7: solvers, the friction law, and constant normal load."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.damping import slope_of_friction
+from tcc_sim.model import closed_form, friction
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, SUPER_HARMONICS, paper_system
+from tcc_sim.paper.evidence import (
+    DEPENDS,
+    KINETIC,
+    NOT_CONFIRMED,
+    Evidence,
+    Finding,
+    judged,
+    periods,
+    slips_at,
+    with_kinetic,
+)
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.terms import terms_of
+
+FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
+ALIKE = 0.05
+"""Root mean square difference, relative to the largest slip speed, that shows on a printed curve."""
+NEAR = 0.02
+"""How far from a printed frequency ratio or friction ratio something may be and count as there."""
+
+
+def solvers_agree(evidence: Evidence) -> Finding:
+    """Fig. 2: RK45, Gear and the discontinuous solution."""
+    differences = _differences({"rk45": ("smoothed", None), "bdf": ("smoothed", None), "event_driven": ("set_valued", None)})
+    worst = max(differences.values())
+    return Finding("2", "RK45, a stiff (Gear) method and the discontinuous solution agree",
+                   f"rms difference of the slip speed over a steady cycle below {ALIKE:g} of its maximum", differences,
+                   judged(worst < ALIKE), "the rest of the discontinuous solution's difference is the smoothing, sigma = 50")
+
+
+def classical_differs(evidence: Evidence) -> Finding:
+    """Fig. 2: classical Runge-Kutta at a fixed step."""
+    steps = (1e-6, 2e-5, 5e-5, 1e-4)
+    differences = _differences({f"rk4, step {h:g} s": ("smoothed", h) for h in steps})
+    differing = [d > ALIKE for d in differences.values()]
+    return Finding("2", "classical fixed-step RK4 differs from them", f"rms difference above {ALIKE:g} of the maximum",
+                   differences, DEPENDS if any(differing) and not all(differing) else judged(all(differing)),
+                   "the step is not printed: within the stability limit (some 1.6 us) RK4 agrees, beyond it stick rings")
+
+
+def _differences(chosen: dict[str, tuple[str, float | None]]) -> dict[str, float]:
+    """Root mean square difference from the smoothed engine over one cycle of Fig. 2, relative to the maximum."""
+    system = paper_system(FIGURES[2].series[0].values)
+    start = solve(system, cycles=150).raise_for_status().final
+    reference = solve(system, cycles=1, samples_per_cycle=400, start_cycle=150, state=start)
+    out = {}
+    for name, (law, step) in chosen.items():
+        row = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
+        run = solve(row, cycles=1, samples_per_cycle=400, start_cycle=150, state=start, solver=name.split(",")[0], step=step)
+        found = np.interp(reference.t, run.raise_for_status().t, run.slip_speed) - reference.slip_speed
+        out[name] = float(np.sqrt(np.mean(found**2)) / np.abs(reference.slip_speed).max())
+    return out
+
+
+def maximum_falls(evidence: Evidence) -> Finding:
+    """Fig. 3: the smoothed maximum."""
+    peaks = {}
+    for ratio in FRICTION_RATIOS[1:]:
+        terms = terms_of(paper_system(with_kinetic(ratio)))
+        assert terms.smoothing is not None
+        peaks[f"{ratio:g}"] = friction.peak(terms.smoothing, terms.stribeck)[1] * ratio
+    parts = list(peaks.values())
+    return Finding("3", "the smoothed maximum of mubar falls below mu_s/mu_k",
+                   "maximum of (7) over mu_s/mu_k below 1, and the lower the smaller mu_k", {"maximum / (mu_s/mu_k)": peaks},
+                   judged(max(parts) < 1.0 and parts == sorted(parts, reverse=True)))
+
+
+def slope_turns_negative(evidence: Evidence) -> Finding:
+    """Fig. 3: the slope."""
+    lowest = {}
+    v = np.linspace(1e-4, 1.0, 20001)
+    for ratio in FRICTION_RATIOS:
+        terms = terms_of(paper_system(with_kinetic(ratio)))
+        assert terms.smoothing is not None
+        lowest[f"{ratio:g}"] = float(friction.smoothed_and_slope(v, terms.smoothing, terms.stribeck)[1].min())
+    found = list(lowest.values())
+    return Finding("3", "the slope d(mubar)/dv turns negative, more so for smaller mu_k",
+                   "least slope of (20b) below 0 for mu_k < mu_s and falling with mu_k", {"least slope (s/rad)": lowest},
+                   judged(found[0] >= 0.0 and found[1] < 0.0 and found == sorted(found, reverse=True)))
+
+
+AXIS = np.round(np.arange(0.05, 0.5001, 0.003), 6)
+
+
+def smooth_when_equal(evidence: Evidence) -> Finding:
+    """Fig. 4: mu_k = mu_s."""
+    jumps = evidence.jumps(with_kinetic(1.0), AXIS)
+    return Finding("4", "the map is a smooth curve for mu_k = mu_s",
+                   "no jump of more than 8 % of the maximum on a 1e-5 wide interval",
+                   {"jumps (omega/omega_n, rad/s)": jumps}, judged(not jumps))
+
+
+def super_harmonic_jumps(evidence: Evidence) -> Finding:
+    """Fig. 4: jumps at the super-harmonic peaks."""
+    places = {f"{r:g}": [round(x, 4) for x, _ in evidence.jumps(with_kinetic(r), AXIS)] for r in FRICTION_RATIOS[1:]}
+    named = {f"{m:.3f}": min((x for found in places.values() for x in found), key=lambda x: abs(x - m), default=float("nan"))
+             for m in SUPER_HARMONICS}
+    near = [abs(x - float(m)) <= NEAR for m, x in named.items()]
+    return Finding("4", "super-harmonic peaks with jumps near 0.167, 0.20, 0.25, 0.33 appear as mu_k falls",
+                   f"a jump within {NEAR:g} of each for mu_k = 0.83, 0.75 or 0.667 mu_s", {"jumps": places, "nearest": named},
+                   judged(all(near), any(near)), "peaks move up as mu_k falls, as the paper says, and there are more jumps")
+
+
+def stick_transition(evidence: Evidence) -> Finding:
+    """Fig. 4: from stick-slip to stick."""
+    rows = [with_kinetic(r) for r in FRICTION_RATIOS]
+    last = {f"{r:g}": float(slips_at(s).max()) for r, s in zip(FRICTION_RATIOS, evidence.curves(rows, AXIS))}
+    found = list(last.values())
+    return Finding("4", "the transition between stick and stick-slip lies near 0.4 and moves with mu_k",
+                   f"highest slipping ratio within {NEAR:g} of 0.4 for mu_k = mu_s, and another for every mu_k",
+                   {"last slip": last},
+                   judged(abs(found[0] - 0.4) <= NEAR and len(set(found)) == len(found)),
+                   "from the initial state (13) it moves up as mu_k falls; stick and stick-slip coexist in between")
+
+
+def stick_limits(evidence: Evidence) -> Finding:
+    """(10), (25): where pure stick ends, against the simulation."""
+    system = paper_system()
+    limits = closed_form.stick_limits(system, 0.05 * OMEGA_N, 0.6 * OMEGA_N)
+    upper = None if limits.higher is None else limits.higher / OMEGA_N
+    if upper is None:
+        return Finding("4", "pure stick ends where (10), (25) say", "an upper limit exists", {}, NOT_CONFIRMED)
+    found: dict[str, Any] = {"(10), (25)": upper}
+    for law in ("set_valued", "smoothed"):
+        axis = np.linspace(upper - 0.02, upper + 0.02, 81)
+        slipping = slips_at(evidence.curves([{"friction.law": law}], axis, direction="down")[0])
+        found[law] = float(slipping.max()) if len(slipping) else None
+    exact = found["set_valued"]
+    return Finding("4", "pure stick ends where (10), (25) say (corrected: both signs, four-quadrant phase)",
+                   "highest slipping ratio of a downward sweep with the set-valued law within 0.001 of the closed form", found,
+                   judged(exact is not None and abs(exact - upper) <= 1e-3),
+                   "with the smoothed law stick is creep below its peak, so its limit differs a little")
+
+
+def jump_doubles_period(evidence: Evidence) -> Finding:
+    """Fig. 4: mu_k = 0.83 mu_s near 0.20."""
+    row = with_kinetic(0.83)
+    places = [x for x, _ in evidence.jumps(row, AXIS) if abs(x - 0.20) <= NEAR]
+    around = {f"{x:.4f}": [evidence.motion({**row, "engine.frequency": (x + d) * OMEGA_N})["period"] for d in (-2e-3, 2e-3)]
+              for x in places}
+    return Finding("4", "a jump near 0.20 at mu_k = 0.83 mu_s turns period one into two",
+                   f"a jump within {NEAR:g} of 0.20 with period 1 just below it and 2 just above", {"periods around": around},
+                   judged([1, 2] in around.values()))
+
+
+def damping_crosses(evidence: Evidence) -> Finding:
+    """Fig. 5: (21) against -C23."""
+    axis = np.round(np.arange(0.08, 0.3001, 0.002), 6)
+    sweep = evidence.curves([with_kinetic(0.667)], axis, damping=True)[0]
+    printed, negative = sweep.column("equivalent_damping"), sweep.column("negative_slope_mean")
+    changes = np.flatnonzero(np.diff(periods(sweep)) != 0)
+    at = {name: _crossings(values, axis) for name, values in (("printed", printed), ("negative", negative))}
+    hit = {name: sum(bool(len(changes)) and float(np.abs(axis[changes] - x).min()) <= 0.005 for x in found)
+           for name, found in at.items()}
+    values = {"Cf as printed, least and largest": [float(np.nanmin(printed)), float(np.nanmax(printed))],
+              "mean of the negative slope at 0.12, 0.20, 0.25": [float(np.interp(x, axis, negative)) for x in (0.12, 0.20, 0.25)],
+              "crossings as printed": at["printed"], "crossings of the mean negative slope": at["negative"],
+              "of these with a change of period within 0.005": hit["negative"], "changes of period": len(changes),
+              "other weights at 0.12, 0.20, 0.25": _other_readings()}
+    return Finding("5", "where the equivalent damping (21) crosses -C23 = -0.6 a bifurcation is seen",
+                   "(21) crosses -0.6 somewhere in 0.08 to 0.30, and the period changes within 0.005 of every crossing", values,
+                   judged(bool(at["printed"]) and hit["printed"] == len(at["printed"])),
+                   "as printed, weighted with v^2, (21) stays near 0: the falling slope lives at small |v|, where v^2 is small. "
+                   "The time mean of the negative slope has the printed order, and is below -0.6 over nearly all of the range")
+
+
+def _crossings(values: np.ndarray, axis: np.ndarray) -> list[float]:
+    """Where the values pass -C23."""
+    below = values < -paper_system().driveline.damping
+    return [round(float(0.5 * (axis[k] + axis[k + 1])), 4) for k in np.flatnonzero(below[1:] != below[:-1])]
+
+
+def _other_readings() -> dict[str, list[float]]:
+    """dT/dv averaged with other weights: none, |v|, and the square of the fluctuation; N m s/rad."""
+    out: dict[str, list[float]] = {"no weight": [], "|v|": [], "(v - mean v)^2": [], "v^2 outside stick": []}
+    for ratio in (0.12, 0.20, 0.25):
+        system = paper_system(with_kinetic(0.667, {"engine.frequency": ratio * OMEGA_N}))
+        before = solve(system, cycles=100).raise_for_status()
+        run = solve(system, cycles=16, samples_per_cycle=8192, start_cycle=100, state=before.final)
+        slope, v = slope_of_friction(run), run.slip_speed
+        slipping = run.state != 0
+        for name, weight in (("no weight", np.ones_like(v)), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - v.mean()) ** 2),
+                             ("v^2 outside stick", np.where(slipping, v * v, 0.0))):
+            out[name].append(float((slope * weight).sum() / weight.sum()))
+    return out
+
+
+RATIOS = np.round(np.arange(0.55, 1.0001, 0.005), 6)
+AT_036 = {"engine.frequency": 0.36 * OMEGA_N}
+
+
+def period_one_near_unity(evidence: Evidence) -> Finding:
+    """Fig. 6: mu_k near mu_s."""
+    found = evidence.curves([AT_036], RATIOS, over=KINETIC)[0]
+    near = periods(found)[RATIOS >= 0.94]
+    return Finding("6", "only period-one motions near mu_k = mu_s", "period 1 at every mu_k/mu_s from 0.94 to 1",
+                   {"periods": sorted({int(p) for p in near})}, judged(bool((near == 1).all())))
+
+
+def period_two_from(evidence: Evidence) -> Finding:
+    """Fig. 6: period two from about 0.92."""
+    ends: dict[str, float | None] = {}
+    for direction in ("cold", "up", "down"):
+        # An upward sweep starts on the period-two branch, below which lies the aperiodic range.
+        axis = RATIOS[RATIOS >= 0.74] if direction == "up" else RATIOS
+        two = axis[periods(evidence.curves([AT_036], axis, over=KINETIC, direction=direction)[0]) == 2]
+        ends[direction] = float(two.max()) if len(two) else None
+    close = [x is not None and abs(x - 0.92) <= NEAR for x in ends.values()]
+    return Finding("6", "a sudden bifurcation yields period two as mu_k/mu_s falls to about 0.92",
+                   f"highest mu_k/mu_s with period 2 within {NEAR:g} of 0.92 for cold starts and for both directions", ends,
+                   judged(all(close), any(close)),
+                   "period one and a large period two coexist: the latter ends at 0.92 only when it is followed upward")
+
+
+def aperiodic_from(evidence: Evidence) -> Finding:
+    """Fig. 6: aperiodic from about 0.7."""
+    ends: dict[str, float | None] = {}
+    for direction in ("cold", "up", "down"):
+        found = periods(evidence.curves([AT_036], RATIOS, over=KINETIC, direction=direction)[0])
+        none = RATIOS[(found == 0) & (RATIOS < 0.78)]
+        ends[direction] = float(none.max()) if len(none) else None
+    close = [x is not None and abs(x - 0.7) <= 0.05 for x in ends.values()]
+    return Finding("6", "quasi-periodic or chaotic from about mu_k/mu_s = 0.7 down",
+                   "highest mu_k/mu_s below 0.78 without a period up to 16 within 0.05 of 0.7, whatever the direction", ends,
+                   judged(all(close), any(close)))
+
+
+def three_motions(evidence: Evidence) -> Finding:
+    """Fig. 7."""
+    values: dict[str, Any] = {}
+    for ratio in (0.94, 0.74, 0.64):
+        found = evidence.motion(with_kinetic(ratio, AT_036), lyapunov=True)
+        values[f"{ratio:g}"] = {"period": found["period"],
+                                "lyapunov (1/s)": [found["lyapunov"][k] for k in ("low", "exponent", "high")],
+                                "diagnosis": found["lyapunov"]["diagnosis"]}
+    seen = [v["period"] for v in values.values()]
+    return Finding("7", "period one at 0.94, period two at 0.74, aperiodic at 0.64",
+                   "these periods, and at 0.64 the whole confidence interval of the largest Lyapunov exponent above 0", values,
+                   judged(seen == [1, 2, 0] and values["0.64"]["diagnosis"] == "chaotic", seen == [1, 2, 0]))
+
+
+CLAIMS = (solvers_agree, classical_differs, maximum_falls, slope_turns_negative, smooth_when_equal, super_harmonic_jumps,
+          stick_transition, stick_limits, jump_doubles_period, damping_crosses, period_one_near_unity, period_two_from,
+          aperiodic_from, three_motions)

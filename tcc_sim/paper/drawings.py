@@ -1,0 +1,196 @@
+"""Drawings of the paper's maps and diagrams from the numbers of `paper.figures`; histories are in `histories`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.paper import histories as paper_histories
+from tcc_sim.views import style
+
+Data = dict[str, Any]
+
+AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
+MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
+SECTION = r"$\delta_2$ (rad)"
+DIRECTIONS = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
+
+
+def draw(data: Data, stem: Path) -> None:
+    """Write the picture of one figure as `stem`.png and `stem`.svg.
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    """
+    height, paint = KINDS[data["kind"]]
+    with style.figure(style.PAGE, height(data)) as drawn:
+        extra = [] if data["law"] == "smoothed" or data["kind"] in ("law", "solvers") else ["set-valued law"]
+        directions = {c.get("direction") for c in data.get("curves", [])} - {None}
+        if data["kind"] in ("map", "damping") and directions != {"cold"}:
+            extra += [DIRECTIONS[d] for d in sorted(directions)]
+        note = f" ({', '.join(extra)})" if extra else ""
+        drawn.suptitle(f"Fig. {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+        paint(drawn, data)
+        drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
+        style.save_both(drawn, stem)
+
+
+def draw_file(path: Path, stem: Path) -> None:
+    """Draw a figure again from its JSON file."""
+    draw(json.loads(path.read_text()), stem)
+
+
+def _caption(data: Data) -> str:
+    """The line below a picture: parameters, and what was dropped and kept."""
+    if "cycles" not in data:
+        return str(data["caption"])
+    most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
+    return (f"{data['caption']}; {data['cycles']} engine cycles, the first {data['discarded']} dropped; "
+            rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}")
+
+
+def _numbers(values: list[float | None]) -> np.ndarray:
+    """Values with NaN for those that are missing."""
+    return np.array([np.nan if x is None else x for x in values], dtype=np.float64)
+
+
+def _marks(axis: Any, data: Data) -> None:
+    """Thin lines at the places that the text names."""
+    for x in data["marks"]:
+        axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
+
+
+def _orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+    """The section points over the parameter."""
+    counts = [len(p or ()) for p in curve["theta2"]]
+    axis.plot(np.repeat(x, counts), np.concatenate([np.array(p or (), dtype=np.float64) for p in curve["theta2"]]),
+              linestyle="none", marker=".", markersize=1.6, markeredgewidth=0.0, color=colour, rasterized=True)
+
+
+def _paint_map(drawn: Any, data: Data) -> None:
+    """Left the maxima of every curve, right an orbit diagram for each."""
+    curves, x = data["curves"], data["x"]
+    grid = drawn.add_gridspec(len(curves), 2, width_ratios=(1.0, 1.05))
+    maxima = drawn.add_subplot(grid[:, 0])
+    orbits = [drawn.add_subplot(grid[k, 1]) for k in range(len(curves))]
+    for k, curve in enumerate(curves):
+        colour = style.CYCLE[k]
+        maxima.plot(x, _numbers(curve["max_slip_speed"]), color=colour, linewidth=0.9, marker="o", markersize=1.5,
+                    markeredgewidth=0.0, label=curve["label"])
+        _orbit(orbits[k], x, curve, colour)
+        orbits[k].set_ylabel(SECTION)
+        orbits[k].set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
+        orbits[k].sharex(maxima)
+        orbits[k].margins(y=0.08)
+        orbits[k].locator_params(axis="y", nbins=4)
+        if k < len(curves) - 1:
+            orbits[k].tick_params(labelbottom=False)
+        _marks(orbits[k], data)
+    _marks(maxima, data)
+    maxima.set_ylabel(MAXIMUM)
+    maxima.set_xlim(x[0], x[-1])
+    maxima.set_ylim(0.0, _top(x, curves))
+    for axis in (maxima, orbits[-1]):
+        axis.set_xlabel(AXES[data["axis"]])
+    maxima.set_title("(a) maximum slip speed")
+    orbits[0].set_title("(b) orbit diagrams")
+    maxima.legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none")
+
+
+def _top(x: list[float], curves: list[Data]) -> float:
+    """The end of the axis of maxima, above which no curve reaches and the legend at its right hides none."""
+    values = np.stack([_numbers(curve["max_slip_speed"]) for curve in curves])
+    values = np.where(np.isfinite(values), values, 0.0)
+    below = values[:, np.array(x) >= x[0] + 0.55 * (x[-1] - x[0])]
+    return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
+
+
+def _paint_damping(drawn: Any, data: Data) -> None:
+    """Both readings of (21) above the maxima and the orbit diagram."""
+    curve, x = data["curves"][0], np.array(data["x"])
+    damping, maxima, orbit = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 0.8, 1.0))
+    weighted, negative = _numbers(curve["equivalent_damping"]), _numbers(curve["negative_slope_mean"])
+    damping.plot(x, weighted, color=style.GREEN, label=r"$C_f$ of (21) as printed")
+    damping.plot(x, negative, color=style.BLUE, label=r"time mean of min($\partial T/\partial\dot\delta_1$, 0)")
+    damping.axhline(data["threshold"], color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
+    damping.annotate(r"$-C_{23}$", (1.005, data["threshold"]), xycoords=("axes fraction", "data"), color=style.RED, va="center")
+    damping.set_ylabel("damping (N m s/rad)")
+    style.legend_above(damping)
+    maxima.plot(x, _numbers(curve["max_slip_speed"]), color=style.BLUE, marker="o", markersize=1.5, markeredgewidth=0.0)
+    maxima.set_ylabel(MAXIMUM)
+    maxima.set_ylim(bottom=0.0)
+    _orbit(orbit, data["x"], curve, style.BLUE)
+    orbit.set_ylabel(SECTION)
+    orbit.set_xlabel(AXES[data["axis"]])
+    orbit.set_xlim(x[0], x[-1])
+    style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
+
+
+def _paint_orbit(drawn: Any, data: Data) -> None:
+    """One orbit diagram per direction, above each other; where both were continued, together."""
+    curves, x = data["curves"], data["x"]
+    panels = [[c] for c in curves if c["direction"] == "cold"] + [[c for c in curves if c["direction"] != "cold"]]
+    panels = [p for p in panels if p]
+    axes = np.atleast_1d(drawn.subplots(len(panels), 1, sharex=True, sharey=True))
+    for axis, panel in zip(axes, panels):
+        for curve in panel:
+            colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve["direction"]]
+            _orbit(axis, x, curve, colour)
+            axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour, label=DIRECTIONS[curve["direction"]])
+        axis.set_ylabel(SECTION)
+        style.legend_above(axis)
+    style.panel_titles(axes, ["every value by itself" if p[0]["direction"] == "cold" else "continued" for p in panels])
+    axes[-1].set_xlabel(AXES[data["axis"]])
+    axes[-1].set_xlim(x[0], x[-1])
+
+
+def _paint_law(drawn: Any, data: Data) -> None:
+    """Fig. 3: law, zoom, slope."""
+    wide, near, slope = drawn.subplots(1, 3)
+    for k, curve in enumerate(data["curves"]):
+        colour = style.CYCLE[k]
+        wide.plot(data["slip_speed"], curve["coefficient"], color=colour, label=curve["label"])
+        near.plot(data["near_slip_speed"], curve["near_coefficient"], color=colour)
+        near.plot(data["near_slip_speed"], curve["near_set_valued"], color=colour, linewidth=0.8, linestyle=(0, (3, 2)))
+        slope.plot(data["near_slip_speed"], curve["near_slope"], color=colour)
+        if curve["peak_slip_speed"] is not None:
+            near.plot(curve["peak_slip_speed"], curve["peak"], marker="o", markersize=3.0, color=colour)
+    near.plot([], [], color=style.GREY, linewidth=0.8, linestyle=(0, (3, 2)), label="set-valued law (6)")
+    near.plot([], [], color=style.GREY, linestyle="none", marker="o", label="maximum of (7)")
+    near.set_ylim(0.8, 1.6)
+    slope.set_ylim(-1.5, 1.5)
+    slope.axhline(0.0, color=style.GREY, linewidth=0.6)
+    wide.set_ylabel(r"$\bar\mu$")
+    near.set_ylabel(r"$\bar\mu$")
+    slope.set_ylabel(r"$\partial\bar\mu/\partial\dot\delta_1$ (s/rad)")
+    for axis in (wide, near, slope):
+        axis.set_xlabel(r"$\dot\delta_1$ (rad/s)")
+        axis.margins(x=0.0)
+    handles, labels = wide.get_legend_handles_labels()
+    slope.legend(handles, labels, loc="upper right")
+    near.legend(loc="lower right")
+    style.panel_titles((wide, near, slope), ["smoothed law (7)", "zoom", "slope (20b)"])
+
+
+def _map_height(data: Data) -> float:
+    """Room for every orbit diagram, inch."""
+    return 0.9 + 0.95 * len(data["curves"])
+
+
+KINDS: dict[str, tuple[Callable[[Data], float], Callable[[Any, Data], None]]] = {
+    "map": (_map_height, _paint_map),
+    "damping": (lambda data: 5.4, _paint_damping),
+    "orbit": (lambda data: 3.0 if len({c["direction"] == "cold" for c in data["curves"]}) == 1 else 5.0, _paint_orbit),
+    "law": (lambda data: 2.7, _paint_law),
+    "histories": (lambda data: 0.6 + 1.75 * len(data["panels"]), paper_histories.paint_histories),
+    "delay": (lambda data: 4.4, paper_histories.paint_delay),
+    "actuation": (lambda data: 0.6 + 1.4 * len(data["panels"]), paper_histories.paint_actuation),
+    "solvers": (lambda data: 4.4, paper_histories.paint_solvers),
+}
+"""Height in inch and painter of every kind of figure."""

@@ -1,0 +1,148 @@
+"""What the paper's claims are judged by: sweeps and single motions, worked out once at a given tolerance."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.model.parameters import Value
+from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.studies.point import Plan, solve_point
+from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
+
+CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
+FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+JUMP = 0.08
+"""Least size of a jump, as a part of the largest value of its curve."""
+BISECTIONS = 8
+"""Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
+
+Floats = NDArray[np.float64]
+Values = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A claim judged: what was computed, the verdict by the criterion, and why where it is not plainly confirmed."""
+
+    figure: str
+    claim: str
+    criterion: str
+    values: dict[str, Any]
+    verdict: str
+    why: str = ""
+
+
+@dataclass
+class Evidence:
+    """Sweeps and motions of Sections 5 and 6, kept once they are worked out.
+
+    rtol : tolerance of the smoothed engine
+    jobs : threads; None takes all cores
+    progress : show a bar for every sweep on a terminal
+    """
+
+    rtol: float
+    jobs: int | None = None
+    progress: bool = False
+    _kept: dict[str, Any] = field(default_factory=dict)
+
+    def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
+               lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
+        """A sweep for every row of scene keys, over omega/omega_n or mu_k/mu_s."""
+        scaled = axis * (OMEGA_N if over == FREQUENCY else STATIC)
+        key = tuple(float(x) for x in (scaled if over == FREQUENCY else np.minimum(scaled, STATIC)))
+        names = [json.dumps([sorted(row.items()), key, over, direction, lyapunov, damping]) for row in rows]
+        missing = [k for k, name in enumerate(names) if name not in self._kept]
+        if missing:
+            plan = self.plan(rows[0], direction=direction, lyapunov=lyapunov, damping=damping)
+            found = sweep_curves([Curve(paper_system(rows[k]), over, key) for k in missing], plan, jobs=self.jobs,
+                                 progress=self.progress)
+            self._kept.update({names[k]: sweep for k, sweep in zip(missing, found)})
+        return [self._kept[name] for name in names]
+
+    def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
+        """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
+        rtol = None if row.get("friction.law") == "set_valued" else self.rtol
+        return Plan(cycles=150, discard=50, direction=direction, rtol=rtol, lyapunov=lyapunov, damping=damping)
+
+    def motion(self, row: Values, *, lyapunov: bool = False) -> dict[str, Any]:
+        """The record of one motion from the initial state (13)."""
+        name = json.dumps([sorted(row.items()), lyapunov])
+        if name not in self._kept:
+            self._kept[name] = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov)).as_json()
+        found: dict[str, Any] = self._kept[name]
+        return found
+
+    def maximum(self, row: Values, ratio: float) -> float:
+        """The largest slip speed at one frequency ratio, NaN where it could not be solved."""
+        found = self.motion({**row, FREQUENCY: ratio * OMEGA_N})["max_slip_speed"]
+        return float("nan") if found is None else float(found)
+
+    def jumps(self, row: Values, axis: Floats) -> list[tuple[float, float]]:
+        """(omega/omega_n, change of the largest slip speed) at every true jump of a curve from cold starts.
+
+        Where neighbours differ by more than JUMP of the curve's largest value, the interval is halved BISECTIONS times,
+        always towards the larger change; what keeps most of its change on an interval 2^-8 as wide is a jump.
+        """
+        values = self.curves([row], axis)[0].column("max_slip_speed")
+        size = float(np.nanmax(values))
+        found = []
+        for k in steep(values):
+            a, b, fa, fb = float(axis[k]), float(axis[k + 1]), float(values[k]), float(values[k + 1])
+            first = abs(fb - fa)
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (a + b)
+                fm = self.maximum(row, middle)
+                if abs(fm - fa) >= abs(fb - fm):
+                    b, fb = middle, fm
+                else:
+                    a, fa = middle, fm
+            if abs(fb - fa) > 0.5 * first and abs(fb - fa) > JUMP * size:
+                found.append((0.5 * (a + b), fb - fa))
+        return found
+
+
+def steep(values: Floats) -> NDArray[np.int64]:
+    """Where neighbours differ by more than JUMP of the largest value, as a jump or as a steep rise."""
+    return np.flatnonzero(np.abs(np.diff(values)) > JUMP * float(np.nanmax(values)))
+
+
+def periods(sweep: Sweep) -> NDArray[np.int64]:
+    """(n,) periods, 0 for none up to 16, -1 where the point failed."""
+    return np.array([-1 if r is None or r["period"] is None else r["period"] for r in sweep.records])
+
+
+def sticks(sweep: Sweep) -> NDArray[np.bool_]:
+    """(n,) whether the motion is pure stick."""
+    return np.array([r is not None and r["regime"] == "stick" for r in sweep.records])
+
+
+def slips_at(sweep: Sweep) -> Floats:
+    """Frequency ratios at which the clutch slips at all."""
+    slipping: Floats = sweep.values[~sticks(sweep)] / OMEGA_N
+    return slipping
+
+
+def share_where(condition: Any, among: Any) -> float:
+    """The part of the cases `among` in which `condition` holds; 1 where there are none."""
+    return float(condition[among].mean()) if among.any() else 1.0
+
+
+def judged(value: bool, partly: bool = False) -> str:
+    """The verdict of a criterion that holds, holds in part, or does not."""
+    return CONFIRMED if value else DEPENDS if partly else NOT_CONFIRMED
+
+
+def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
+    """A row with mu_k = ratio mu_s."""
+    return {**(row or {}), KINETIC: ratio * STATIC}
+
+
+__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "periods", "share_where",
+           "slips_at", "steep", "sticks", "with_kinetic"]

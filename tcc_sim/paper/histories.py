@@ -1,0 +1,132 @@
+"""Drawings of the paper's time histories and sections, from the numbers of `paper.figures`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.views import style
+
+Data = dict[str, Any]
+
+CYCLES = "time (engine cycles)"
+SLIP = r"$\dot\delta_1$ (rad/s)"
+
+
+def paint_histories(drawn: Any, data: Data) -> None:
+    """Fig. 7: slip speed, plate angle and section for every value."""
+    panels = data["panels"]
+    axes = drawn.subplots(len(panels), 3, width_ratios=(1.25, 1.25, 1.0), sharex="col")
+    for k, (row, panel) in enumerate(zip(axes, panels)):
+        speed, angle, section = row
+        t = np.array(panel["t"])
+        speed.plot(t, panel["slip_speed"], color=style.BLUE, linewidth=0.9)
+        angle.plot(t, panel["plate_angle"], color=style.GREEN, linewidth=0.9)
+        points = np.array(panel["section"]).reshape(-1, 2)
+        periodic = bool(panel["period"])
+        section.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
+                     markersize=5.0 if periodic else 1.6)
+        section.margins(0.1)
+        speed.set_ylabel(SLIP)
+        angle.set_ylabel(r"$\delta_2$ (rad)")
+        section.set_ylabel(SLIP)
+        speed.set_xlim(t[0], t[-1])
+        angle.set_xlim(t[0], t[-1])
+        speed.set_title(f"({'abc'[k]}) {panel['label']}")
+        section.set_title(_diagnosis(panel), loc="right", fontweight="normal", fontsize=7.0)
+    axes[-1][0].set_xlabel(CYCLES)
+    axes[-1][1].set_xlabel(CYCLES)
+    axes[-1][2].set_xlabel(r"$\delta_2$ (rad)")
+    for axis in axes[:, 2]:
+        axis.locator_params(axis="x", nbins=4)
+
+
+def _diagnosis(panel: Data) -> str:
+    """The period, or the exponent with its interval."""
+    if panel["period"]:
+        return f"period {panel['period']}"
+    found = panel["lyapunov"]
+    if found is None or found["exponent"] is None:
+        return "no period up to 16"
+    half = 0.5 * (found["high"] - found["low"])
+    return rf"{found['diagnosis']}, $\lambda_1 = {found['exponent']:.1f} \pm {half:.1f}$ s$^{{-1}}$"
+
+
+def paint_delay(drawn: Any, data: Data) -> None:
+    """Fig. 9: engine torque and slip speed, with positive slip shaded."""
+    grid = drawn.subplots(2, 2, sharex=True)
+    for k, (axis, panel) in enumerate(zip(grid.ravel(), data["panels"])):
+        t, v = np.array(panel["t"]), np.array(panel["slip_speed"])
+        axis.fill_between(t, 0.0, np.where(np.array(panel["state"]) == 1, v, 0.0), color=style.STICK, linewidth=0.0)
+        axis.plot(t, v, color=style.BLUE, label="slip speed")
+        axis.set_xlim(t[0], t[-1])
+        axis.set_title(f"({'abcd'[k]}) {panel['label']}")
+        other = axis.twinx()
+        other.plot(t, panel["engine_torque"], color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)))
+        other.grid(False)
+        other.spines["right"].set_visible(True)
+        other.tick_params(colors=style.ORANGE)
+        if k % 2:
+            other.set_ylabel(r"$T_e$ (N m)", color=style.ORANGE)
+        else:
+            axis.set_ylabel(SLIP, color=style.BLUE)
+        axis.set_zorder(other.get_zorder() + 1)
+        axis.patch.set_visible(False)
+        share = panel["first_half"]
+        text = "no positive slip" if share is None or not np.isfinite(share) else f"{100.0 * share:.0f} % in first half cycle"
+        axis.set_title(text, loc="right", fontweight="normal", fontsize=7.0)
+        if k > 1:
+            axis.set_xlabel(CYCLES)
+
+
+def paint_actuation(drawn: Any, data: Data) -> None:
+    """Fig. 12: slip speed and saturation torque, with the start of every engine cycle."""
+    axes = drawn.subplots(len(data["panels"]), 1, sharex=True)
+    for k, (axis, panel) in enumerate(zip(axes, data["panels"])):
+        t = np.array(panel["t"])
+        axis.plot(t, panel["slip_speed"], color=style.BLUE)
+        axis.set_ylabel(SLIP)
+        axis.set_xlim(t[0], t[-1])
+        axis.set_xticks(np.arange(0, int(t[-1]) + 1))
+        axis.set_title(f"({'abc'[k]}) {panel['label']}")
+        axis.set_title(f"period {panel['period']}" if panel["period"] else "no period up to 16", loc="right", fontweight="normal",
+                       fontsize=7.0)
+        other = axis.twinx()
+        other.plot(t, panel["saturation_torque"], color=style.GREY, linewidth=0.9, linestyle=(0, (4, 2)))
+        other.set_ylabel(r"$T_s$ (N m)", color=style.GREY)
+        other.grid(False)
+        other.spines["right"].set_visible(True)
+        other.tick_params(colors=style.GREY)
+        axis.set_zorder(other.get_zorder() + 1)
+        axis.patch.set_visible(False)
+    axes[-1].set_xlabel(CYCLES)
+
+
+def paint_solvers(drawn: Any, data: Data) -> None:
+    """Fig. 2: slip speed by every solver, and where they part."""
+    whole, close = drawn.subplots(2, 1)
+    looks: dict[str, dict[str, Any]] = {
+        "smoothed": {"color": style.SKY, "linewidth": 3.0}, "rk45": {"color": style.INK, "linewidth": 1.0},
+        "bdf": {"color": style.ORANGE, "linestyle": (0, (1, 1.5)), "linewidth": 1.6},
+        "event_driven": {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))},
+        "rk4": {"color": style.RED, "linestyle": (0, (4, 2)), "linewidth": 0.8}}
+    period = data["cycle"]
+    reference = np.array(data["curves"][0]["slip_speed"])
+    for curve in data["curves"]:
+        t = np.array(curve["t"]) * period
+        difference = curve["rms_difference"]
+        label = curve["label"] + (f" ({difference:.1e})" if difference and curve["solver"] != "smoothed" else "")
+        for axis in (whole, close):
+            axis.plot(t, curve["slip_speed"], label=label, **looks[curve["solver"]])
+    whole.set_xlim(0.0, data["curves"][0]["t"][-1] * period)
+    leaving = float(np.array(data["curves"][0]["t"])[int(np.argmax(reference > 1.0))]) * period
+    close.set_xlim(leaving - 0.06 * period, leaving + 0.03 * period)
+    close.set_ylim(-0.6, 4.0)
+    for axis in (whole, close):
+        axis.set_ylabel(SLIP)
+        axis.set_xlabel("time (s)")
+    handles, labels = whole.get_legend_handles_labels()
+    whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
+                 title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
+    style.panel_titles((whole, close), ["steady state", "leaving stick"])

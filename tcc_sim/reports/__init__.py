@@ -1,1 +1,0 @@
-"""What is written for people and programs: replays, tables, files of samples, reports. Nothing here reads a command line."""

@@ -1,0 +1,163 @@
+"""SciPy's ODE methods by name, for comparison: compiled right-hand side, analytic Jacobian for the implicit ones."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
+
+from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers.comparison.runge_kutta import slopes
+from tcc_sim.solvers.compiled import compiled, saturation_torque, smoothed_and_slope
+from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.problem import Problem, assemble
+from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory
+
+STEPS = 10_000_000
+"""Most steps of one solve."""
+POINTS = 256
+"""Points kept per engine cycle or natural period, the shorter, where the steps are longer; at most 64 per step."""
+
+
+def rk45(problem: Problem) -> Trajectory:
+    """Dormand and Prince's explicit method of order 5(4): `scipy.integrate.RK45`."""
+    return _solve(problem, "rk45", RK45)
+
+
+def dop853(problem: Problem) -> Trajectory:
+    """Dormand and Prince's explicit method of order 8(5,3): `scipy.integrate.DOP853`."""
+    return _solve(problem, "dop853", DOP853)
+
+
+def radau(problem: Problem) -> Trajectory:
+    """Radau IIA of order 5, implicit: `scipy.integrate.Radau`."""
+    return _solve(problem, "radau", Radau)
+
+
+def bdf(problem: Problem) -> Trajectory:
+    """Backward differentiation of order 1 to 5, Gear's method: `scipy.integrate.BDF`."""
+    return _solve(problem, "bdf", BDF)
+
+
+def lsoda(problem: Problem) -> Trajectory:
+    """Adams and backward differentiation with automatic switching, of ODEPACK: `scipy.integrate.LSODA`."""
+    return _solve(problem, "lsoda", LSODA)
+
+
+@compiled
+def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
+    """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
+    slip, plate = slopes(t, y[0], y[1], y[2], terms)
+    out = np.empty_like(y)
+    out[0] = slip
+    out[1] = y[2]
+    out[2] = plate
+    if len(y) > 3:
+        out[3] = y[0] + y[2]
+    return out
+
+
+@compiled
+def _rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
+    """`rates_of` at every time of (n,) for the states of (n, m)."""
+    out = np.empty_like(y)
+    for i in range(len(t)):
+        out[i] = rates_of(t[i], y[i], terms)
+    return out
+
+
+@compiled
+def jacobian(t: float, y: Floats, terms: Any) -> Floats:
+    """The derivative of `rates_of` with respect to y."""
+    _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
+    rate = slope * saturation_torque(t, terms.mean_load, terms.pulsation)
+    flywheel, plate, damping, stiffness = terms.linear
+    out = np.zeros((len(y), len(y)))
+    out[0, 0] = -rate * (1.0 / flywheel + 1.0 / plate)
+    out[0, 1] = stiffness / plate
+    out[0, 2] = damping / plate
+    out[1, 2] = 1.0
+    out[2, 0] = rate / plate
+    out[2, 1] = -stiffness / plate
+    out[2, 2] = -damping / plate
+    if len(y) > 3:
+        out[3, 0] = 1.0
+        out[3, 2] = 1.0
+    return out
+
+
+def _scales(problem: Problem, terms: Terms) -> Floats:
+    """The sizes below which an error counts as absolute: slip speed in stick, static twist, twist at omega_n."""
+    engine = problem.system.engine
+    torque = max(abs(engine.mean_torque) + engine.torque_amplitude + sum(engine.harmonic_amplitudes), 1.0)
+    twist = torque / terms.linear[3]
+    assert terms.smoothing is not None
+    scales = [max(1.0 / terms.smoothing, 1e-6), twist, twist * problem.system.natural_frequency]
+    return np.array([*scales, 1.0] if problem.flywheel_angle else scales)
+
+
+def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
+    """March `method` and keep its dense output at the samples, the cycle ends and enough points for the extremes."""
+    terms = terms_of(problem.system)
+    rtol = SOLVERS[name].default if problem.rtol is None else problem.rtol
+    s = problem.state
+    y0 = np.array([s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle][:4 if problem.flywheel_angle else 3])
+    options: dict[str, Any] = {"rtol": rtol, "atol": rtol * _scales(problem, terms)}
+    if name in ("radau", "bdf", "lsoda"):
+        options["jac"] = lambda t, y: jacobian(t, y, terms)
+    samples = problem.sample_times()
+    ends = (problem.start_cycle + np.arange(problem.whole_cycles + 1)) * problem.system.cycle
+    marks = np.union1d(samples, np.minimum(ends, samples[-1]))
+    spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
+    rates_of(problem.start, y0, terms)
+    began = time.perf_counter()
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        times, states, status, detail, steps = _march(
+            method(lambda t, y: rates_of(t, y, terms), problem.start, y0, problem.end, **options), marks, spacing)
+    seconds = time.perf_counter() - began
+    kept = np.isin(times, samples)
+    kept[-1] = True
+    cycles = None
+    if len(times) > 1:
+        rates = _rates_along(times, states, terms)
+        cycles = cycles_from_samples(times, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
+                                     cycle=problem.system.cycle, first_cycle=problem.start_cycle,
+                                     stick_speed=stick_speed_of(terms))
+    return assemble(problem, name, times[kept], states[kept], cycles=cycles, status=status, detail=detail,
+                    statistics=Statistics(steps=steps, seconds=seconds))
+
+
+def _march(solver: Any, marks: Floats, spacing: float) -> tuple[Floats, Floats, Status, str, int]:
+    """Times, states, status, detail and number of steps; every mark reached is among the times."""
+    times, states = [np.array([solver.t])], [np.array(solver.y)[None, :]]
+    following, steps, status, detail = 1, 0, Status.DONE, ""
+    while solver.status == "running":
+        if steps >= STEPS:
+            status = Status.STEP_LIMIT
+            break
+        detail = solver.step() or ""
+        if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+            status = Status.STEP_TOO_SMALL if np.all(np.isfinite(solver.y)) else Status.NOT_FINITE
+            break
+        steps += 1
+        last = int(np.searchsorted(marks, solver.t, side="right"))
+        inner = marks[following:last]
+        following = last
+        pieces = int(min(np.ceil((solver.t - solver.t_old) / spacing), 64))
+        if len(inner) or pieces > 1:
+            points = solver.t_old + (solver.t - solver.t_old) * np.arange(1, pieces) / pieces
+            points = np.union1d(points, inner)
+            points = points[points < solver.t]
+            if len(points):
+                times.append(points)
+                states.append(solver.dense_output()(points).T)
+        times.append(np.array([solver.t]))
+        states.append(np.array(solver.y)[None, :])
+    t, y = np.concatenate(times), np.concatenate(states)
+    fresh = np.concatenate([[True], np.diff(t) > 0.0])
+    return t[fresh], y[fresh], status, detail, steps

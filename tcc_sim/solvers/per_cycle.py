@@ -1,0 +1,170 @@
+"""Per-cycle results from samples: Hermite interpolation through states and the accelerations that the equations give."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError
+from tcc_sim.trajectory import Cycles, Floats
+
+LAYER = 7.0
+"""Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
+
+
+def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats, plate_speed: Floats,
+                        plate_acceleration: Floats, *, cycle: float, first_cycle: int, stick_speed: float) -> Cycles:
+    """What each whole engine cycle within the samples comes to.
+
+    The slip speed is the piecewise cubic through v and v'. Its extremes, its value at t = n cycle and the time it spends
+    within +-stick_speed are those of the cubic, interior extremes and several crossings in one interval included. The plate
+    angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4 on smooth arcs, of order h J
+    where v' jumps by J between two samples.
+
+    Parameters
+    ----------
+    t : (n,) array, s, strictly increasing, not necessarily uniform; cycle ends need not be among them
+    slip_speed, slip_acceleration : (n,) arrays, rad/s, rad/s^2
+    plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
+    cycle : engine cycle 2 pi/omega, s
+    first_cycle : number of the first cycle, which starts at t = first_cycle * cycle
+    stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
+
+    Returns
+    -------
+    Cycles, of length 0 where no whole cycle lies within the samples
+
+    Raises
+    ------
+    InputError
+        Fewer than two samples, times that do not increase, or a first cycle that starts before the samples.
+    """
+    t = np.asarray(t, dtype=np.float64)
+    if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
+        raise InputError("sample times must be two or more and strictly increasing")
+    slack = 1e-9 * cycle
+    if first_cycle * cycle < t[0] - slack:
+        raise InputError(f"cycle {first_cycle} starts at {first_cycle * cycle:g} s; it must not be before the first sample, "
+                         f"{t[0]:g} s")
+    count = max(int(np.floor((t[-1] + slack) / cycle)) - first_cycle, 0)
+    ends = (first_cycle + np.arange(count + 1)) * cycle
+    place = np.searchsorted(t, ends, side="right")
+    left = np.clip(place - 1, 0, len(t) - 2)
+    h = t[left + 1] - t[left]
+    u = np.clip((ends - t[left]) / h, 0.0, 1.0)
+
+    def between(y: Floats, start: Floats, finish: Floats) -> Floats:
+        return _cubic(u, y[left], h * start, y[left + 1], h * finish)
+
+    v, a = np.asarray(slip_speed, dtype=np.float64), np.asarray(slip_acceleration, dtype=np.float64)
+    leaving, arriving = _without_overshoot(t, v, a, stick_speed)
+    section = np.stack([between(v, leaving[left], arriving[left]),
+                        _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
+                        between(plate_speed, plate_acceleration[left], plate_acceleration[left + 1])], axis=1)
+    slope = _cubic_slope(u, v[left], h * leaving[left], v[left + 1], h * arriving[left]) / h
+    if count == 0:
+        return Cycles(section[:1], np.empty(0), np.empty(0), np.empty(0))
+
+    first = int(place[0])
+    last = int(place[-1]) + count + 1
+    instants = np.insert(t, place, ends)[first:last]
+    speeds = np.insert(v, place, section[:, 0])[first:last]
+    starts = (place + np.arange(count + 1) - first)[:-1]
+    width = np.maximum(np.diff(instants), 0.0)
+    p, q = speeds[:-1], speeds[1:]
+    rest = (p == 0.0) & (q == 0.0) if stick_speed == 0.0 else np.zeros(len(p), dtype=np.bool_)
+    dp = np.where(rest, 0.0, width * np.insert(leaving, left + 1, slope)[first:last - 1])
+    dq = np.where(rest, 0.0, width * np.insert(arriving, left, slope)[first:last - 1])
+    turns = _turning_points(p, dp, q, dq)
+    values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
+    within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
+    return Cycles(section, np.maximum.reduceat(values.max(axis=1), starts), np.minimum.reduceat(values.min(axis=1), starts),
+                  np.add.reduceat(within, starts))
+
+
+def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:
+    """Slopes at the start and at the end of every interval, (n - 1,) each, limited where an interval lands in the stick layer.
+
+    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The sign of
+    it is that dp + dq = 2 (q - p) + O(h^3) does not hold, as it does on smooth arcs. The limit, which makes the cubic
+    monotone, is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17, Section 4.
+    """
+    chord = np.diff(v) / np.diff(t)
+    p, q = a[:-1], a[1:]
+    stiff = np.minimum(np.abs(v[:-1]), np.abs(v[1:])) <= LAYER * stick_speed
+    landing = stiff & (np.abs(p + q - 2.0 * chord) > 0.03 * (np.abs(p) + np.abs(q)))
+    low, high = np.minimum(3.0 * chord, 0.0), np.maximum(3.0 * chord, 0.0)
+    return np.where(landing, np.clip(p, low, high), p), np.where(landing, np.clip(q, low, high), q)
+
+
+def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:
+    """The piecewise cubic through values `y` and derivatives `rate` at times `t`, all (n,), evaluated at times `at`, (m,)."""
+    left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    h = t[left + 1] - t[left]
+    return _cubic(np.clip((at - t[left]) / h, 0.0, 1.0), y[left], h * rate[left], y[left + 1], h * rate[left + 1])
+
+
+def _cubic(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
+    """The cubic on 0 <= u <= 1 with end values p, q and end slopes dp, dq; exactly p and q at the ends."""
+    w = 1.0 - u
+    out: Floats = w * w * (p * (1.0 + 2.0 * u) + u * dp) + u * u * (q * (1.0 + 2.0 * w) - w * dq)
+    return out
+
+
+def _cubic_slope(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
+    """d/du of `_cubic`."""
+    w = 1.0 - u
+    out: Floats = 6.0 * u * w * (q - p) + w * (1.0 - 3.0 * u) * dp + u * (3.0 * u - 2.0) * dq
+    return out
+
+
+def _quintic(u: Floats, h: Floats, left: NDArray[np.int64], y: Floats, rate: Floats, second: Floats) -> Floats:
+    """The quintic through value, first and second derivative at both ends of the intervals `left`, at the fraction u."""
+    p, q = y[left], y[left + 1]
+    dp, dq = h * rate[left], h * rate[left + 1]
+    ddp, ddq = h * h * second[left], h * h * second[left + 1]
+    c3 = 10.0 * (q - p) - 6.0 * dp - 4.0 * dq - 1.5 * ddp + 0.5 * ddq
+    c4 = -15.0 * (q - p) + 8.0 * dp + 7.0 * dq + 1.5 * ddp - ddq
+    c5 = 6.0 * (q - p) - 3.0 * (dp + dq) - 0.5 * (ddp - ddq)
+    out: Floats = np.where(u == 1.0, q, p + u * (dp + u * (0.5 * ddp + u * (c3 + u * (c4 + u * c5)))))
+    return out
+
+
+def _turning_points(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
+    """(m, 4) array: 0, the interior extremes of each cubic in order (or an end, where there are fewer), 1."""
+    a, b, c = 3.0 * (2.0 * (p - q) + dp + dq), 3.0 * (q - p) - 2.0 * dp - dq, dp
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        root = b * b - a * c
+        s = -(b + np.copysign(np.sqrt(np.maximum(root, 0.0)), b))
+        one, two = s / a, c / s
+    real = root > 0.0
+    ends = np.zeros_like(p)
+    one = np.where(real & (one > 0.0) & (one < 1.0), one, ends)
+    two = np.where(real & (two > 0.0) & (two < 1.0), two, ends)
+    return np.stack([ends, np.minimum(one, two), np.maximum(one, two), ends + 1.0], axis=1)
+
+
+def _share_within(turns: Floats, values: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats, level: float) -> Floats:
+    """The part of each interval, 0 to 1, where the cubic lies within +-level, from its three monotone pieces."""
+    share = np.zeros(len(p))
+    for k in range(3):
+        low, high = np.minimum(values[:, k], values[:, k + 1]), np.maximum(values[:, k], values[:, k + 1])
+        inside = (low >= -level) & (high <= level)
+        share += np.where(inside, turns[:, k + 1] - turns[:, k], 0.0)
+        part = np.flatnonzero(~inside & (low <= level) & (high >= -level) & (turns[:, k + 1] > turns[:, k]))
+        if len(part):
+            cubic = (p[part], dp[part], q[part], dq[part])
+            bounds = (turns[part, k], turns[part, k + 1], values[part, k] < values[part, k + 1])
+            share[part] += np.abs(_crossing(level, *bounds, *cubic) - _crossing(-level, *bounds, *cubic))
+    return share
+
+
+def _crossing(level: float, a: Floats, b: Floats, rising: NDArray[np.bool_], p: Floats, dp: Floats, q: Floats,
+              dq: Floats) -> Floats:
+    """Where monotone pieces [a, b] reach `level`, by bisection; the nearer end where they do not."""
+    for _ in range(50):
+        middle = 0.5 * (a + b)
+        beyond = (_cubic(middle, p, dp, q, dq) > level) == rising
+        a, b = np.where(beyond, a, middle), np.where(beyond, middle, b)
+    out: Floats = 0.5 * (a + b)
+    return out

@@ -1,0 +1,91 @@
+"""What a solver is asked, and the Trajectory made of what it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tcc_sim.model import equations, friction
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions, modes_of
+
+NOTHING_SPENT = Statistics()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What to solve: a system from a start to an end, and what to keep.
+
+    Time 0 is where the engine sine starts; a solve starts at a whole engine cycle, so section points fall on
+    t = 2 pi n/omega exactly.
+    """
+
+    system: System
+    state: State
+    start_cycle: int = 0
+    cycles: int | None = None
+    duration: float | None = None
+    samples_per_cycle: int = 0
+    """Samples kept per engine cycle, uniform in time, besides the start and the end; 0 keeps none of them."""
+    rtol: float | None = None
+    """Relative tolerance of an adaptive solver; None takes the solver's default."""
+    step: float | None = None
+    """Step of a fixed-step solver, s; None takes the solver's default."""
+    flywheel_angle: bool = False
+    """Integrate theta1 as well."""
+
+    @property
+    def start(self) -> float:
+        """Start time, s."""
+        return self.start_cycle * self.system.cycle
+
+    @property
+    def end(self) -> float:
+        """End time, s, exact to rounding for a number of cycles."""
+        if self.cycles is not None:
+            return (self.start_cycle + self.cycles) * self.system.cycle
+        assert self.duration is not None
+        return self.start + self.duration
+
+    @property
+    def whole_cycles(self) -> int:
+        """Complete engine cycles between start and end."""
+        if self.cycles is not None:
+            return self.cycles
+        assert self.duration is not None
+        return int(np.floor(self.duration / self.system.cycle * (1.0 + 1e-12)))
+
+    def sample_times(self) -> Floats:
+        """The times to keep, s: multiples of the cycle over `samples_per_cycle`, from start to end, both included."""
+        if self.samples_per_cycle < 1:
+            return np.array([self.start, self.end])
+        first = self.start_cycle * self.samples_per_cycle
+        period = self.system.cycle
+        last = int(np.ceil(self.end / period * self.samples_per_cycle * (1.0 - 1e-12)))
+        times: Floats = np.arange(first, last + 1, dtype=np.float64) * (period / self.samples_per_cycle)
+        times[-1] = self.end
+        return times
+
+
+def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, friction_torque: Floats | None = None,
+             cycles: Cycles | None = None, transitions: Transitions | None = None, status: Status = Status.DONE,
+             detail: str = "", statistics: Statistics = NOTHING_SPENT) -> Trajectory:
+    """A Trajectory from times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed and, if there, theta1.
+
+    The smoothed law gives the friction torque from the state; a set-valued solver passes its own.
+    """
+    terms = terms_of(problem.system)
+    v = states[:, 0]
+    engine = np.asarray(equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics))
+    load = np.asarray(equations.saturation_torque(t, terms.mean_load, terms.pulsation))
+    if friction_torque is None:
+        assert terms.smoothing is not None
+        friction_torque = np.asarray(friction.smoothed(v, terms.smoothing, terms.stribeck)) * load
+    return Trajectory(
+        t=t, slip_speed=v, plate_angle=states[:, 1], plate_speed=states[:, 2], engine_torque=engine,
+        saturation_torque=load, friction_torque=friction_torque, state=modes_of(v, stick_speed_of(terms)),
+        cycle=problem.system.cycle, solver=solver, system=problem.system,
+        flywheel_angle=states[:, 3] if states.shape[1] > 3 else None, cycles=cycles,
+        transitions=transitions or Transitions.none(), status=status, detail=detail, statistics=statistics)

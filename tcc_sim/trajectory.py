@@ -1,0 +1,143 @@
+"""Trajectory: the one currency. Every solver and a replayed recording give this type, and every analysis takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.parameters import System
+
+Floats = NDArray[np.float64]
+Modes = NDArray[np.int8]
+
+
+class Status(Enum):
+    """How a solve ended; the value is the sentence shown to people."""
+
+    DONE = "reached the end"
+    STEP_LIMIT = "stopped: the number of steps passed its limit before the end time"
+    STEP_TOO_SMALL = "stopped: the step fell below the resolution of time"
+    NOT_FINITE = "stopped: the state is no longer finite"
+    NO_CONVERGENCE = "stopped: the implicit equations did not converge at the smallest step"
+    EVENT_LIMIT = "stopped: stick and slip alternate faster than the event limit (chattering)"
+    REFUSED = "not started: the solver cannot do this case"
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of the driveline: slip speed (rad/s), plate angle (rad), plate speed (rad/s), flywheel angle (rad)."""
+
+    slip_speed: float
+    plate_angle: float
+    plate_speed: float
+    flywheel_angle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """What an engine cycle comes to, for N whole cycles, as exact as the solver makes it.
+
+    section : (N + 1, 3) array, states (slip speed, plate angle, plate speed) at t = 2 pi n/omega, both ends included
+    highest, lowest : (N,) arrays, largest and smallest (signed) slip speed within each cycle, rad/s
+    stick_time : (N,) array, time in stick within each cycle, s
+    """
+
+    section: Floats
+    highest: Floats
+    lowest: Floats
+    stick_time: Floats
+
+    def __len__(self) -> int:
+        return len(self.highest)
+
+    def __getitem__(self, kept: slice) -> Cycles:
+        """A run of consecutive cycles."""
+        first, last, stride = kept.indices(len(self))
+        if stride != 1:
+            raise ValueError("cycles are taken consecutively")
+        return Cycles(self.section[first:max(first, last) + 1], self.highest[first:last], self.lowest[first:last],
+                      self.stick_time[first:last])
+
+
+def concatenated(parts: Sequence[Cycles]) -> Cycles:
+    """Runs of cycles that follow each other as one run."""
+    sections = [p.section[:-1] for p in parts[:-1]] + [parts[-1].section]
+    return Cycles(np.concatenate(sections), np.concatenate([p.highest for p in parts]),
+                  np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]))
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """Changes of mode as data: time (s), mode before and after (-1 negative slip, 0 stick, 1 positive slip, 2 free)."""
+
+    time: Floats
+    before: Modes
+    after: Modes
+
+    @staticmethod
+    def none() -> Transitions:
+        """No transition."""
+        return Transitions(np.empty(0), np.empty(0, np.int8), np.empty(0, np.int8))
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a solve cost: steps taken, steps refused, scalar or stage iterations in all and at most in one, and its bound."""
+
+    steps: int = 0
+    rejected: int = 0
+    iterations: int = 0
+    iterations_max: int = 0
+    iterations_bound: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A solved or recorded run.
+
+    Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque, saturation_torque,
+    friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad) is there for those
+    who asked. `cycles` comes from solvers that work it out on the way; `analysis.cycles` derives it from samples otherwise.
+    """
+
+    t: Floats
+    slip_speed: Floats
+    plate_angle: Floats
+    plate_speed: Floats
+    engine_torque: Floats
+    saturation_torque: Floats
+    friction_torque: Floats
+    state: Modes
+    cycle: float
+    solver: str
+    system: System | None = None
+    flywheel_angle: Floats | None = None
+    cycles: Cycles | None = None
+    transitions: Transitions = field(default_factory=Transitions.none)
+    status: Status = Status.DONE
+    detail: str = ""
+    statistics: Statistics = Statistics()
+
+    @property
+    def final(self) -> State:
+        """The last state."""
+        angle = float(self.flywheel_angle[-1]) if self.flywheel_angle is not None else 0.0
+        return State(float(self.slip_speed[-1]), float(self.plate_angle[-1]), float(self.plate_speed[-1]), angle)
+
+    def raise_for_status(self) -> Trajectory:
+        """This trajectory, or NumericalFailure with the sentence of its status."""
+        if self.status is not Status.DONE:
+            reached = f" at t = {self.t[-1]:.6g} s" if len(self.t) else ""
+            raise NumericalFailure(f"{self.solver}: {self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
+        return self
+
+
+def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
+    """-1, 0, 1 for negative slip, stick and positive slip."""
+    return np.where(np.abs(slip_speed) <= stick_speed, 0, np.sign(slip_speed)).astype(np.int8)

@@ -1,0 +1,125 @@
+"""overview.png: one picture of a run, from its last cycles and from what every cycle came to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.summary import Summary
+from tcc_sim.trajectory import Cycles, Trajectory
+from tcc_sim.views import style
+
+HISTORY_CYCLES = 6
+"""Engine cycles shown in the time histories."""
+ORBIT_CYCLES = 12
+"""Engine cycles drawn in the phase portrait of a motion without period."""
+
+
+def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Summary, title: str = "") -> Path:
+    """Draw a run: torques and slip speed over time with stick shaded, phase portrait with section, maxima per cycle.
+
+    Parameters
+    ----------
+    path : png or svg file
+    tail : the end of the run, some 20 samples or more in each of its last cycles
+    cycles : every cycle of the run, NaN for one that was not observed
+    first_cycle : number of the first of them
+    summary : the figures of the steady state
+    title : name of the scene or recording
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    """
+    with style.figure(style.PAGE, 5.4) as drawn:
+        if title:
+            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+        grid = drawn.add_gridspec(3, 2, height_ratios=(1.0, 1.0, 1.35))
+        torques = drawn.add_subplot(grid[0, :])
+        slip = drawn.add_subplot(grid[1, :], sharex=torques)
+        phase, maxima = drawn.add_subplot(grid[2, 0]), drawn.add_subplot(grid[2, 1])
+        _histories(torques, slip, tail)
+        _phase_portrait(phase, tail, summary)
+        _maxima(maxima, cycles, first_cycle, summary)
+        style.panel_titles((torques, slip, phase, maxima), ["Torques", "Slip speed", "Phase portrait", "Maxima"])
+        return style.save(drawn, path)
+
+
+def _last(tail: Trajectory, cycles: int) -> slice:
+    """The samples of the last whole engine cycles, as many as there are up to `cycles`."""
+    end = np.floor(tail.t[-1] / tail.cycle + 1e-9) * tail.cycle
+    start = max(end - cycles * tail.cycle, tail.t[0])
+    slack = 1e-9 * tail.cycle
+    return slice(int(np.searchsorted(tail.t, start - slack)), int(np.searchsorted(tail.t, end + slack, side="right")))
+
+
+def _histories(torques: Any, slip: Any, tail: Trajectory) -> None:
+    """Torques and slip speed over the last cycles."""
+    part = _last(tail, HISTORY_CYCLES)
+    t = tail.t[part]
+    torques.plot(t, tail.engine_torque[part], color=style.ORANGE, label="engine")
+    torques.plot(t, tail.friction_torque[part], color=style.BLUE, label="friction")
+    if np.isfinite(tail.saturation_torque[part]).all() and len(t):
+        torques.plot(t, tail.saturation_torque[part], color=style.GREY, linestyle=(0, (4, 2)), linewidth=0.9, label="saturation")
+    torques.set_ylabel("torque (N m)")
+    torques.tick_params(labelbottom=False)
+    style.legend_above(torques)
+    slip.plot(t, tail.slip_speed[part], color=style.BLUE, label="slip speed")
+    shaded = _shade_stick(slip, t, tail.state[part])
+    if shaded:
+        style.legend_above(slip)
+    slip.set_ylabel("slip speed (rad/s)")
+    slip.set_xlabel("time (s)")
+    if len(t) > 1:
+        slip.set_xlim(t[0], t[-1])
+
+
+def _shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> bool:
+    """Shade the intervals in stick; whether there are any."""
+    stuck = np.concatenate([[0], (state == 0).astype(np.int8), [0]])
+    edges = np.diff(stuck)
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist())):
+        axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0, label="stick" if number == 0 else None)
+    return len(starts) > 0
+
+
+def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
+    """Slip speed against plate angle over the last period, or some cycles, and the section."""
+    part = _last(tail, summary.period or ORBIT_CYCLES)
+    axis.plot(tail.plate_angle[part], tail.slip_speed[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
+    points = np.array(summary.section).reshape(-1, 2)
+    axis.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
+              markersize=5.0 if summary.period else 2.5, zorder=4,
+              label=f"section, period {summary.period}" if summary.period else "section, no period found")
+    axis.set_xlabel("plate angle (rad)")
+    axis.set_ylabel("slip speed (rad/s)")
+    axis.margins(0.06)
+    axis.locator_params(axis="x", nbins=6)
+    style.legend_above(axis)
+
+
+def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
+    """Largest slip speed of each cycle, those that the summary drops in grey."""
+    number = first_cycle + np.arange(len(cycles))
+    largest = np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest))
+    dropped = number < first_cycle + summary.discarded
+    size = 3.0 if len(cycles) <= 300 else 1.5
+    known = largest[~dropped & np.isfinite(largest)]
+    top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else 1.0
+    for chosen, colour, name in ((dropped, style.GREY, "dropped"), (~dropped, style.BLUE, "kept")):
+        if chosen.any():
+            above = int(np.count_nonzero(largest[chosen] > top))
+            axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size, markeredgewidth=0.0,
+                      color=colour, label=f"{name} ({above} off scale)" if above else name)
+    axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1.5)
+    axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED, ha="right",
+                  xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
+    axis.set_xlabel("engine cycle")
+    axis.set_ylabel("max |slip speed| (rad/s)")
+    axis.set_ylim(0.0, top)
+    style.legend_above(axis)

@@ -1,0 +1,150 @@
+"""The work-precision report: references against closed forms, failures listed, files as promised."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tcc_sim.benchmarks import peers, sweep_speed
+from tcc_sim.benchmarks import work_precision as precision
+from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
+from tcc_sim.cli import main
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.paper.catalogue import paper_system
+
+KEYS = {"scene", "reference", "results", "omitted"}
+RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "seconds", "steps"}
+SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0, "engine.mean_torque": 300.0}
+
+
+def pure_slip(system, t):
+    """Slip speed of pure slip under constant load from rest of the plate: two quadratures and a damped oscillator."""
+    d, e = system.driveline, system.engine
+    load, omega = system.saturation_mean, e.frequency
+    natural = np.sqrt(d.stiffness / d.plate_inertia)
+    zeta = d.damping / (2.0 * np.sqrt(d.stiffness * d.plate_inertia))
+    damped = natural * np.sqrt(1.0 - zeta**2)
+    flywheel = (system.initial.slip_speed + (e.mean_torque - load) * t / d.flywheel_inertia
+                + e.torque_amplitude / (d.flywheel_inertia * omega) * (1.0 - np.cos(omega * t)))
+    plate = load / (d.plate_inertia * damped) * np.exp(-zeta * natural * t) * np.sin(damped * t)
+    return flywheel - plate
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_reference_is_the_closed_form_of_pure_slip(law):
+    system = replace(System(), {**SLIP, "friction.law": law})
+    found = reference(system, 2, "DOP853", 1e-12)
+    t = np.arange(3) * system.cycle
+    np.testing.assert_allclose(found.section[:, 0], pure_slip(system, t), rtol=1e-10)
+    dense = pure_slip(system, np.linspace(0.0, t[1], 200001))
+    assert found.largest[0] == pytest.approx(dense.max(), rel=1e-9)
+
+
+def test_two_references_agree_and_errors_are_relative_to_the_signals():
+    system = replace(System(), {"friction.law": "set_valued"})
+    first, second = reference(system, 5, "DOP853", 1e-12), reference(system, 5, "LSODA", 1e-11)
+    assert disagreement(first, second) < 1e-7
+    off = Reference("", first.section * 1.0, first.largest * 1.0, first.size)
+    off.section[3, 0] += 1e-3 * first.size[0]
+    assert first.size[0] == pytest.approx(first.largest[2:].max(), rel=1e-3)
+    found = errors(off.section, off.largest, first)
+    assert found == pytest.approx((0.0, 1e-3, 0.0))
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """A study of two scenes with few runs, one of them unstable and one too long."""
+    effort = precision.Effort(5, 0.01, 1.0, {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)),
+                                             "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
+                              {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,), "lsoda": (1e-6,),
+                               "rk4": (3.0,), "rk45": (1e-5,)},
+                              {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20)
+    monkeypatch.setattr(precision, "QUICK", effort)
+    monkeypatch.setattr(sweep_speed, "CYCLES", 10)
+    monkeypatch.setattr(sweep_speed, "REPEATS", 1)
+    monkeypatch.setattr(sweep_speed, "whole_sweep", lambda _, plain=sweep_speed.whole_sweep: plain(2))
+    monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: [plain(effort)[i] for i in (0, 5)])
+
+
+def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
+    folder = tmp_path / "out"
+    assert main(["precision", "--quick", "--out", str(folder)]) == 0
+    found = json.loads((folder / "precision.json").read_text())
+    assert set(found) >= KEYS
+    assert len(found["reference"]["solvers"]) == 2
+    assert 0.0 < found["reference"]["floor"] < 1e-7
+    assert [r["scene"] for r in found["scenes"]] == ["fig02", "minimal, set-valued"]
+    for record in found["scenes"]:
+        assert set(record) >= KEYS
+        assert all(set(row) == RESULT_KEYS for row in record["results"])
+    rows = {(r["solver"], r["setting"]): r for r in found["results"]}
+    assert max(rows["smoothed", 1e-9][k] for k in precision.ERRORS) < 1e-8
+    assert rows["lsoda", 1e-6]["error_section"] < 1e-2
+    why = {row["solver"]: row["why"] for row in found["omitted"]}
+    assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in precision.ERRORS) > 1e-4
+    assert "stability" in why["rk45"]
+    exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
+    assert max(exact[k] for k in precision.ERRORS) < 1e-9
+    assert (folder / "precision.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (folder / "precision.svg").read_text()[:500]
+    text = (folder / "precision.md").read_text()
+    assert "Omitted:" in text
+    assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
+    said = capsys.readouterr().out
+    assert "ms per 100 cycles" in said
+    speed = found["sweep_speed"]
+    engine = [row for row in speed["rows"] if row["solver"] == sweep_speed.ENGINE]
+    assert [row["kinetic_ratio"] for row in engine[::2]] == pytest.approx([1.0, 0.83, 0.75, 0.667])
+    assert all(row["error"] <= sweep_speed.ERROR and row["cycles_per_second"] > 0.0 for row in speed["rows"])
+    peer = [row for row in [*speed["rows"], *speed["omitted"]] if row["solver"] == sweep_speed.PEER]
+    assert len(peer) == 4
+    assert all("why" in row or row["setting"] in sweep_speed.LADDER for row in peer)
+    assert (speed["sweep"]["points"], speed["sweep"]["cycles"]) == (8, 80)
+    assert "cycles a second and core at an error of at most 1e-06" in said
+    assert text.count("| 0.83 | 0.36 |") == 1
+
+
+def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():
+    system = paper_system({"friction.kinetic_coefficient": 0.25, "engine.frequency": 77.0})
+    truth = reference(system, sweep_speed.HORIZON, "LSODA", 1e-12)
+    with pytest.raises(peers.Failed, match="its error is at least"):
+        sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1,), truth)
+    setting, error = sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1, 1e-9), truth)
+    assert setting == 1e-9
+    assert error < 1e-7
+
+
+def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+    monkeypatch.setattr(sweep_speed, "sweep_speed", interrupted)
+    folder = tmp_path / "out"
+    assert main(["precision", "--quick", "--out", str(folder)]) == 130
+    found = json.loads((folder / "precision.json").read_text())
+    assert (found["complete"], found["sweep_speed"], len(found["scenes"])) == (False, None, 2)
+    assert "not complete" in (folder / "precision.md").read_text()
+    assert capsys.readouterr().err == "tcc-sim: interrupted\n"
+
+
+def test_an_existing_directory_is_refused(tmp_path, capsys):
+    assert main(["precision", "--quick", "--out", str(tmp_path)]) == 2
+    assert "exists" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_xppaut_reads_the_model_as_written():
+    try:
+        run = peers.xppaut(replace(System(), SLIP), "cvode", 1e-9, 3, 1)
+    except peers.Failed as missing:
+        pytest.skip(str(missing))
+    expected = pure_slip(replace(System(), SLIP), np.arange(4) * System().cycle)
+    np.testing.assert_allclose(run.section[:, 0], expected, rtol=1e-6)
+
+
+def test_siconos_steps_the_relay():
+    system = replace(System(), {**SLIP, "friction.law": "set_valued"})
+    try:
+        run = peers.siconos(system, 4096, 0.5, 1)
+    except peers.Failed as missing:
+        pytest.skip(str(missing))
+    assert run.section[1, 0] == pytest.approx(pure_slip(system, system.cycle), rel=1e-4)

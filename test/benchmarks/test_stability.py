@@ -1,0 +1,110 @@
+"""The stability report: its criteria against closed forms, a handful of extreme cases, the limits, files as promised."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.benchmarks import error_charts as charts
+from tcc_sim.benchmarks import extremes
+from tcc_sim.benchmarks import extremes_report as stability
+from tcc_sim.cli import main
+from tcc_sim.model.parameters import QUANTITIES, System, replace
+from tcc_sim.solvers import solve
+
+KEYS = {"solver", "step", "status", "finite", "bounded", "error", "iterations_max", "power_residual"}
+FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.0}
+
+
+def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
+    found = extremes.cases(330)
+    assert len({repr(sorted(keys.items())) for keys in found}) == 330
+    systems = [replace(System(), keys) for keys in found]
+    assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
+    assert max(s.friction.smoothing for s in systems) == 1e9
+    assert {0.0, 1e7} <= {s.pressure.mean for s in systems}
+    assert any(s.pressure.amplitude >= s.pressure.mean > 0.0 for s in systems)
+    assert min(s.driveline.plate_inertia for s in systems) == 1e-6
+    assert {1.0, 5000.0} <= {s.engine.frequency for s in systems}
+    assert {0.0, 1e4} <= {s.initial.slip_speed for s in systems}
+    assert any(s.driveline.damping == 0.0 for s in systems)
+
+
+def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
+    run = solve(replace(System(), {**FREE, "initial.plate_angle": 0.1}), cycles=2, samples_per_cycle=4000)
+    assert extremes.power_residual(run) < 1e-6
+    assert extremes.energy_excess(run) <= 1e-9
+    wrong = dataclasses.replace(run, friction_torque=run.friction_torque + 10.0)
+    assert extremes.power_residual(wrong) > 1e-3
+    grown = dataclasses.replace(run, plate_angle=run.plate_angle * np.linspace(1.0, 100.0, len(run.t)))
+    assert extremes.energy_excess(grown) > 0.1
+    assert not extremes.finite(dataclasses.replace(run, plate_speed=np.full(len(run.t), math.nan)))
+
+
+CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9}, {"share": 1.5, "pressure.phase": math.pi},
+         {"pressure.mean": 0.0}, {"pressure.mean": 1e7}, {"driveline.plate_inertia": 1e-4, "initial.slip_speed": 0.0},
+         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2]]
+
+
+@pytest.mark.parametrize("keys", CASES, ids=lambda keys: ",".join(keys) or "base")
+def test_extreme_cases_keep_the_criteria(keys):
+    keys = extremes.plain(keys)
+    for engine, (law, _) in extremes.ENGINES.items():
+        found = extremes.examine(keys, engine, extremes.Truth(keys, law))
+        assert found["status"] in ("DONE", "REFUSED"), found
+        if found["status"] == "DONE":
+            assert found["finite"] is True
+            assert found["bounded"] is True
+            assert found["iterations_max"] <= found["iterations_bound"]
+            assert found["power_residual"] < 5e-3
+            assert found["error"] < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
+
+
+def test_what_an_engine_cannot_do_is_refused_with_a_reason():
+    keys = extremes.plain({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
+    found = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
+    assert found["status"] == "REFUSED"
+    assert "sub-steps" in found["why"]
+
+
+def test_the_limits_are_the_theoretical_ones():
+    system = replace(System(), {"pressure.amplitude": 0.0})
+    load, beta = 500.0, 55.0
+    assert charts.rk4_limit(system) == pytest.approx(2.785 / (beta * load * 1.25 * 50.0))
+    sharp = replace(system, {"friction.smoothing": 1e9})
+    assert charts.uniqueness_limit(sharp) == pytest.approx(1.0 / (beta * load * 2.0 * 0.25), rel=1e-3)
+    assert charts.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """A report of three scenes and charts of four cells."""
+    monkeypatch.setattr(stability, "QUICK_COUNT", 3)
+    monkeypatch.setattr(charts, "OVER", {key: values[:4] for key, values in charts.OVER.items()})
+    monkeypatch.setattr(charts, "METHODS", {m: steps[-4:] for m, steps in charts.METHODS.items()})
+
+
+def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
+    folder = tmp_path / "out"
+    assert main(["stability", "--quick", "--out", str(folder)]) == 0
+    found = json.loads((folder / "stability.json").read_text())
+    assert len(found["cases"]) == 9
+    for record in found["cases"]:
+        assert set(record) >= KEYS
+        assert any(key in QUANTITIES for key in record)
+    assert set(found["summary"]) == set(extremes.ENGINES)
+    assert all(total["not_finite"] == total["not_bounded"] == 0 for total in found["summary"].values())
+    assert len(found["charts"]) == 9
+    assert (folder / "stability.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "stability.svg").exists()
+    text = (folder / "stability.md").read_text()
+    assert "## Refused or stopped" in text
+    assert "## Largest errors" in text
+    assert "not finite" in capsys.readouterr().out
+
+
+def test_an_existing_directory_stays_as_it_is(tmp_path, capsys):
+    assert main(["stability", "--quick", "--out", str(tmp_path)]) == 2
+    assert "exists" in capsys.readouterr().err

@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.output.explanation import explain, needs
+from tcc_sim.scene import load_scene
+from tcc_sim.topics import topic
+
+
+def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
+    found = explain(load_scene("minimal"))
+    assert found["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
+    assert set(found["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine", "Stribeck exponential",
+                                               "pressure clamp"}
+    kernel = found["kernel"]
+    assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
+    assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])
+    assert set(found["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure", "/clock"}
+    step = found["step"]
+    assert step["ratio"] == pytest.approx(step["general_s"] / step["own_s"])
+    assert step["sub_steps"] == 10
+
+
+def test_the_set_valued_law_has_no_smoothing_and_no_real_time_step() -> None:
+    scene = load_scene("minimal").with_values({"friction.law": "set_valued"})
+    found = explain(scene)
+    assert found["solver"] == "event_driven"
+    assert "smoothing tanh" in found["terms"]["left_out"]
+    assert found["step"] is None
+
+
+@pytest.mark.parametrize(("name", "values", "created"), [
+    ("joint_states", {}, True), ("slip_speed", {}, True), ("slip_speed", {"publish_scalars": False}, False),
+    ("/clock", {}, False), ("/clock", {"publish_clock": True}, True), ("engine_torque", {}, False),
+    ("engine_torque", {"engine.source": "topic"}, True), ("applied_pressure", {"pressure.source": "topic"}, True),
+    ("/diagnostics", {"publish_diagnostics": False}, False)])
+def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, object], created: bool) -> None:
+    assert needs(load_scene("fig02").with_values(values), topic(name)) is created
+
+
+def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "explained.json"
+    assert main(["explain", "fig02", "--json", str(file)]) == 0
+    out = capsys.readouterr().out
+    for words in ("Stribeck exponential", "one 1 ms tick in 33 sub-steps", "times as much"):
+        assert words in out
+    assert json.loads(file.read_text())["scene"] == "fig02"
+    assert main(["explain", "fig02", "--json", str(file)]) == 2
+    assert main(["explain", "fig20"]) == 2

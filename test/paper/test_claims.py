@@ -1,0 +1,104 @@
+"""Claims with robust numbers, and the frame of the table; the numbers are compared with closed forms where there are any."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.model import closed_form
+from tcc_sim.paper import claims, claims_constant_load, claims_varying_load
+from tcc_sim.paper.catalogue import OMEGA_N, paper_system
+from tcc_sim.paper.evidence import CONFIRMED, DEPENDS, NOT_CONFIRMED, Evidence, Finding, share_where
+
+
+@pytest.fixture(scope="module")
+def evidence() -> Evidence:
+    """Evidence at the looser tolerance."""
+    return Evidence(claims.TOLERANCE)
+
+
+@pytest.mark.parametrize("claim", [
+    claims_constant_load.maximum_falls, claims_constant_load.slope_turns_negative, claims_constant_load.three_motions,
+    claims_varying_load.delay, claims_varying_load.period_is_denominator,
+])
+def test_claims_with_robust_numbers_hold(claim, evidence: Evidence) -> None:  # type: ignore[no-untyped-def]
+    assert claim(evidence).verdict == CONFIRMED
+
+
+def test_the_stick_limit_is_that_of_the_closed_form(evidence: Evidence) -> None:
+    """(25a) by hand: the amplitude of the interface torque is mu_s N R - Tm at the limit, far above omega_sn."""
+    found = claims_constant_load.stick_limits(evidence)
+    ratio = found.values["(10), (25)"]
+    omega = ratio * OMEGA_N
+    spring = complex(3000.0, 0.6 * omega)
+    assert 250.0 * abs(spring - 0.02 * omega**2) / abs(spring - 0.22 * omega**2) == pytest.approx(540.0 - 300.0, rel=1e-6)
+    assert ratio > closed_form.regime_boundary(paper_system())
+    assert found.values["set_valued"] == pytest.approx(ratio, abs=1e-3)
+    assert found.verdict == CONFIRMED
+
+
+def test_a_jump_is_told_from_a_steep_curve(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    kept = Evidence(1e-6)
+    axis = np.linspace(0.1, 0.5, 21)
+
+    class Swept:
+        """A curve of the test's own."""
+
+        def __init__(self, values: np.ndarray) -> None:
+            self.values = values
+
+        def column(self, name: str) -> np.ndarray:
+            """The values."""
+            return self.values
+
+    for curve, expected in ((lambda x: 40.0 if x < 0.313 else 50.0, [0.313]), (lambda x: 50.0 * math.tanh((x - 0.3) / 0.02), [])):
+        swept = [Swept(np.array([curve(x) for x in axis]))]
+        monkeypatch.setattr(kept, "curves", lambda rows, axis, swept=swept: swept)
+        monkeypatch.setattr(kept, "maximum", lambda row, ratio, curve=curve: curve(ratio))
+        assert [x for x, _ in kept.jumps({}, axis)] == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_verdict_that_changes_with_the_tolerance_depends() -> None:
+    finding = Finding("4", "a claim", "a criterion", {"x": float("nan"), "n": np.int64(3)}, NOT_CONFIRMED)
+    row = claims.Verdict(finding, CONFIRMED).as_json()
+    assert row["verdict"] == DEPENDS
+    assert "tolerance" in row["why"]
+    assert json.loads(json.dumps(row, allow_nan=False))["values"] == {"x": None, "n": 3}
+    assert claims.Verdict(finding, NOT_CONFIRMED).as_json()["verdict"] == NOT_CONFIRMED
+
+
+def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    chosen = (claims_constant_load.maximum_falls, claims_constant_load.slope_turns_negative)
+    monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
+    assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
+    rows = json.loads((tmp_path / "c.json").read_text())
+    assert [{"figure", "claim", "values", "criterion", "verdict", "why"} <= row.keys() for row in rows] == [True, True]
+    page = (tmp_path / "c.md").read_text()
+    assert page.count("## 3: ") == 2
+    assert "confirmed" in capsys.readouterr().out
+    assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
+
+
+def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+    def interrupted(evidence: Evidence) -> Finding:
+        raise KeyboardInterrupt
+
+    for chosen, kept in (((claims_constant_load.maximum_falls, interrupted), 1), ((interrupted,), 0)):
+        monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
+        page, rows = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
+        assert main(["claims", "--json", str(rows), "--markdown", str(page)]) == 130
+        assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
+        assert rows.exists() == page.exists() == bool(kept)
+    assert len(json.loads((tmp_path / "1.json").read_text())) == 1
+    assert "Of 1 claims: 1 confirmed, 0 depend on a reading, 0 not confirmed." in (tmp_path / "1.md").read_text()
+    assert "Interrupted" in (tmp_path / "1.md").read_text()
+
+
+def test_every_figure_with_a_claim_has_one_in_the_registry() -> None:
+    assert len(claims.CLAIMS) == len(set(claims.CLAIMS)) >= 25
+    assert share_where(np.array([True, False]), np.array([True, True])) == 0.5
+    assert share_where(np.array([True]), np.array([False])) == 1.0

@@ -1,0 +1,103 @@
+"""The figures of the paper: what each has, that its numbers are those of closed forms, and that files are not overwritten."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, paper_system
+from tcc_sim.paper.figures import Manner, figure_data, first_half
+from tcc_sim.solvers import solve
+
+
+def test_every_figure_from_2_to_18_has_a_row() -> None:
+    assert list(FIGURES) == list(range(2, 19))
+    for row in FIGURES.values():
+        for series in row.series:
+            assert isinstance(paper_system(series.values), System)
+        if row.kind in ("map", "damping", "orbit"):
+            assert row.count >= 200
+
+
+def test_sections_five_and_six_keep_the_normal_load() -> None:
+    for number in (4, 14, 15, 16, 17, 18):
+        for series in FIGURES[number].series:
+            system = paper_system(series.values)
+            assert STATIC * 0.08 * 0.1 * system.pressure.mean == pytest.approx(540.0)
+    assert paper_system(FIGURES[2].series[0].values).saturation_mean == pytest.approx(500.0)
+    assert paper_system().natural_frequency == pytest.approx(OMEGA_N)
+    assert pytest.approx(math.sqrt(3000.0 / 0.22) / OMEGA_N) == STUCK_RATIO
+
+
+def test_a_map_has_a_curve_per_series_and_enough_section_points(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    words = ["figure", "13", "--quick", "--law", "set_valued", "--out", str(tmp_path)]
+    assert main(words) == 0
+    data = json.loads((tmp_path / "fig13.json").read_text())
+    assert data["axis"] == "omega/omega_n"
+    assert (data["x"][0], data["x"][-1]) == (0.05, 0.5)
+    assert [c["label"] for c in data["curves"]] == [s.label for s in FIGURES[13].series]
+    for curve in data["curves"]:
+        assert len(curve["max_slip_speed"]) == len(data["x"])
+        assert min(map(len, curve["theta2"])) >= 30
+        # The highest frequency is pure stick for the smaller amplitudes: (8) gives the plate angle at t = 0.
+        if curve["regime"][-1] == "stick":
+            assert curve["max_slip_speed"][-1] == pytest.approx(0.0, abs=1e-9)
+            omega = 0.5 * OMEGA_N
+            angle = 0.1 + 250.0 * (1.0 / (3000.0 - 0.22 * omega**2 + 0.6j * omega)).imag
+            assert curve["theta2"][-1][-1] == pytest.approx(angle, abs=2e-4)
+    assert sum(c["regime"][-1] == "stick" for c in data["curves"]) >= 1
+    before = (tmp_path / "fig13.png").read_bytes()
+    assert before.startswith(b"\x89PNG")
+    assert (tmp_path / "fig13.svg").read_text().lstrip().startswith("<?xml")
+    assert main(words) == 2
+    assert main([*words, "--force"]) == 0
+    assert (tmp_path / "fig13.png").read_bytes() == before
+
+
+@pytest.mark.parametrize("number", [3, 9, 12])
+def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    assert main(["figure", str(number), "--out", str(tmp_path)]) == 0
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".png", ".svg"]
+    assert json.loads((tmp_path / f"fig{number:02d}.json").read_text())["figure"] == number
+
+
+def test_the_periods_of_figure_12_are_those_of_35() -> None:
+    assert [p["period"] for p in figure_data(12, Manner())["panels"]] == [2, 3, 3]
+
+
+def test_figure_3_peaks_below_the_static_coefficient() -> None:
+    for curve in figure_data(3, Manner())["curves"][1:]:
+        assert curve["peak"] < curve["static"]
+        assert min(curve["near_slope"]) < 0.0
+        assert max(curve["near_coefficient"]) == pytest.approx(curve["peak"], rel=1e-4)
+
+
+def test_the_first_half_cycle_counts_the_way_slipped() -> None:
+    late = paper_system({"friction.law": "set_valued", "engine.frequency": 0.40 * OMEGA_N})
+    start = solve(late, cycles=60).final
+    assert 0.0 <= first_half(solve(late, cycles=2, samples_per_cycle=400, start_cycle=60, state=start)) < 0.05
+    still = paper_system({"friction.law": "set_valued", "engine.torque_amplitude": 0.0, "initial.slip_speed": 0.0,
+                          "initial.plate_angle": 0.1})
+    assert math.isnan(first_half(solve(still, cycles=2, samples_per_cycle=50)))
+
+
+@pytest.mark.parametrize("words", [["1"], ["19"], ["four"], ["4", "--jobs", "0"], ["7", "--direction", "up"],
+                                   ["2", "--law", "set_valued"], ["3", "--direction", "down"]])
+def test_wrong_figures_are_refused(words: list[str], tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    assert main(["figure", *words, "--out", str(tmp_path / "new")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+    with pytest.raises(InputError):
+        figure_data(1, Manner())
+
+
+def test_an_orbit_over_the_friction_ratio_goes_in_all_directions_unless_told() -> None:
+    quick = figure_data(6, Manner(quick=True, law="set_valued", direction="down"))
+    assert [c["direction"] for c in quick["curves"]] == ["down"]
+    assert np.isfinite([x for x in quick["curves"][0]["max_slip_speed"] if x is not None]).all()

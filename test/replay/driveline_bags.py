@@ -1,0 +1,88 @@
+"""Bags as driveline and recorder make them, without ROS: ticks of the real-time solver, or columns given by hand."""
+
+import math
+
+import numpy as np
+
+from tcc_sim.messages import cdr
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.scene_records import holding_from
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers.fixed_step import Stepper
+from tcc_sim.solvers.terms import general_terms, terms_of
+from tcc_sim.topics import topic
+
+TICK = 1_000_000
+START = 10**18
+
+
+def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), said=None):
+    """Rows (stamp, six columns of joint_states, applied pressure) of a driveline; torque and pressure are f(tick).
+
+    After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while running.
+    A list given as `said` gets (row, text) of every scene said again.
+    """
+    stepper, system, changes = Stepper(scene.system, 1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
+    rows, terms, text, general = [], stepper.terms, "", False
+
+    def say(stamp):
+        if said is not None and text:
+            said.append((len(rows), holding_from(text, stamp, general)))
+
+    def publish(applied):
+        v, angle, speed, flywheel = stepper.state.tolist()
+        rows.append((stepper.tick * TICK, flywheel, angle, v + speed, speed, *stepper.torques(), applied))
+
+    publish(system.pressure.mean)
+    for k in range(1, ticks):
+        if k in changes:
+            values, general = changes[k]
+            after = scene.with_values(values)
+            system, text = after.system, after.text()
+            terms = (general_terms if general else terms_of)(system)
+            stepper.use(terms)
+            say((stepper.tick + 1) * TICK)
+        applied = pressure(k) if pressure is not None else math.nan
+        if torque is not None:
+            stepper.use(stepper.terms._replace(mean_torque=torque(k)))
+        if pressure is not None:
+            stepper.use(stepper.terms._replace(mean_load=system.torque_per_pressure * applied))
+        stepper.advance()
+        publish(applied)
+        if k in resets:
+            stepper.reset(system)
+            stepper.use(terms)
+            say(0)
+            publish(system.pressure.mean)
+    return rows
+
+
+def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque):
+    """Rows of functions of time, 1 kHz."""
+    t = np.arange(round(seconds * 1000) + 1) * 1e-3
+    v, angle, speed, engine, friction = (np.broadcast_to(f(t), t.shape).tolist() for f in
+                                         (slip_speed, plate_angle, plate_speed, engine_torque, friction_torque))
+    return [(k * TICK, angle[k], angle[k], v[k] + speed[k], speed[k], engine[k], friction[k], math.nan) for k in range(len(t))]
+
+
+def bag(directory, rows, scene, *, said=(), cut=False, lost=0):
+    """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag."""
+    scene = load_scene(scene) if isinstance(scene, str) else scene
+    writer = BagWriter(directory, scene.text() if scene is not None else None)
+    joints = writer.channel("/joint_states", topic("joint_states").type)
+    applied = writer.channel("/applied_pressure", topic("applied_pressure").type) if not math.isnan(rows[-1][-1]) else 0
+    for number, (stamp, *columns, pressure) in enumerate(rows):
+        log = START + number * TICK
+        for text in (text for row, text in said if row == number):
+            writer.describe(text, log_ns=log - TICK // 2)
+        writer.write(joints, log, log, cdr.joint_state(stamp, *columns), number)
+        if applied:
+            writer.write(applied, log, log, cdr.fluid_pressure(stamp, pressure), number)
+        if number % 100 == 99:
+            writer.flush()
+    writer.flush()
+    if cut:
+        writer.abandon()
+    else:
+        writer.close({"lost": {"/joint_states": lost}})
+    return directory

@@ -1,0 +1,196 @@
+"""Recordings made by hand from closed forms come back as their figures, whatever state they are in."""
+
+import math
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from driveline_bags import TICK, bag, by_hand, ticked
+
+from tcc_sim.errors import InputError
+from tcc_sim.replay.replay import replay
+from tcc_sim.replay.tail import TAIL_CYCLES
+from tcc_sim.scene import load_scene
+
+OMEGA, SPEED, LOAD = 150.0, 150.0, 300.0
+SWING = 250.0 / (0.2 * OMEGA)
+SLIP = (lambda t: SPEED + SWING * (1.0 - np.cos(OMEGA * t)), lambda t: LOAD / 3000.0, lambda t: 0.0,
+        lambda t: 300.0 + 250.0 * np.sin(OMEGA * t), lambda t: LOAD)
+"""(17a) put right, steady: slip speed, plate angle, plate speed, engine and friction torque."""
+
+
+def slip(seconds):
+    return by_hand(seconds, *SLIP)
+
+
+def is_slip(summary):
+    assert summary.regime == "slip"
+    assert summary.period == 1
+    assert summary.max_slip_speed == pytest.approx(SPEED + 2.0 * SWING, rel=1e-7)
+    assert summary.min_slip_speed == pytest.approx(SPEED, rel=1e-7)
+    assert np.allclose(summary.section, [(LOAD / 3000.0, SPEED)], rtol=1e-7)
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_pure_slip_complete_and_cut_short(tmp_path, cut):
+    found = replay(bag(tmp_path / "run", slip(3.0), "slip", cut=cut))
+    is_slip(found.summary)
+    values = found.json()
+    assert (values["messages"], values["lost_messages"], values["complete"]) == (3001, 0, not cut)
+    assert (values["cycles"], values["discarded"]) == (71, 35)
+    assert (values["frequency"], values["frequency_source"]) == (OMEGA, "scene")
+    text = "\n".join(found.lines())
+    assert ("cut short" in text) == cut
+    assert "no gap" in text
+    assert "as the scene says" in text
+
+
+def test_pure_stick(tmp_path):
+    omega, response = 50.0, 250.0 / (3000.0 - 0.22 * 50.0**2 + 0.6j * 50.0)
+
+    def angle(t):
+        return 0.1 + (response * np.exp(1j * omega * t)).imag
+
+    def speed(t):
+        return (1j * omega * response * np.exp(1j * omega * t)).imag
+
+    def friction(t):
+        acceleration = (-omega**2 * response * np.exp(1j * omega * t)).imag
+        return 0.02 * acceleration + 0.6 * speed(t) + 3000.0 * angle(t)
+
+    rows = by_hand(4.0, lambda t: 0.0 * t, angle, speed, lambda t: 300.0 + 250.0 * np.sin(omega * t), friction)
+    summary = replay(bag(tmp_path / "run", rows, "stick"), discard=4).summary
+    assert summary.regime == "stick"
+    assert summary.stick_fraction == 1.0
+    assert summary.max_slip_speed == pytest.approx(0.0, abs=1e-12)
+    assert np.allclose(summary.section, [(0.1 + response.imag, 0.0)], atol=1e-9)
+
+
+def test_gaps_are_counted_and_never_bridged(tmp_path):
+    rows = slip(3.0)
+    found = replay(bag(tmp_path / "run", rows[:1000] + rows[1037:], "slip"), discard=0)
+    is_slip(found.summary)
+    values = found.json()
+    assert (values["gaps"], values["lost_messages"], values["messages"]) == (1, 37, 3001 - 37)
+    assert 68 <= values["cycles"] < 71
+    assert "37 lost" in "\n".join(found.lines())
+
+
+def test_uneven_stamps_are_reported(tmp_path):
+    rows = [(stamp + 200_000 * (k == 500), *rest) for k, (stamp, *rest) in enumerate(slip(1.0))]
+    found = replay(bag(tmp_path / "run", rows, "slip"))
+    assert found.json()["uneven_stamps"] == 2
+    assert "uneven" in "\n".join(found.lines())
+
+
+def test_the_longest_of_several_runs_counts(tmp_path):
+    short = by_hand(0.5, lambda t: 7.0 + 0.0 * t, *SLIP[1:])
+    found = replay(bag(tmp_path / "run", slip(2.0) + short, "slip"))
+    is_slip(found.summary)
+    assert found.json()["runs"] == 2
+    assert found.trajectory.t[-1] == 2.0
+    assert found.trajectory.slip_speed.min() > 100.0
+
+
+def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path):
+    found = replay(bag(tmp_path / "run", slip(3.0), "slip"))
+    end, cycle = found.trajectory, 2.0 * math.pi / OMEGA
+    assert end.t[-1] == 3.0
+    assert end.t[0] == pytest.approx(3.0 - TAIL_CYCLES * cycle, abs=1e-3)
+    assert np.allclose(end.slip_speed, SLIP[0](end.t), rtol=1e-12)
+    assert np.allclose(end.saturation_torque, LOAD)
+    assert np.all(end.state == 1)
+    assert (len(found.cycles), found.first_cycle) == (71, 0)
+    pictures = pytest.importorskip("tcc_sim.views.overview")
+    pytest.importorskip("matplotlib")
+    assert pictures.overview(tmp_path / "o.png", end, found.cycles, found.first_cycle, found.summary).stat().st_size > 10_000
+
+
+def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
+    scene = load_scene("commands").with_values({"engine.frequency": 99.0})
+    path = bag(tmp_path / "run", slip(3.0), scene)
+    found = replay(path)
+    assert found.frequency_source == "found"
+    assert found.frequency == pytest.approx(OMEGA, rel=1e-6)
+    assert found.summary.max_slip_speed == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
+    given = replay(path, frequency=75.0)
+    assert (given.frequency, given.frequency_source) == (75.0, "given")
+    assert given.summary.cycles == 35
+    constant = by_hand(2.0, *SLIP[:3], lambda t: 300.0, SLIP[4])
+    fallback = replay(bag(tmp_path / "constant", constant, scene))
+    assert (fallback.frequency, fallback.frequency_source) == (99.0, "scene")
+
+
+@pytest.mark.parametrize(("keywords", "words"), [
+    ({"discard": 71}, "--discard 71"), ({"discard": -1}, "--discard is -1"), ({"frequency": math.nan}, "frequency is nan"),
+    ({"frequency": 0.5}, "no whole engine cycle"),
+])
+def test_wrong_arguments(tmp_path, keywords, words):
+    path = bag(tmp_path / "run", slip(3.0), "slip")
+    with pytest.raises(InputError, match=words):
+        replay(path, **keywords)
+
+
+def test_a_recording_without_scene_needs_one(tmp_path):
+    path = bag(tmp_path / "run", slip(1.0), None)
+    with pytest.raises(InputError, match="holds no scene"):
+        replay(path)
+    is_slip(replay(path, scene="slip").summary)
+
+
+def rerun_rows(path):
+    """Rows by entity path, counted by Rerun's own tool, which has accepted the file."""
+    for verb in ("verify", "print"):
+        done = subprocess.run([sys.executable, "-m", "rerun", "rrd", verb, str(path)], capture_output=True, text=True, timeout=60,
+                              check=True)
+    found = {}
+    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", done.stdout):
+        found[entity] = found.get(entity, 0) + int(count)
+    return found
+
+
+def test_everything_goes_to_rerun(tmp_path, monkeypatch):
+    pytest.importorskip("rerun")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    path = tmp_path / "run.rrd"
+    replay(bag(tmp_path / "run", slip(2.0) + slip(1.0), "slip"), rrd=path)
+    rows, static = rerun_rows(path), 1
+    assert rows["/slip/speed"] == 3002 + static
+    assert rows["/cycles/largest"] == rows["/phase/section"] == 47 + 23 + static
+    assert rows["/events"] == 1
+    assert rows["/summary"] == 1
+
+
+def test_a_file_for_rerun_appears_whole_or_not_at_all(tmp_path):
+    pytest.importorskip("rerun")
+    path = bag(tmp_path / "run", slip(0.02), "slip")
+    with pytest.raises(InputError, match="no whole engine cycle"):
+        replay(path, rrd=tmp_path / "run.rrd")
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_memory_holds_cycles_and_not_samples(tmp_path):
+    import tracemalloc
+
+    rows = slip(10.0)
+    paths = [bag(tmp_path / "short", rows, "slip"),
+             bag(tmp_path / "long", [(k * TICK, *row[1:]) for k, row in enumerate(rows[:-1] * 6)], "slip")]
+    peaks, cycles = [], []
+    replay(paths[0])
+    for path in paths:
+        tracemalloc.start()
+        cycles.append(replay(path).summary.cycles)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    # The samples of a cycle are 42 rows of 72 bytes; what is kept of it are 6 numbers and what the summary makes of them.
+    assert peaks[1] - peaks[0] < 500 * (cycles[1] - cycles[0])
+
+
+def test_damping_is_refused_before_reading_where_inputs_came_from_topics(tmp_path):
+    scene = load_scene("commands")
+    path = bag(tmp_path / "driven", ticked(scene, 600, torque=lambda k: 300.0, pressure=lambda k: 240e3), scene)
+    with pytest.raises(InputError, match=r"engine\.source is topic"):
+        replay(path, damping=True, rrd=tmp_path / "x.rrd")
+    assert not (tmp_path / "x.rrd").exists()

@@ -1,0 +1,169 @@
+"""A recording is solved again from itself: the same bits where nothing was changed, and the first change is found."""
+
+import math
+
+import pytest
+from driveline_bags import TICK, bag, ticked
+
+from tcc_sim.replay.replay import replay
+from tcc_sim.replay.verification import STEP_TOLERANCE
+from tcc_sim.scene import load_scene
+
+SCENES = {name: load_scene(name) for name in ("fig02", "minimal", "chaos", "commands")}
+
+
+def torque(k):
+    return 300.0 + 250.0 * math.sin(0.15 * k)
+
+
+def pressure(k):
+    return 225e3 + 20e3 * math.sin(0.05 * k) if k > 40 else 225e3
+
+
+def verified(directory, rows, scene, **keywords):
+    found = replay(bag(directory, rows, scene, **keywords), verify=True, frequency=150.0)
+    assert found.json()["verified"] == found.verification.verified
+    return found.verification
+
+
+@pytest.mark.parametrize("name", ["fig02", "minimal", "chaos"])
+@pytest.mark.parametrize("cut", [False, True])
+def test_an_untouched_recording_is_the_same_to_the_last_bit(tmp_path, name, cut):
+    found = verified(tmp_path / "run", ticked(SCENES[name], 400), SCENES[name], cut=cut)
+    assert found.verified
+    assert (found.largest_difference, found.compared, found.exact) == (0.0, 400, 400)
+    assert "to the last bit" in found.sentence()
+
+
+def test_applied_inputs_come_from_the_recording(tmp_path):
+    rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
+    found = verified(tmp_path / "run", rows, SCENES["commands"])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 400)
+
+
+def test_a_reset_starts_again(tmp_path):
+    rows = ticked(SCENES["commands"], 500, torque=torque, pressure=pressure, resets=(150, 200))
+    found = verified(tmp_path / "run", rows, SCENES["commands"])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 502)
+
+
+@pytest.mark.parametrize("column", range(1, 7))
+def test_one_changed_digit_is_found(tmp_path, column):
+    rows = ticked(SCENES["fig02"], 400)
+    changed = list(rows[217])
+    changed[column] = math.nextafter(changed[column], math.inf) if hasattr(math, "nextafter") else changed[column] * (1 + 1e-15)
+    rows[217] = tuple(changed)
+    found = verified(tmp_path / "run", rows, SCENES["fig02"])
+    assert not found.verified
+    assert found.first_difference_ns == 217 * TICK
+    assert 0.0 < found.largest_difference < 1e-12
+    assert "0.217 s" in found.sentence()
+
+
+def test_a_changed_pressure_is_found(tmp_path):
+    rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
+    rows[300] = (*rows[300][:-1], rows[300][-1] * 1.01)
+    found = verified(tmp_path / "run", rows, SCENES["commands"])
+    assert not found.verified
+    assert found.first_difference_ns == 300 * TICK
+
+
+def test_a_value_that_is_not_finite_is_found(tmp_path):
+    rows = ticked(SCENES["fig02"], 400)
+    rows[100] = (rows[100][0], math.nan, *rows[100][2:])
+    found = replay(bag(tmp_path / "run", rows, SCENES["fig02"]), verify=True)
+    assert not found.verification.verified
+    assert found.verification.first_difference_ns == 100 * TICK
+    assert found.json()["largest_difference"] is None
+
+
+STEPS = {"fig02": [(100, {"engine.mean_torque": 250.0}, False), (250, {"pressure.amplitude": 0.0}, True)],
+         "minimal": [(100, {"friction.kinetic_coefficient": 0.2}, True), (101, {"pressure.phase": 1.0}, True),
+                     (250, {}, False), (251, {"pressure.mean": 2e5, "pressure.amplitude": 3e4}, True)]}
+
+
+@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("resets", [(), (99,), (100, 250), (300, 301)])
+def test_parameters_changed_while_running_are_followed_to_the_last_bit(tmp_path, name, resets):
+    said = []
+    rows = ticked(SCENES[name], 400, changes=STEPS[name], resets=resets, said=said)
+    found = verified(tmp_path / "run", rows, SCENES[name], said=said)
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, len(rows))
+
+
+def test_the_kernel_that_the_recording_names_matters(tmp_path):
+    said = []
+    rows = ticked(SCENES["minimal"], 400, changes=STEPS["minimal"], said=said)
+    other = [(row, text.replace(", in the kernel with every term", "")) for row, text in said]
+    assert not verified(tmp_path / "run", rows, SCENES["minimal"], said=other).verified
+
+
+def test_a_change_in_a_gap_is_made_at_its_tick(tmp_path):
+    said = []
+    rows = ticked(SCENES["minimal"], 400, changes=STEPS["minimal"], said=said)
+    gap = rows[:90] + rows[130:]
+    found = verified(tmp_path / "run", gap, SCENES["minimal"], said=[(min(row, 90) if row < 130 else row - 40, text)
+                                                                     for row, text in said])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 360)
+
+
+def test_changes_beside_commanded_inputs_are_followed(tmp_path):
+    said = []
+    rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure, resets=(200,), said=said,
+                  changes=[(150, {"friction.static_coefficient": 0.4, "friction.kinetic_coefficient": 0.2}, False)])
+    found = verified(tmp_path / "run", rows, SCENES["commands"], said=said)
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 401)
+
+
+def test_a_change_that_nobody_said_is_a_difference(tmp_path):
+    rows = ticked(SCENES["fig02"], 400, changes=[(250, {"friction.static_coefficient": 0.31}, False)])
+    found = verified(tmp_path / "run", rows, SCENES["fig02"])
+    assert not found.verified
+    assert found.first_difference_ns == 250 * TICK
+    assert found.largest_difference > 1e-6
+
+
+def test_a_scene_counts_from_its_stamp_on_even_if_the_clock_was_set_back_before(tmp_path):
+    said = []
+    rows = ticked(SCENES["fig02"], 400, changes=STEPS["fig02"], said=said)
+    found = verified(tmp_path / "run", rows, SCENES["fig02"], said=[(row - 50, text) for row, text in said])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 400)
+
+
+@pytest.mark.parametrize("name", ["fig02", "chaos"])
+def test_a_recording_that_starts_late_is_checked_tick_by_tick(tmp_path, name):
+    rows = ticked(SCENES[name], 600)[137:]
+    found = verified(tmp_path / "run", rows, SCENES[name])
+    assert found.verified
+    assert (found.compared, found.exact) == (463, 0)
+    assert found.largest_difference < STEP_TOLERANCE
+    assert "within 1e-06" in found.sentence()
+    changed = list(rows[200])
+    changed[2] += 1e-4
+    rows[200] = tuple(changed)
+    found = verified(tmp_path / "changed", rows, SCENES[name])
+    assert found.first_difference_ns == (137 + 200) * TICK
+
+
+def test_a_gap_does_not_matter_where_the_inputs_are_known(tmp_path):
+    rows = ticked(SCENES["fig02"], 400)
+    found = verified(tmp_path / "run", rows[:90] + rows[130:], SCENES["fig02"])
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 360)
+
+
+def test_after_a_gap_in_commanded_inputs_it_goes_on_tick_by_tick(tmp_path):
+    rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
+    found = verified(tmp_path / "run", rows[:90] + rows[130:], SCENES["commands"])
+    assert found.verified
+    assert (found.compared, found.exact) == (360, 90)
+
+
+def test_what_the_node_did_not_make_is_said(tmp_path):
+    rows = [(stamp + 100, *rest) for stamp, *rest in ticked(SCENES["fig02"], 200)]
+    found = verified(tmp_path / "run", rows, SCENES["fig02"])
+    assert not found.verified
+    assert "is not that of a tick" in found.sentence()
+    set_valued = SCENES["fig02"].with_values({"friction.law": "set_valued"})
+    found = verified(tmp_path / "other", ticked(SCENES["fig02"], 200), set_valued)
+    assert not found.verified
+    assert "set_valued" in found.sentence()

@@ -1,0 +1,79 @@
+"""The same sweep on a real Dask scheduler with two worker processes, one of which is killed half way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.studies import sweep_file
+from tcc_sim.studies.sweep import Plan, sweep
+
+distributed = pytest.importorskip("distributed")
+
+
+def started(*words: str) -> subprocess.Popen[bytes]:
+    """A Dask process in a session of its own."""
+    root = str(Path(__file__).resolve().parents[2])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+    return subprocess.Popen([sys.executable, "-m", "distributed.cli." + words[0], *words[1:]], env=environment,
+                            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+
+
+@pytest.fixture
+def workers(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Address of a scheduler with two worker processes, and these."""
+    file = tmp_path / "scheduler.json"
+    quiet = ["--no-dashboard", "--scheduler-file", str(file)]
+    scheduler = started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)
+    processes = [started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny", "--local-directory",
+                         str(tmp_path / str(k)), *quiet) for k in range(2)]
+    try:
+        with distributed.Client(scheduler_file=str(file), timeout=30, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+            address = client.scheduler.address
+        yield address, processes
+    finally:
+        for process in (*processes, scheduler):
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def test_a_killed_worker_loses_nothing(workers, tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    address, processes = workers
+    system = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
+                                "pressure.amplitude": 0.0})
+    values = [float(x) for x in np.linspace(40.0, 160.0, 96)]
+    append, count = sweep_file.SweepFile.append, 0
+
+    def kill_half_way(self, *words):  # type: ignore[no-untyped-def]
+        nonlocal count
+        append(self, *words)
+        count += 1
+        if count == 24:
+            processes[0].kill()
+
+    monkeypatch.setattr(sweep_file.SweepFile, "append", kill_half_way)
+    far = sweep(system, "engine.frequency", values, Plan(cycles=400), dask=address, out=tmp_path / "far.jsonl")
+    assert processes[0].wait(30) == -signal.SIGKILL
+    near = sweep(system, "engine.frequency", values, Plan(cycles=400))
+    for one, other in zip(far.records, near.records):
+        assert one is not None
+        assert other is not None
+        assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
+
+
+def test_no_scheduler_is_wrong_input(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setattr("tcc_sim.studies.cluster.CONNECT_TIMEOUT", 0.5)
+    with pytest.raises(InputError, match="no Dask scheduler"):
+        sweep(System(), "engine.frequency", [100.0], Plan(cycles=5, solver="fixed_step"), dask="tcp://127.0.0.1:1")
