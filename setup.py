@@ -16,7 +16,8 @@ ROS = [f"{name}; {LINUX}" for name in (
     "ros-rosgraph-msgs")]
 VIEW = ["rerun-sdk>=0.26", "matplotlib>=3.6"]
 CLUSTER = ["distributed>=2023.1"]
-TEST = ["pytest>=7", "pytest-xdist>=3", "hypothesis>=6", "rosbags>=0.10", "mcap-ros2-support>=0.5", "ruff>=0.6", "mypy>=1.8",
+TEST = ["pytest>=7", "pytest-xdist>=3", "hypothesis>=6", "rosbags>=0.10", "mcap-ros2-support>=0.5", "ruff>=0.6",
+        "mypy>=1.8",
         "types-PyYAML"]
 
 setup(
@@ -36,7 +37,8 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
     python_requires=">=3.10",
-    install_requires=["numpy>=1.22", "scipy>=1.8", "numba>=0.57", "PyYAML>=5.4", "tqdm>=4.60", "mcap>=1.6", "zstandard", "lz4"],
+    install_requires=["numpy>=1.22", "scipy>=1.8", "numba>=0.57", "PyYAML>=5.4", "tqdm>=4.60", "mcap>=1.6", "zstandard",
+                      "lz4"],
     extras_require={"ros": ROS, "view": VIEW, "cluster": CLUSTER, "test": TEST, "all": [*ROS, *VIEW, *CLUSTER, *TEST]},
     entry_points={"console_scripts": [
         "tcc-sim = tcc_sim.cli:main",

@@ -13,7 +13,8 @@ def one_line(text: str) -> str:
     if len(text) > LONGEST_SENTENCE:
         half = LONGEST_SENTENCE // 2
         text = f"{text[:half]} ... {text[-half:]}"
-    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode()
+                                                   for c in text)
 
 
 class TccError(Exception):

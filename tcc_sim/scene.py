@@ -36,9 +36,11 @@ class Operation:
                                        0.0, 1000.0, live=True)
     pacing: str = quantity("real_time", "what a tick waits for: its deadline, or the command of the tick before",
                            choices=("real_time", "lockstep"))
-    command_timeout: float = quantity(0.5, "without a command for this long in simulated time the input falls back to the "
+    command_timeout: float = quantity(0.5,
+                                      "without a command for this long in simulated time the input falls back to the "
                                       "scene's mean value; 0 never falls back", "s", 0.0, 1e6, live=True)
-    wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0, 1000)
+    wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0,
+                                         1000)
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
     publish_clock: bool = quantity(False, "publish /clock")
@@ -127,7 +129,8 @@ def load_scene(name_or_file: str | Path) -> Scene:
     Raises
     ------
     InputError
-        No such scene (the nearest name is given), or a file that is not a valid scene; names file, key, value and range.
+        No such scene (the nearest name is given), or a file that is not a valid scene; names file, key, value and
+        range.
     """
     bundled = bundled_scenes()
     text = str(name_or_file)

@@ -1,4 +1,5 @@
-"""Every topic of the driveline, one row each: what it is, who creates it, what it carries and where a viewer shows it."""
+"""Every topic of the driveline, one row each: what it is, who creates it, what it carries and where a viewer shows it.
+"""
 
 from __future__ import annotations
 
@@ -41,9 +42,11 @@ JOINT_NAMES = ("flywheel", "clutch_plate")
 """The two joints of joint_states, in this order."""
 
 TOPICS: tuple[Topic, ...] = (
-    Topic("scene", STRING, "", "out", "", "the scene with every override, as a parameter file; said again after a change",
+    Topic("scene", STRING, "", "out", "",
+          "the scene with every override, as a parameter file; said again after a change",
           latched=True),
-    Topic("engine_torque", FLOAT64, "N m", "in", "engine.source: topic", "engine torque command, held until the next one",
+    Topic("engine_torque", FLOAT64, "N m", "in", "engine.source: topic",
+          "engine torque command, held until the next one",
           "torque/engine_command"),
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", "pressure.source: topic",
           "actuation pressure command, held until the next one", "pressure/command"),
@@ -52,7 +55,8 @@ TOPICS: tuple[Topic, ...] = (
           "torque on the plate (N m); stamp: simulation time", "plate"),
     Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", "pressure.source: topic",
           "actuation pressure that this tick applied; stamp: simulation time", "pressure/applied"),
-    Topic("slip_speed", FLOAT64, "rad/s", "out", "publish_scalars: true", "slip speed v = theta1' - theta2'", "slip/speed"),
+    Topic("slip_speed", FLOAT64, "rad/s", "out", "publish_scalars: true", "slip speed v = theta1' - theta2'",
+          "slip/speed"),
     Topic("friction_torque", FLOAT64, "N m", "out", "publish_scalars: true", "friction torque on the clutch plate",
           "torque/friction"),
     Topic("stick_slip_state", INT8, "", "out", "publish_scalars: true", "-1 negative slip, 0 stick, 1 positive slip",

@@ -87,7 +87,9 @@ class Transitions:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a solve cost: steps taken, steps refused, scalar or stage iterations in all and at most in one, and its bound."""
+    """What a solve cost: steps taken, steps refused, scalar or stage iterations in all and at most in one, and its
+    bound.
+    """
 
     steps: int = 0
     rejected: int = 0
@@ -101,9 +103,10 @@ class Statistics:
 class Trajectory:
     """A solved or recorded run.
 
-    Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque, saturation_torque,
-    friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad) is there for those
-    who asked. `cycles` comes from solvers that work it out on the way; `analysis.cycles` derives it from samples otherwise.
+    Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque,
+    saturation_torque, friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad)
+    is there for those who asked. `cycles` comes from solvers that work it out on the way; `analysis.cycles` derives it
+    from samples otherwise.
     """
 
     t: Floats

@@ -30,9 +30,11 @@ def test_scenes_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(len(line) < 130 for line in lines)
 
 
-@pytest.mark.parametrize("words", [[], ["sceens"], ["scenes", "--all"], ["scenes", "more"], ["sweep"], ["sweep", "fig02"],
+@pytest.mark.parametrize("words",
+                         [[], ["sceens"], ["scenes", "--all"], ["scenes", "more"], ["sweep"], ["sweep", "fig02"],
                                    ["sweep", "fig02", "--over"], ["recover"]])
-def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str],
+                                                           capsys: pytest.CaptureFixture[str]) -> None:
     refused(words, capsys)
 
 
@@ -50,7 +52,8 @@ def test_wrong_input_is_one_line_and_status_2_and_nothing_is_written(words: list
     assert list(tmp_path.iterdir()) == []
 
 
-def test_help_and_version_go_to_standard_output(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_help_and_version_go_to_standard_output(capsys: pytest.CaptureFixture[str],
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "300")
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"tcc-sim {__version__}\n"
@@ -75,7 +78,8 @@ def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str
     (OSError(28, "No space left on device"), 1, "tcc-sim: No space left on device\n"),
     (KeyboardInterrupt(), 130, "tcc-sim: interrupted\n")])
 def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, status: int, line: str,
-                                                     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+                                                     monkeypatch: pytest.MonkeyPatch,
+                                                     capsys: pytest.CaptureFixture[str]) -> None:
     def run(_: object) -> int:
         raise error
 
@@ -90,7 +94,8 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     reading, writing = os.pipe()
     os.close(reading)
     try:
-        ended = subprocess.run([sys.executable, "-m", "tcc_sim", "scenes"], stdout=writing, stderr=subprocess.PIPE, text=True,
+        ended = subprocess.run([sys.executable, "-m", "tcc_sim", "scenes"], stdout=writing, stderr=subprocess.PIPE,
+                               text=True,
                                env=environment, check=False)
     finally:
         os.close(writing)
@@ -98,7 +103,8 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
 
 
 @pytest.mark.parametrize("name", ["driveline_node", "recorder_node", "slip_controller_node"])
-def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch,
+                                        capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert getattr(executables, name)() == 1
     out, err = capsys.readouterr()

@@ -1,4 +1,6 @@
-"""The package as colcon builds and tests it, where colcon is installed; `.ci/run` installs it and runs more of the tests."""
+"""The package as colcon builds and tests it, where colcon is installed; `.ci/run` installs it and runs more of the
+tests.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ def test_the_package_that_colcon_built_passes_colcon_test(tmp_path: Path) -> Non
     environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTEST_XDIST_WORKER")}
 
     def colcon(*words: str) -> str:
-        ended = subprocess.run([sys.executable, "-m", "colcon", *words], cwd=tmp_path, env=environment, capture_output=True,
+        ended = subprocess.run([sys.executable, "-m", "colcon", *words], cwd=tmp_path, env=environment,
+                               capture_output=True,
                                text=True, timeout=300, check=False)
         assert ended.returncode == 0, ended.stdout + ended.stderr
         return ended.stdout

@@ -21,7 +21,8 @@ ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solver
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes"]
-DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing", "benchmarks.stability_drawing"]
+DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing",
+            "benchmarks.stability_drawing"]
 ROOMS = {
     "numba": ["solvers.compiled"], "scipy": ["solvers", "analysis", "benchmarks"], "distributed": ["studies.cluster"],
     "dask": ["studies.cluster"],
@@ -33,7 +34,8 @@ ROOMS = {
 }
 """Where a package that not everyone has, or that is slow to load, may be imported."""
 
-HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed", "tqdm"]
+HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
+         "tqdm"]
 LONGEST = 300
 LONGER = {"tcc_sim/solvers/smoothed/kernel.py": 400}
 """Lines that a file may have; more only where one compiled march cannot be cut."""
@@ -78,7 +80,8 @@ def test_what_is_heavy_or_optional_is_imported_in_its_room_only(path: Path) -> N
     own = name_of(path)
     for line, imported in imports_of(path):
         room = ROOMS.get(imported.split(".")[0])
-        assert room is None or any(own == r or own.startswith(r + ".") for r in room), f"{path}:{line} imports {imported}"
+        assert room is None or any(own == r or own.startswith(r + ".")
+                                   for r in room), f"{path}:{line} imports {imported}"
 
 
 def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
@@ -91,7 +94,8 @@ def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
 def loaded_by(statement: str) -> set[str]:
     """Which heavy packages a fresh interpreter has loaded after a statement."""
     code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
-    words = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    words = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
+                           check=True).stdout.split()
     return {word.split(".")[0] for word in words} & set(HEAVY)
 
 
@@ -111,7 +115,8 @@ def test_no_parser_needs_an_optional_package() -> None:
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
 
 
-@pytest.mark.parametrize("path", [*MODULES, *sorted((ROOT / "test").rglob("*.py"))], ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("path", [*MODULES, *sorted((ROOT / "test").rglob("*.py"))],
+                         ids=lambda p: str(p.relative_to(ROOT)))
 def test_files_stay_readable(path: Path) -> None:
     text = path.read_text()
     assert len(text.splitlines()) <= LONGER.get(str(path.relative_to(ROOT)), LONGEST)
@@ -162,7 +167,8 @@ def test_a_bundled_scene_is_complete_and_comes_back_from_its_own_text(path: Path
     assert again == scene
     assert again.text() == scene.text()
     for key, value in keys.items():
-        holder, name = (getattr(scene.system, key.split(".")[0]), key.split(".")[1]) if "." in key else (scene.operation, key)
+        holder, name = (getattr(scene.system, key.split(".")[0]),
+                        key.split(".")[1]) if "." in key else (scene.operation, key)
         assert getattr(holder, name) == value
         # ROS 2 gives a parameter the type that the file shows, and a double must not look like an integer.
         assert isinstance(value, (float, str, bool)) or isinstance(getattr(holder, name), int), f"{key}: {value}"
@@ -180,7 +186,8 @@ def test_installed_files_and_versions_agree() -> None:
     keys = re.findall(r"<exec_depend>(.*?)</exec_depend>", text)
     assert len(keys) == len(set(keys))
     messages = {line.split(".")[0] for path in (PACKAGE / "nodes").glob("*.py") for _, line in imports_of(path)}
-    assert {name for name in messages if name.endswith(("_msgs", "_srvs", "_interfaces")) or name == "rclpy"} <= set(keys)
+    assert {name for name in messages if name.endswith(("_msgs", "_srvs", "_interfaces"))
+            or name == "rclpy"} <= set(keys)
 
 
 def test_node_options_say_what_they_mean() -> None:

@@ -81,7 +81,8 @@ def test_the_first_comment_is_the_description() -> None:
     ("pressure.mean: -1", ["pressure.mean is -1 Pa", "0 to 1e+07 Pa"]),
     ("friction.law: coulomb", ["friction.law is 'coulomb'", "smoothed or set_valued"]),
     ("friction.law: 3", ["friction.law is '3'", "smoothed or set_valued"]),
-    ("friction.kinetic_coefficient: 0.5", ["friction.kinetic_coefficient is 0.5", "at most friction.static_coefficient, 0.3"]),
+    ("friction.kinetic_coefficient: 0.5",
+     ["friction.kinetic_coefficient is 0.5", "at most friction.static_coefficient, 0.3"]),
     ("engine.harmonic_amplitudes: [1.0]", ["engine.harmonic_phases has 0 values", "engine.harmonic_amplitudes, 1"]),
     ("engine.harmonic_amplitudes: 1.0", ["engine.harmonic_amplitudes is 1.0", "list of numbers"]),
     ("engine.harmonic_amplitudes: [a]", ["engine.harmonic_amplitudes", "list of numbers"]),
@@ -156,7 +157,8 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("where", ["lib/python3.11/site-packages", "lib/python3/dist-packages",
                                    "local/lib/python3.10/dist-packages"])
-def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Path,
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     """Wheels and colcon both put the module below the prefix whose share holds the scenes."""
     package = tmp_path / "prefix" / where / "tcc_sim"
     config = tmp_path / "prefix" / "share" / "tcc_sim" / "config"
@@ -168,7 +170,8 @@ def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Pat
     assert load_scene("own").operation.rate == 10.0
 
 
-def test_a_module_outside_any_prefix_finds_the_scenes_of_the_interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_outside_any_prefix_finds_the_scenes_of_the_interpreter(tmp_path: Path,
+                                                                         monkeypatch: pytest.MonkeyPatch) -> None:
     config = tmp_path / "prefix" / "share" / "tcc_sim" / "config"
     config.mkdir(parents=True)
     (config / "own.yaml").write_text(body("rate: 10.0"))

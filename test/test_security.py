@@ -19,7 +19,8 @@ from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE
 
 PACKAGE = Path(__file__).resolve().parent.parent / "tcc_sim"
-MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop", "runpy", "pty"}
+MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop",
+           "runpy", "pty"}
 CALLS = {"eval", "exec", "compile", "__import__", "system", "popen", "unsafe_load", "full_load", "unsafe_load_all",
          "full_load_all", "getoutput", "getstatusoutput", "spawnl", "spawnv"}
 KEYWORDS = {"shell", "allow_pickle"}
@@ -38,7 +39,8 @@ def dangers(text: str) -> list[str]:
         elif isinstance(node, ast.Call):
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
             # re.compile is no compile.
-            if name in CALLS and not (name == "compile" and getattr(getattr(node.func, "value", None), "id", "") == "re"):
+            if name in CALLS and not (name == "compile"
+                                      and getattr(getattr(node.func, "value", None), "id", "") == "re"):
                 found.append(name)
             found += [word.arg for word in node.keywords
                       if word.arg in KEYWORDS and not (isinstance(word.value, ast.Constant) and not word.value.value)]
@@ -54,8 +56,10 @@ def test_no_source_can_run_what_it_reads(path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [
-    "import pickle", "from pickle import loads", "eval('1')", "builtins.exec(x)", "compile('1', '', 'eval')", "os.system('ls')",
-    "from os import popen", "subprocess.run('ls', shell=True)", "subprocess.run('ls', shell=x)", "np.load(x, allow_pickle=True)",
+    "import pickle", "from pickle import loads", "eval('1')", "builtins.exec(x)", "compile('1', '', 'eval')",
+    "os.system('ls')",
+    "from os import popen", "subprocess.run('ls', shell=True)", "subprocess.run('ls', shell=x)",
+    "np.load(x, allow_pickle=True)",
     "yaml.load(x, Loader=yaml.Loader)", "yaml.unsafe_load(x)"])
 def test_what_could_would_be_found(text: str) -> None:
     assert dangers(text)
@@ -67,7 +71,8 @@ WATCHED: list[list[str]] = []
 def watch(event: str, arguments: tuple[object, ...]) -> None:
     """Note files and folders that are opened for writing, made, renamed or removed."""
     if WATCHED and event in ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.symlink", "os.link"):
-        writing = event != "open" or bool(int(arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))  # type: ignore[call-overload]
+        writing = event != "open" or bool(int(arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR
+                                                                    | os.O_CREAT))  # type: ignore[call-overload]
         if writing and isinstance(arguments[0], str | bytes | os.PathLike):
             WATCHED[0].append(os.path.abspath(os.fsdecode(arguments[0])))
 
@@ -84,14 +89,17 @@ def written() -> Iterator[list[str]]:
 @pytest.mark.parametrize("evil", ["../../evil", "/tmp/evil", "~/evil", "$(touch evil)", "a\x00b", "evil/../../evil"])
 def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: list[str], evil: str,
                                                        monkeypatch: pytest.MonkeyPatch) -> None:
-    """Topics, types, definitions, scene, version and everything else in it carry a path; only what was asked for is written."""
+    """Topics, types, definitions, scene, version and everything else in it carry a path; only what was asked for is
+    written.
+    """
     monkeypatch.chdir(tmp_path)
     parameters = load_scene("fig02").text().split("\n", 1)[1]
     bag = BagWriter(tmp_path / "run", f"# {evil.encode('unicode_escape').decode()}\n{parameters}", evil)
     states = bag.channel(f"/{evil}/joint_states", JOINT_STATE)
     other = bag.channel(evil, evil, schema=Definition(evil, evil))
     for n in range(TICKS):
-        bag.write(states, n * 1_000_000, n * 1_000_000, cdr.joint_state(n * 1_000_000, 0.1, 0.1, 50.0, 0.0, 300.0, 300.0))
+        bag.write(states, n * 1_000_000, n * 1_000_000,
+                  cdr.joint_state(n * 1_000_000, 0.1, 0.1, 50.0, 0.0, 300.0, 300.0))
         bag.write(other, n, n, b"\0\1\0\0" + evil.encode())
     bag.metadata("rosbag2", {"serialized_metadata": f"relative_file_paths: ['{evil}']", "path": evil})
     bag.note(evil, {"output": evil})

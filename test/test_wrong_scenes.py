@@ -1,4 +1,6 @@
-"""Every key beyond its range and of a wrong type, and files that are no scenes at all: one line, status 2, nothing written."""
+"""Every key beyond its range and of a wrong type, and files that are no scenes at all: one line, status 2, nothing
+written.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ def test_every_number_beyond_its_range_is_named_with_the_range(key: str) -> None
 
 
 def test_the_keys_that_are_no_numbers_are_few_and_known() -> None:
-    assert sorted(set(EVERY) - set(NUMBERS)) == ["engine.source", "friction.law", "pacing", "pressure.source", "publish_clock",
+    assert sorted(set(EVERY) - set(NUMBERS)) == ["engine.source", "friction.law", "pacing", "pressure.source",
+                                                 "publish_clock",
                                                  "publish_diagnostics", "publish_scalars"]
     assert sorted(EVERY) == sorted(KNOWN_KEYS)
 
@@ -77,14 +80,18 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + n)}: &{chr(98 + n)} [{', '.join(['*' + chr(97 + n)] * 9)}]\n" for n in range(12))
 FILES = {
     "empty": b"", "binary": bytes(range(256)) * 64, "zeros": bytes(4096), "alias_bomb": BOMB.encode(),
-    "tag": written("rate", "!!python/object/apply:os.system [touch evil]").encode(), "unknown": written("rat", 3).encode(),
+    "tag": written("rate", "!!python/object/apply:os.system [touch evil]").encode(),
+    "unknown": written("rat", 3).encode(),
     "twice": (written("rate", 3) + "    rate: 4\n").encode(), "range": written("pressure.mean", -1).encode(),
-    "type": written("engine.frequency", "fast").encode(), "other": b"a: 1\nb: [2\n", "words": b"to whom it may concern\n"}
+    "type": written("engine.frequency", "fast").encode(), "other": b"a: 1\nb: [2\n",
+    "words": b"to whom it may concern\n"}
 
 
 @pytest.mark.parametrize("name", [*FILES, "hundred_megabytes", "missing", "directory"])
-@pytest.mark.parametrize("words", [["simulate", "{}", "--json", "out.json", "--out", "x.npz"], ["explain", "{}", "--json", "o"],
-                                   ["sweep", "{}", "--over", "pressure.mean=1e5:2e5:3", "--json", "o.json", "--out", "o.jsonl"],
+@pytest.mark.parametrize("words",
+                         [["simulate", "{}", "--json", "out.json", "--out", "x.npz"], ["explain", "{}", "--json", "o"],
+                                   ["sweep", "{}", "--over", "pressure.mean=1e5:2e5:3", "--json", "o.json", "--out",
+                                    "o.jsonl"],
                                    ["demo", "--scene", "{}", "--out", "made"]])
 def test_a_file_that_is_no_scene_is_one_line_and_nothing_is_written(name: str, words: list[str], tmp_path: Path,
                                                                     monkeypatch: pytest.MonkeyPatch,

@@ -24,8 +24,8 @@ class Break(Enum):
 class Continuity:
     """Cuts batches of stamps, which come in the order of recording, into pieces without gaps, and counts what it finds.
 
-    A stamp more than one and a half steps after the last is a gap; one before the last starts a new run (the driveline was
-    reset or started again); one equal to the last is left out (nothing moves while the driveline is paused).
+    A stamp more than one and a half steps after the last is a gap; one before the last starts a new run (the driveline
+    was reset or started again); one equal to the last is left out (nothing moves while the driveline is paused).
     """
 
     step: int = 0
@@ -53,7 +53,8 @@ class Continuity:
         regular = (before > 0) & (before <= step + step // 2)
         if self.runs == 0:
             regular[0] = False
-        self.uneven += int(np.count_nonzero(regular & (np.abs(before - step) > max(step // 100, 2)))) if self.step else 0
+        self.uneven += int(np.count_nonzero(regular & (np.abs(before - step) > max(step // 100,
+                                                                                   2)))) if self.step else 0
         start, kind = 0, Break.NOTHING
         for k in np.flatnonzero(~regular).tolist():
             if k > start:

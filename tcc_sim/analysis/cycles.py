@@ -37,15 +37,19 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
         raise InputError("the trajectory has fewer than two samples")
     slip, plate = accelerations_of(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
                                    trajectory.friction_torque, trajectory.system)
-    return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle, trajectory.plate_speed,
+    return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
+                               trajectory.plate_speed,
                                plate, cycle=trajectory.cycle, first_cycle=first_cycle_of(trajectory),
                                stick_speed=stick_speed_of(terms_of(trajectory.system)))
 
 
-def accelerations_of(plate_angle: NDArray[np.float64], plate_speed: NDArray[np.float64], engine_torque: NDArray[np.float64],
-                     friction_torque: NDArray[np.float64], system: System) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def accelerations_of(plate_angle: NDArray[np.float64], plate_speed: NDArray[np.float64],
+                     engine_torque: NDArray[np.float64],
+                     friction_torque: NDArray[np.float64], system: System) -> tuple[NDArray[np.float64],
+                                                                                    NDArray[np.float64]]:
     """Slip and plate acceleration, (n,) arrays in rad/s^2, from (2a) and (2b) with the torques given."""
-    slip, plate = equations.accelerations(plate_angle, plate_speed, engine_torque, friction_torque, terms_of(system).linear)
+    slip, plate = equations.accelerations(plate_angle, plate_speed, engine_torque, friction_torque,
+                                          terms_of(system).linear)
     return slip, plate
 
 

@@ -42,7 +42,8 @@ def equivalent_damping(trajectory: Trajectory, discard: int | None = None) -> Da
 
     Parameters
     ----------
-    trajectory : densely sampled: the layer of the smoothed law, some 5/sigma wide in slip speed, must be resolved for the
+    trajectory : densely sampled: the layer of the smoothed law, some 5/sigma wide in slip speed, must be resolved for
+        the
         weighted average to be meaningful to more than its order
     discard : cycles dropped; None drops 50, or half of them where there are fewer than 100
 
@@ -57,7 +58,8 @@ def equivalent_damping(trajectory: Trajectory, discard: int | None = None) -> Da
     last = math.floor(float(trajectory.t[-1]) / trajectory.cycle + 1e-9)
     dropped = default_discard(last - first) if discard is None else discard
     slack = 1e-9 * trajectory.cycle
-    inside = (trajectory.t >= (first + dropped) * trajectory.cycle - slack) & (trajectory.t <= last * trajectory.cycle + slack)
+    inside = (trajectory.t >= (first + dropped) * trajectory.cycle - slack) & (trajectory.t <= last * trajectory.cycle
+                                                                               + slack)
     if dropped < 0 or int(inside.sum()) < 4:
         raise InputError(f"--discard {dropped} leaves fewer than 4 of the {len(trajectory.t)} samples")
     return _averages(_integrals(trajectory, inside), trajectory.system)
@@ -84,7 +86,8 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int, *
     for n in range(max(len(cycles) - count, 0), len(cycles)):
         if not math.isfinite(cycles.highest[n]):
             continue
-        run = solve(system, cycles=1, solver=solver, rtol=rtol, step=step, samples_per_cycle=SAMPLES, start_cycle=first + n,
+        run = solve(system, cycles=1, solver=solver, rtol=rtol, step=step, samples_per_cycle=SAMPLES,
+                    start_cycle=first + n,
                     state=State(*cycles.section[n].tolist()))
         if run.status is not Status.DONE:
             return Damping(math.nan, math.nan, -system.driveline.damping)
@@ -102,7 +105,8 @@ def _integrals(trajectory: Trajectory, inside: slice | NDArray[np.bool_]) -> Flo
     """Over time, (4,): dT/dv v^2, v^2, the negative part of dT/dv, and 1."""
     t, v = trajectory.t[inside], trajectory.slip_speed[inside]
     slope = slope_of_friction(trajectory)[inside]
-    return np.array([_trapezoid(slope * v * v, t), _trapezoid(v * v, t), _trapezoid(np.minimum(slope, 0.0), t), t[-1] - t[0]])
+    return np.array([_trapezoid(slope * v * v, t), _trapezoid(v * v, t), _trapezoid(np.minimum(slope, 0.0), t),
+                     t[-1] - t[0]])
 
 
 def _averages(integrals: Floats, system: System) -> Damping:

@@ -22,7 +22,8 @@ LARGEST_WANDER = 0.5
 
 @dataclass(frozen=True)
 class Line:
-    """The strongest line of a torque: angular frequency (rad/s), amplitude (N m), part of the variance that it holds."""
+    """The strongest line of a torque: angular frequency (rad/s), amplitude (N m), part of the variance that it holds.
+    """
 
     frequency: float
     amplitude: float
@@ -33,8 +34,8 @@ class FrequencyFinder:
     """Finds the strongest line of the engine torque from batches in the order of recording, with bounded memory.
 
     The first samples give an estimate, the peak of a windowed Fourier transform; from then on every few cycles come to
-    one phase by least squares, and the slope of the phases over the whole run refines the frequency. The run with the most
-    samples counts.
+    one phase by least squares, and the slope of the phases over the whole run refines the frequency. The run with the
+    most samples counts.
     """
 
     def __init__(self) -> None:
@@ -143,7 +144,9 @@ class _Run:
 
 
 def _strongest(t: Floats, torque: Floats) -> float:
-    """Peak of the Fourier transform of uniform samples under a Hann window, refined by a parabola; 0 where there is none."""
+    """Peak of the Fourier transform of uniform samples under a Hann window, refined by a parabola; 0 where there is
+    none.
+    """
     if len(t) < 16:
         return 0.0
     step = float(t[-1] - t[0]) / (len(t) - 1)

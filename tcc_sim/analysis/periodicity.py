@@ -30,7 +30,8 @@ class Periodicity:
     period : in engine cycles, 0 where none up to 16 is found
     settled : whether the section repeats within the tolerance; a period that is found while the section still
         converges geometrically is not settled
-    change : largest difference between the last two periods (of one cycle where there is no period), relative to the size
+    change : largest difference between the last two periods (of one cycle where there is no period), relative to the
+        size
         of the motion; NaN where there are too few cycles
     """
 
@@ -45,8 +46,8 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     A period p is accepted in two ways. Settled: over the last quarter of the cycles, and at least three periods, points
     that are p cycles apart stay within `tolerance` of one another; a slow drift does not pass, since all of them are
     compared and not only neighbours. Converging: the change over p cycles shrinks geometrically through the run, is
-    small at its end, and the motion has a small distance left to its limit. Speeds are measured by the largest speed of the
-    motion and angles by the largest angle on the section.
+    small at its end, and the motion has a small distance left to its limit. Speeds are measured by the largest speed of
+    the motion and angles by the largest angle on the section.
 
     Parameters
     ----------
@@ -94,10 +95,11 @@ def _converges(points: Floats, period: int) -> bool:
 
 
 def _fading_to(points: Floats, period: int) -> int:
-    """A divisor of a period whose repetition only seems settled: what tells the two apart shrinks, to less than half; or 0.
+    """A divisor of a period whose repetition only seems settled: what tells the two apart shrinks, to less than half;
+    or 0.
 
-    A slow alternation that dies out repeats after two cycles within any tolerance that is wider than its decay. The limit of
-    its size over three windows is that of A. C. Aitken's delta-squared process.
+    A slow alternation that dies out repeats after two cycles within any tolerance that is wider than its decay. The
+    limit of its size over three windows is that of A. C. Aitken's delta-squared process.
     """
     for shorter in [q for q in range(1, period) if period % q == 0]:
         size = np.abs(points[shorter:] - points[:-shorter]).max(axis=1)

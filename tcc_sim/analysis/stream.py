@@ -17,7 +17,8 @@ from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, concatenated
 
 RECORDING_TOLERANCE = 2e-3
-"""Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse."""
+"""Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse.
+"""
 _SLACK = 1e-9
 
 
@@ -37,7 +38,8 @@ class RunCycles:
     pieces: list[Piece] = field(default_factory=list)
 
     def add(self, piece: Piece) -> None:
-        """Take the next piece; those that follow each other are joined, the longer ones rarely, so that there are few."""
+        """Take the next piece; those that follow each other are joined, the longer ones rarely, so that there are few.
+        """
         while self.pieces and _follows(self.pieces[-1], piece) and len(self.pieces[-1].cycles) <= 2 * len(piece.cycles):
             before = self.pieces.pop()
             piece = Piece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
@@ -63,7 +65,8 @@ class RunCycles:
         dropped = default_discard(last - first) if discard is None else discard
         if dropped < 0:
             raise InputError(f"--discard is {dropped}; it must be 0 or more cycles")
-        parts = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces if p.first + len(p.cycles) > first + dropped]
+        parts = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
+                 if p.first + len(p.cycles) > first + dropped]
         if not parts:
             raise InputError(f"--discard {dropped} leaves none of the {last - first} cycles")
         follows = [_follows(a, b) for a, b in zip(self.pieces[-len(parts):], self.pieces[1 - len(parts):])]
@@ -92,9 +95,9 @@ def _join(parts: list[Cycles], follows: list[bool]) -> Cycles:
 class CycleStream:
     """Works out engine cycles from batches of samples in the order of recording.
 
-    Samples are kept for no longer than the engine cycle that they lie in. The accelerations that interpolation needs come
-    from (2a) and (2b) with the recorded torques. A gap ends the cycle that it touches; a stamp that goes back starts a
-    new run.
+    Samples are kept for no longer than the engine cycle that they lie in. The accelerations that interpolation needs
+    come from (2a) and (2b) with the recorded torques. A gap ends the cycle that it touches; a stamp that goes back
+    starts a new run.
     """
 
     def __init__(self, system: System, cycle: float | None = None) -> None:
@@ -107,7 +110,8 @@ class CycleStream:
         self._waiting: list[Floats] = []
         self._next = 0
 
-    def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats, engine_torque: Floats,
+    def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
+             engine_torque: Floats,
              friction_torque: Floats) -> list[Piece]:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
 

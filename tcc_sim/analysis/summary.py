@@ -1,4 +1,6 @@
-"""The figures of a steady state: maxima, section, period, stick fraction and regime, as `simulate` and `analyse` give them."""
+"""The figures of a steady state: maxima, section, period, stick fraction and regime, as `simulate` and `analyse` give
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.trajectory import Cycles, Trajectory
 
 PASSING = 5e-3
-"""A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer."""
+"""A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer.
+"""
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,8 @@ class Summary:
     max_slip_speed : largest |v|, rad/s
     min_slip_speed : smallest v, signed, rad/s
     period : in engine cycles, 0 where none up to 16 is found
-    section : (plate angle in rad, slip speed in rad/s) at t = 2 pi n/omega over the last whole period, in order and from
+    section : (plate angle in rad, slip speed in rad/s) at t = 2 pi n/omega over the last whole period, in order and
+        from
         an n that is a multiple of the period; over all kept cycles where the period is 0
     stick_fraction : time in stick over time, 0 to 1
     regime : stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick
@@ -114,8 +118,10 @@ def summarise_samples(trajectory: Trajectory) -> Summary:
     stuck = (trajectory.state == 0).astype(np.float64)
     fraction = float(np.sum(0.5 * (stuck[1:] + stuck[:-1]) * np.diff(t))) / float(t[-1] - t[0])
     return Summary(
-        max_slip_speed=float(np.abs(v).max()), min_slip_speed=float(v.min()), period=0, section=[], stick_fraction=fraction,
-        regime=regime_of(fraction), cycles=0, discarded=0, settled=False, section_change=math.nan, solver=trajectory.solver,
+        max_slip_speed=float(np.abs(v).max()), min_slip_speed=float(v.min()), period=0, section=[],
+        stick_fraction=fraction,
+        regime=regime_of(fraction), cycles=0, discarded=0, settled=False, section_change=math.nan,
+        solver=trajectory.solver,
         elapsed_s=trajectory.statistics.seconds)
 
 

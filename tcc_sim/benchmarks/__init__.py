@@ -1,1 +1,2 @@
-"""What is measured: error against run time, extreme cases, other programs, pacing and endurance; with their drawings."""
+"""What is measured: error against run time, extreme cases, other programs, pacing and endurance; with their drawings.
+"""

@@ -1,7 +1,8 @@
-"""Error charts of the fixed-step methods over (step, sigma), (step, mu_s/mu_k) and (step, pressure), with the theoretical limits.
+"""Error charts of the fixed-step methods over (step, sigma), (step, mu_s/mu_k) and (step, pressure), with the
+theoretical limits.
 
-Three methods: `fixed_step` with the sub-steps that it chooses inside a tick, its SDIRK3 scheme with one step per tick, which
-shows where those sub-steps are needed, and classical Runge-Kutta for contrast.
+Three methods: `fixed_step` with the sub-steps that it chooses inside a tick, its SDIRK3 scheme with one step per tick,
+which shows where those sub-steps are needed, and classical Runge-Kutta for contrast.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ Record = dict[str, Any]
 CYCLES = 2
 RK4_REACH = 2.785
 """The real-axis stability limit of classical Runge-Kutta."""
-SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0, "engine.torque_amplitude": 400.0,
+SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
+                         "engine.torque_amplitude": 400.0,
                          "initial.slip_speed": 5.0}
 """What the charts start from beside the defaults: stick-slip at every value of the keys that they go over."""
-OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12), "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
+OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
+        "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
         "pressure.mean": np.geomspace(1e4, 1e7, 13)}
 METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.geomspace(1e-6, 1e-2, 13),
            "rk4": np.geomspace(1e-7, 1e-3, 13)}
@@ -36,8 +39,8 @@ METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.ge
 
 
 def charts(quick: bool, done: Callable[[str], None]) -> list[Record]:
-    """One record per key and method: `over`, `values`, `method`, `steps`, `errors` (rows are values, None where not finite)
-    and `limits` (rk4 and uniqueness, s).
+    """One record per key and method: `over`, `values`, `method`, `steps`, `errors` (rows are values, None where not
+    finite) and `limits` (rk4 and uniqueness, s).
     """
     out = []
     for key, values in OVER.items():
@@ -51,7 +54,8 @@ def charts(quick: bool, done: Callable[[str], None]) -> list[Record]:
             done(f"{method} over {key}")
             steps = ladder[::3] if quick else ladder
             rows = [[_error(system, method, float(h), truth) for h in steps] for system, truth in zip(systems, truths)]
-            out.append({"over": key, "values": [float(x) for x in chosen], "method": method, "steps": [float(h) for h in steps],
+            out.append({"over": key, "values": [float(x) for x in chosen], "method": method,
+                        "steps": [float(h) for h in steps],
                         "errors": rows, "limits": {"rk4": [rk4_limit(s) for s in systems],
                                                    "uniqueness": [uniqueness_limit(s) for s in systems]}})
     return out
@@ -64,7 +68,8 @@ def rk4_limit(system: System) -> float:
 
 
 def uniqueness_limit(system: System) -> float | None:
-    """The step, s, below which v + a mubar(v) = w has one root: 1/(beta Ts |min d(mubar)/dv|); None where it always has.
+    """The step, s, below which v + a mubar(v) = w has one root: 1/(beta Ts |min d(mubar)/dv|); None where it always
+    has.
 
     A stage of SDIRK3 has a = gamma h beta Ts, so its own limit is 1/gamma = 2.29 times as large.
     """
@@ -94,7 +99,9 @@ def _truth(system: System) -> Reference | None:
 
 
 def _error(system: System, method: str, step: float, truth: Reference | None) -> float | None:
-    """Section error relative to each signal's maximum; None where the method blew up, refused or had nothing to be held to."""
+    """Section error relative to each signal's maximum; None where the method blew up, refused or had nothing to be held
+    to.
+    """
     if truth is None:
         return None
     if method == "SDIRK3, one step":

@@ -1,7 +1,8 @@
 """The extreme scenes of the stability report, and what each engine must keep on every one of them.
 
-Bounded has a meaning: with E = I1 theta1'^2/2 + I2 theta2'^2/2 + K23 theta2^2/2, friction and damper only take energy, so
-d sqrt(E)/dt <= max|Te|/sqrt(2 I1) and sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1) whatever the friction law does.
+Bounded has a meaning: with E = I1 theta1'^2/2 + I2 theta2'^2/2 + K23 theta2^2/2, friction and damper only take energy,
+so d sqrt(E)/dt <= max|Te|/sqrt(2 I1) and sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1) whatever the friction law
+does.
 """
 
 from __future__ import annotations
@@ -35,8 +36,9 @@ PHASE = 0.008
 SAMPLES_PER_STOP = 20.0
 """Samples of the power balance in the time that the first slip takes to stop, as far as memory allows."""
 SHARPEST = 1e5
-"""Above this smoothing, s/rad, the reference is that of the set-valued law, from which the smoothed one differs by about
-1/sigma."""
+"""Above this smoothing, s/rad, the reference is that of the set-valued law, from which the smoothed one differs by
+about 1/sigma.
+"""
 SLACK = 1e-3
 """How far a run may pass its energy bound, for the error of the method."""
 
@@ -57,11 +59,15 @@ RANGES: dict[str, tuple[Any, ...]] = {
 PAIRS = (("friction.kinetic_coefficient", "friction.smoothing"), ("friction.kinetic_coefficient", "share"),
          ("friction.kinetic_coefficient", "pressure.mean"), ("friction.smoothing", "initial.slip_speed"))
 SLOW, LIGHT = 100.0, 1e-3
-"""A plate lighter than this, kg m^2, is not combined with an engine slower than this, rad/s: a cycle would last for ever."""
+"""A plate lighter than this, kg m^2, is not combined with an engine slower than this, rad/s: a cycle would last for
+ever.
+"""
 
 
 def cases(count: int, seed: int = 1) -> list[Keys]:
-    """`count` different scenes as changes of the defaults: every value alone, pairs, near-grazing ones, then random draws."""
+    """`count` different scenes as changes of the defaults: every value alone, pairs, near-grazing ones, then random
+    draws.
+    """
     found: list[Keys] = [{}]
     found += [{key: value} for key, values in RANGES.items() for value in values]
     found += grazing()
@@ -71,7 +77,8 @@ def cases(count: int, seed: int = 1) -> list[Keys]:
         found = [found[i] for i in sorted(draw.permutation(len(found))[:count].tolist())]
     out: dict[str, Keys] = {}
     while len(out) < count:
-        keys = found.pop(0) if found else {k: v[int(draw.integers(len(v)))] for k, v in RANGES.items() if draw.random() < 0.5}
+        keys = found.pop(0) if found else {k: v[int(draw.integers(len(v)))] for k,
+                                           v in RANGES.items() if draw.random() < 0.5}
         merged = plain(keys)
         if merged.get("driveline.plate_inertia", 1.0) < LIGHT and merged.get("engine.frequency", SLOW) < SLOW:
             continue
@@ -91,7 +98,8 @@ def grazing() -> list[Keys]:
     """Undamped stuck motions whose interface torque reaches the breakaway torque to within a small share."""
     gain = 3000.0 - 0.02 * 60.0**2, 3000.0 - 0.22 * 60.0**2
     reach = 300.0 + 100.0 * gain[0] / gain[1]
-    start = {"initial.slip_speed": 0.0, "initial.plate_angle": 0.1, "initial.plate_speed": 6000.0 / gain[1], "share": 0.0,
+    start = {"initial.slip_speed": 0.0, "initial.plate_angle": 0.1, "initial.plate_speed": 6000.0 / gain[1],
+             "share": 0.0,
              "driveline.damping": 0.0, "engine.torque_amplitude": 100.0, "engine.frequency": 60.0}
     return [{**start, "friction.kinetic_coefficient": 0.3 / ratio, "pressure.mean": reach * (1.0 - share) / 0.0024}
             for ratio in (1.0, 1.25) for share in (-1e-3, -1e-6, 1e-9, 1e-6, 1e-3, 1e-2)]
@@ -175,8 +183,8 @@ def energy_excess(run: Trajectory) -> float:
 def power_residual(run: Trajectory) -> float:
     """Engine work less friction and damper losses and stored energy, in each cycle, over the energies that take part.
 
-    The integrals are trapezoids over the samples; with PHASE between them they are good to about 1e-5. Samples of fixed_step are
-    interpolated between its sub-steps, which the residual shows where slip stops within one of them.
+    The integrals are trapezoids over the samples; with PHASE between them they are good to about 1e-5. Samples of
+    fixed_step are interpolated between its sub-steps, which the residual shows where slip stops within one of them.
     """
     system = _system(run)
     flywheel = run.slip_speed + run.plate_speed
@@ -199,7 +207,8 @@ def power_residual(run: Trajectory) -> float:
 
 
 class Truth:
-    """The final state of a reference over a short horizon, and each signal's size; `why` says what there is none for."""
+    """The final state of a reference over a short horizon, and each signal's size; `why` says what there is none for.
+    """
 
     def __init__(self, keys: Keys, law: str) -> None:
         sharp = law == "smoothed" and keys.get("friction.smoothing", 50.0) > SHARPEST

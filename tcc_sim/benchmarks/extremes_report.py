@@ -38,12 +38,14 @@ def summary(records: list[Record]) -> Record:
         ran = [r for r in rows if r["status"] != "REFUSED"]
         out[engine] = {
             "cases": len(rows), "statuses": dict(Counter(r["status"] for r in rows)),
-            "not_finite": sum(r["finite"] is False for r in ran), "not_bounded": sum(r["bounded"] is False for r in ran),
+            "not_finite": sum(r["finite"] is False for r in ran),
+            "not_bounded": sum(r["bounded"] is False for r in ran),
             "iterations_max": max((r["iterations_max"] for r in ran), default=0),
             "iterations_bound": max((r["iterations_bound"] for r in ran), default=0),
             "past_iteration_bound": sum(r["iterations_max"] > r["iterations_bound"] > 0 for r in ran),
             "without_reference": sum(r["error"] is None for r in ran),
-            "error": _quantiles([r["error"] for r in ran]), "power_residual": _quantiles([r["power_residual"] for r in ran]),
+            "error": _quantiles([r["error"] for r in ran]),
+            "power_residual": _quantiles([r["power_residual"] for r in ran]),
             "longest_seconds": max((r["seconds"] for r in ran), default=0.0)}
     return out
 
@@ -74,7 +76,8 @@ def markdown(found: Record, picture: str) -> str:
         lines.append(f"| {name} | " + " | ".join(show(total[engine]) for engine in ENGINES) + " |")
     lines += ["", "## Refused or stopped", ""]
     stopped = Counter((r["solver"], r["status"], r["why"]) for r in found["cases"] if r["status"] != "DONE")
-    lines += [f"- `{solver}`, {status}: {why} ({n})" for (solver, status, why), n in sorted(stopped.items())] or ["None."]
+    lines += [f"- `{solver}`, {status}: {why} ({n})" for (solver, status, why),
+              n in sorted(stopped.items())] or ["None."]
     lines += ["", "## Largest errors", "", "| solver | error | scene |", "| --- | ---: | --- |"]
     for engine in ENGINES:
         rows = [r for r in found["cases"] if r["solver"] == engine and r["error"] is not None]

@@ -1,4 +1,5 @@
-"""How well the driveline node keeps its deadlines, measured beside a bare loop that only waits for the same deadlines."""
+"""How well the driveline node keeps its deadlines, measured beside a bare loop that only waits for the same deadlines.
+"""
 
 from __future__ import annotations
 
@@ -55,19 +56,21 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     rate : Hz
     duration : s of each loop
     progress : called with the seconds done so far, of 2 * duration
-    recorder : publish to a recorder in a process of its own, which works while the node runs and rests beside the bare loop
+    recorder : publish to a recorder in a process of its own, which works while the node runs and rests beside the bare
+        loop
 
     Returns
     -------
-    The figures of `tcc-sim realtime --json`. The drift is that of the node's clock against real time, the largest of the
-    stretches; missed ticks are those given up beyond the catch-up bound.
+    The figures of `tcc-sim realtime --json`. The drift is that of the node's clock against real time, the largest of
+    the stretches; missed ticks are those given up beyond the catch-up bound.
     """
     environment = isolated_environment()
     os.environ.update(environment)
     sys.setswitchinterval(SWITCH_INTERVAL)
     node_side, bare_side = Stretches(), Stretches()
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
-        listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")}, environment) if recorder else None
+        listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
+                               environment) if recorder else None
         node = DrivelineNode(parameter_overrides=[Parameter("rate", value=rate),
                                                   Parameter("wait_for_subscribers", value=int(recorder))])
         node.get_logger().set_level(LoggingSeverity.WARN)
@@ -82,7 +85,8 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
                 length = min(SLICE, duration - done)
                 kept = int(length * rate * 1.5) + 100
                 pacer = Pacer(1.0 / rate, kept)
-                node_side.run(pacer, lambda length=length, pacer=pacer: _node_stretch(node, pacer, length))  # type: ignore[misc]
+                node_side.run(pacer, lambda length=length,
+                              pacer=pacer: _node_stretch(node, pacer, length))  # type: ignore[misc]
                 progress(2.0 * done + length)
                 bare = Pacer(1.0 / rate, kept)
                 bare_side.run(bare, lambda length=length, bare=bare: _bare_stretch(bare, length))  # type: ignore[misc]

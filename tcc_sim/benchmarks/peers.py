@@ -1,4 +1,6 @@
-"""Other programs on the same problem: XPPAUT, Siconos, and SciPy's LSODA called bare. None of them is needed to be there."""
+"""Other programs on the same problem: XPPAUT, Siconos, and SciPy's LSODA called bare. None of them is needed to be
+there.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """What one run gave: states at the cycle ends, largest |slip speed| per cycle, s, and steps where they are known."""
+    """What one run gave: states at the cycle ends, largest |slip speed| per cycle, s, and steps where they are known.
+    """
 
     section: Floats
     largest: Floats
@@ -48,7 +51,9 @@ class Run:
 
 
 def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> Run:
-    """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle ends."""
+    """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle
+    ends.
+    """
     terms, start = terms_of(system), system.initial
     twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
     y = np.array([start.slip_speed, start.plate_angle, start.plate_speed])
@@ -56,7 +61,8 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> Run:
     ends = np.arange(cycles + 1) * system.cycle
 
     def solve(dense: bool) -> Any:
-        return solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends, rtol=rtol,
+        return solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends,
+                         rtol=rtol,
                          atol=atol, jac=lambda t, y: jacobian(t, y, terms), dense_output=dense)
 
     best = np.inf
@@ -77,7 +83,8 @@ def _largest(system: System, t: Floats, states: Floats) -> Floats:
     """Largest |slip speed| per cycle of samples, through the cubics of v and v'."""
     law = Law(system)
     rates = np.array([law.rates(a, y, 3) for a, y in zip(t.tolist(), states.tolist())])
-    found = cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2], cycle=system.cycle,
+    found = cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
+                                cycle=system.cycle,
                                 first_cycle=0, stick_speed=STICK)
     largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))
     return largest
@@ -110,7 +117,8 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> Run:
     """One of XPPAUT's methods; `seconds` is its CPU time for these cycles less that for one, times cycles/(cycles - 1).
 
-    The difference leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends only.
+    The difference leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends
+    only.
 
     Raises
     ------
@@ -179,7 +187,8 @@ def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> 
 def siconos_interpreter() -> str | None:
     """A Python that can import Siconos: this one or the system's; None where neither can."""
     for interpreter in (sys.executable, "/usr/bin/python3"):
-        if Path(interpreter).exists() and subprocess.run([interpreter, "-c", "import siconos.kernel"], capture_output=True,
+        if Path(interpreter).exists() and subprocess.run([interpreter, "-c", "import siconos.kernel"],
+                                                         capture_output=True,
                                                          check=False, env=_plain_environment()).returncode == 0:
             return interpreter
     return None

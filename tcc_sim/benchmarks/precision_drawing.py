@@ -15,7 +15,8 @@ LOOKS: dict[str, Look] = {
     "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "+", ":", 0.9), "dop853": (style.YELLOW, "P", ":", 0.9),
     "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
     "solve_ivp LSODA": (style.INK, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
-    "XPPAUT stiff": (BROWN, "1", "-.", 0.7), "XPPAUT gear": (BROWN, "2", "-.", 0.7), "XPPAUT 2rb": (BROWN, "3", "-.", 0.7),
+    "XPPAUT stiff": (BROWN, "1", "-.", 0.7), "XPPAUT gear": (BROWN, "2", "-.", 0.7),
+    "XPPAUT 2rb": (BROWN, "3", "-.", 0.7),
     "Siconos theta 1/2": (VIOLET, "h", "-.", 0.9), "Siconos theta 1": (VIOLET, "p", "-.", 0.9)}
 """Colour, marker, line and width of every solver; the package's own stand out."""
 ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"))
@@ -66,7 +67,8 @@ def _curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]
     for name in dict.fromkeys(row["solver"] for row in record["results"]):
         rows = [row for row in record["results"] if row["solver"] == name]
         colour, marker, line, width = LOOKS.get(name, (style.INK, ".", "-", 0.9))
-        handle, = axis.plot([row["seconds"] for row in rows], [max(row[key], 1e-16) for row in rows], color=colour, marker=marker,
+        handle, = axis.plot([row["seconds"] for row in rows], [max(row[key], 1e-16) for row in rows], color=colour,
+                            marker=marker,
                             linestyle=line, linewidth=width, markersize=4.0, zorder=3 if width > 1.5 else 2)
         handles[name] = handle
 
@@ -76,7 +78,8 @@ def _wrapped(text: str) -> str:
     import textwrap
 
     lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 44))
-    for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"), ("sigma", "$\\sigma$"),
+    for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"),
+                          ("sigma", "$\\sigma$"),
                           ("Tm", "$T_m$"), ("Tp", "$T_p$")):
         lines = lines.replace(plain, symbol)
     return lines

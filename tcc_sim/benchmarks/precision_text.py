@@ -22,7 +22,8 @@ def markdown(found: Record, picture: str) -> str:
         lines += _speed(found["sweep_speed"])
     lines += ["## Every run", ""]
     for record in found["scenes"]:
-        lines += [f"### {record['scene']}", "", "| solver | setting | final | section | maximum slip | time (ms) | steps |",
+        lines += [f"### {record['scene']}", "",
+                  "| solver | setting | final | section | maximum slip | time (ms) | steps |",
                   "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
         lines += [f"| {_name(r['solver'])} | {r['setting']:.3g} | {r['error_final']:.1e} | {r['error_section']:.1e} | "
                   f"{r['error_max_slip']:.1e} | {1e3 * r['seconds']:.3g} | {'' if r['steps'] is None else r['steps']} |"
@@ -33,7 +34,8 @@ def markdown(found: Record, picture: str) -> str:
 
 def _method(found: Record) -> list[str]:
     """What was measured and how."""
-    peers = "; ".join(f"{name} {'joined' if why == 'joined' else f'did not join: {why}'}" for name, why in found["peers"].items())
+    peers = "; ".join(f"{name} {'joined' if why == 'joined' else f'did not join: {why}'}" for name,
+                      why in found["peers"].items())
     cycles = found["scenes"][0]["cycles"] if found["scenes"] else 0
     out = [
         "Errors are relative to each signal's maximum in the second half of the horizon, the largest over slip speed, "
@@ -61,7 +63,8 @@ def _summary(record: Record) -> list[str]:
     """The fastest setting of each solver for some errors."""
     best = [fastest(record, target) for target in TARGETS]
     reference = record["reference"]
-    lines = [f"## {record['scene']}", "", f"{record['description']}. References: {' and '.join(reference['solvers'])}; floor "
+    lines = [f"## {record['scene']}", "",
+             f"{record['description']}. References: {' and '.join(reference['solvers'])}; floor "
              f"{reference['floor']:.1e}.", "",
              "| time (ms) for all three errors at most | " + " | ".join(f"{t:g}" for t in TARGETS) + " |",
              "| --- |" + " ---: |" * len(TARGETS)]
@@ -104,7 +107,8 @@ def _cells(row: Record | None, tolerance: bool) -> list[str]:
 def scene_lines(record: Record) -> list[str]:
     """The fastest settings of a scene for a terminal."""
     best = fastest(record, 1e-6)
-    times = [f"{name} {1e3 * row['seconds']:.3g} ms" for name, row in sorted(best.items(), key=lambda x: x[1]["seconds"])]
+    times = [f"{name} {1e3 * row['seconds']:.3g} ms" for name,
+             row in sorted(best.items(), key=lambda x: x[1]["seconds"])]
     head = f"{record['scene']}: floor {record['reference']['floor']:.1e}; {record['cycles']} cycles with errors up to 1e-6: "
     return [head + (", ".join(times) or "none"), *(
         f"    {row['solver']} at {row['setting']:g}: {1e3 * row['seconds_per_100_cycles']:.4g} ms per 100 cycles"
@@ -113,7 +117,8 @@ def scene_lines(record: Record) -> list[str]:
 
 def _omitted(record: Record) -> list[str]:
     """What failed and why."""
-    return ["Omitted:", "", *(f"- {_name(row['solver'])} at {row['setting']:.3g}: {row['why']}" for row in record["omitted"]), ""]
+    return ["Omitted:", "",
+            *(f"- {_name(row['solver'])} at {row['setting']:.3g}: {row['why']}" for row in record["omitted"]), ""]
 
 
 def _name(solver: str) -> str:

@@ -1,8 +1,9 @@
-"""Reference solutions for the reports: SciPy at its tightest, on equations written out here, nothing of this package's solvers.
+"""Reference solutions for the reports: SciPy at its tightest, on equations written out here, nothing of this package's
+solvers.
 
-The smoothed law (7) is one smooth problem. The set-valued law (6) is solved from event to event: modes 0 stick, +1 and -1 slip,
-2 free (no load), each change located by SciPy. Two methods give two references; what they differ by is the floor below which
-an error means nothing.
+The smoothed law (7) is one smooth problem. The set-valued law (6) is solved from event to event: modes 0 stick, +1 and
+-1 slip, 2 free (no load), each change located by SciPy. Two methods give two references; what they differ by is the
+floor below which an error means nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ Floats = NDArray[np.float64]
 POINTS = 129
 """Points at which the interval around a largest slip speed is searched."""
 REARM = 1e-7
-"""After a change of mode the event of v = 0 stays off for this long, s; a breakaway with mu_k = mu_s starts with v' = 0."""
+"""After a change of mode the event of v = 0 stays off for this long, s; a breakaway with mu_k = mu_s starts with v' =
+0.
+"""
 
 
 LONGEST = 0.1
@@ -37,8 +40,8 @@ class Unfinished(Exception):
 
 @dataclass(frozen=True)
 class Reference:
-    """The states at t = 2 pi n/omega, (N + 1, 3): slip speed, plate angle, plate speed; largest |slip speed| per cycle, (N,);
-    and each signal's maximum in the second half of the horizon, (3,).
+    """The states at t = 2 pi n/omega, (N + 1, 3): slip speed, plate angle, plate speed; largest |slip speed| per cycle,
+    (N,); and each signal's maximum in the second half of the horizon, (3,).
     """
 
     name: str
@@ -110,7 +113,8 @@ class Law:
         back: Floats = np.array([slope, -d.stiffness, -d.damping])
         if mode == 0:
             share = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) - 1.0
-            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], share * np.array([0.0, d.stiffness, d.damping]) / d.plate_inertia])
+            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0],
+                             share * np.array([0.0, d.stiffness, d.damping]) / d.plate_inertia])
         return np.array([-slope / d.flywheel_inertia * np.eye(3)[0] - back / d.plate_inertia, [0.0, 0.0, 1.0],
                          back / d.plate_inertia])
 
@@ -191,7 +195,8 @@ def _scales(system: System) -> Floats:
     return np.array([slip, twist, twist * system.natural_frequency])
 
 
-def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, method: str, rtol: float, atol: Floats) -> Any:
+def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, method: str, rtol: float,
+         atol: Floats) -> Any:
     """One mode until it ends or the time is over; the second event is the load's zero."""
 
     def over(t: float, y: Floats) -> float:
@@ -213,7 +218,8 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
         # SciPy looks for events by the signs at step ends: two in one step would be missed.
         frequency = law.system.engine.frequency * max(1.0, law.system.pressure.frequency_ratio)
         options["max_step"] = LONGEST / max(frequency, law.system.natural_frequency)
-    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol, events=events or None,
+    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol,
+                    events=events or None,
                     **options)
     if run.status < 0:
         raise Unfinished(f"SciPy {method}: {run.message}")
@@ -221,14 +227,17 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
 
 
 def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Floats) -> float:
-    """The largest |v| of an arc: around its largest node solved again with SciPy's DOP853, whose interpolant is of order 7."""
+    """The largest |v| of an arc: around its largest node solved again with SciPy's DOP853, whose interpolant is of
+    order 7.
+    """
     if mode == 0:
         return 0.0
     k = int(np.argmax(np.abs(y[0])))
     low, high = max(k - 1, 0), min(k + 1, len(t) - 1)
     if high == low:
         return abs(float(y[0, k]))
-    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t[low], t[high]), y[:, low], method="DOP853", rtol=max(rtol, 3e-14),
+    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t[low], t[high]), y[:, low], method="DOP853",
+                    rtol=max(rtol, 3e-14),
                     atol=atol, dense_output=True, max_step=(t[high] - t[low]) / 2)
     times = np.linspace(t[low], t[high], POINTS)
     values = np.abs(run.sol(times)[0])

@@ -1,7 +1,8 @@
-"""Moreau and Jean's time stepping by Siconos, in a process of its own: the Python that has Siconos is often another one.
+"""Moreau and Jean's time stepping by Siconos, in a process of its own: the Python that has Siconos is often another
+one.
 
-`python siconos_relay.py` reads a job as JSON from standard input and writes section, largest slip speeds and seconds. The
-friction torque of the set-valued law with mu_k = mu_s and constant pressure is a relay of the slip speed.
+`python siconos_relay.py` reads a job as JSON from standard input and writes section, largest slip speeds and seconds.
+The friction torque of the set-valued law with mu_k = mu_s and constant pressure is a relay of the slip speed.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ def solve(job: dict[str, Any]) -> dict[str, Any]:
     cycle, count, theta = 2.0 * math.pi / job["frequency"], job["steps_per_cycle"], job["theta"]
     step = cycle / count
     system = kernel.FirstOrderLinearDS(np.array(job["initial"]), np.array(
-        [[0.0, stiffness / inertia2, damping / inertia2], [0.0, 0.0, 1.0], [0.0, -stiffness / inertia2, -damping / inertia2]]))
+        [[0.0, stiffness / inertia2, damping / inertia2], [0.0, 0.0, 1.0],
+         [0.0, -stiffness / inertia2, -damping / inertia2]]))
     system.setbPtr(np.zeros(3))
     relay = kernel.Interaction(kernel.RelayNSL(1, -job["limit"], job["limit"]), kernel.FirstOrderLinearTIR(
         np.array([[1.0, 0.0, 0.0]]), np.array([[beta], [0.0], [-1.0 / inertia2]])))

@@ -62,20 +62,23 @@ def _chart(axis: Any, chart: dict[str, Any], lines: dict[str, Any]) -> Any:
         found = np.array([[np.nan if e is None else e for e in row] for row in chart["errors"]], dtype=float)
         level = np.clip(np.log10(np.maximum(found, 1e-30)), LOWEST, 0.0)
     axis.set_facecolor("#9A9A9A")
-    shade = axis.pcolormesh(_edges(steps, True), _edges(values, not ratio), np.ma.masked_invalid(level), cmap="viridis_r",
+    shade = axis.pcolormesh(_edges(steps, True), _edges(values, not ratio), np.ma.masked_invalid(level),
+                            cmap="viridis_r",
                             vmin=LOWEST, vmax=0.0, rasterized=True)
     axis.grid(False)
     axis.set_xscale("log")
     if not ratio:
         axis.set_yscale("log")
     limits = {"2.785/($\\beta T_s r \\sigma$), rk4 stable to its left": (chart["limits"]["rk4"], style.RED, "-"),
-              "1/($\\beta T_s |\\bar\\mu'_{min}|$), one root to its left": (chart["limits"]["uniqueness"], "white", (0, (4, 2)))}
+              "1/($\\beta T_s |\\bar\\mu'_{min}|$), one root to its left": (chart["limits"]["uniqueness"], "white",
+                                                                            (0, (4, 2)))}
     bounds = axis.get_xlim(), axis.get_ylim()
     for name, (limit, colour, dashes) in limits.items():
         if chart["method"] != "rk4" and colour == style.RED:
             continue
         at = np.array([np.nan if x is None else x for x in limit], dtype=float)
-        outline, = axis.plot(at, values, color=style.INK, linewidth=2.4, linestyle="-" if colour == style.RED else dashes)
+        outline, = axis.plot(at, values, color=style.INK, linewidth=2.4,
+                             linestyle="-" if colour == style.RED else dashes)
         line, = axis.plot(at, values, color=colour, linewidth=1.4, linestyle=dashes)
         lines[name] = (outline, line)
     axis.set_xlim(bounds[0])
@@ -97,7 +100,8 @@ def _sorted(axis: Any, cases: list[dict[str, Any]], key: str, name: str) -> None
         values = np.sort([c[key] for c in cases if c["solver"] == engine and c[key] is not None])
         if len(values):
             share = 100.0 * (np.arange(len(values)) + 0.5) / len(values)
-            axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8, label=engine)
+            axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8,
+                      label=engine)
     axis.set_yscale("log")
     axis.set_xlabel("share of the cases, smallest first (%)")
     axis.set_ylabel(name)

@@ -1,7 +1,8 @@
-"""Engine cycles per second on scenes of Fig. 4: the smoothed engine beside XPPAUT's CVODE at the same error, and a whole sweep.
+"""Engine cycles per second on scenes of Fig. 4: the smoothed engine beside XPPAUT's CVODE at the same error, and a
+whole sweep.
 
-Each program runs at its loosest tolerance whose errors stay below ERROR over a few cycles from the initial state, against a
-SciPy reference; its time is that of many cycles, so that the cost of a call or of a start does not count.
+Each program runs at its loosest tolerance whose errors stay below ERROR over a few cycles from the initial state,
+against a SciPy reference; its time is that of many cycles, so that the cost of a call or of a start does not count.
 """
 
 from __future__ import annotations
@@ -44,9 +45,10 @@ def sweep_speed(quick: bool, done: Callable[[int, int, str], None]) -> Record:
 
     Returns
     -------
-    dict : `error` (the largest that was allowed), `horizon` and `cycles`, `rows` (a list of `kinetic_ratio`, `frequency_ratio`,
-    `solver`, `setting`, `error`, `cycles_per_second`, for the engine at its default tolerance too), `omitted` (the same with
-    `why`), and `sweep`: `points`, `cycles`, `cores`, `seconds`, `busy` (CPU time over that of all cores) and
+    dict : `error` (the largest that was allowed), `horizon` and `cycles`, `rows` (a list of `kinetic_ratio`,
+        `frequency_ratio`,
+    `solver`, `setting`, `error`, `cycles_per_second`, for the engine at its default tolerance too), `omitted` (the same
+    with `why`), and `sweep`: `points`, `cycles`, `cores`, `seconds`, `busy` (CPU time over that of all cores) and
     `cycles_per_second_and_core` of a sweep over Fig. 4 at the default tolerance
     """
     points = [(series, ratio) for series in FIGURES[4].series for ratio in (FREQUENCIES[-1:] if quick else FREQUENCIES)]
@@ -119,7 +121,8 @@ def whole_sweep(count: int) -> Record:
     sweeps = sweep_curves(curves, Plan(cycles=CYCLES), jobs=width)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     cycles = int(sum(sweep.column("cycles").sum() for sweep in sweeps))
-    return {"points": count * len(curves), "cycles": cycles, "cores": width, "seconds": wall, "busy": cpu / (wall * width),
+    return {"points": count * len(curves), "cycles": cycles, "cores": width, "seconds": wall,
+            "busy": cpu / (wall * width),
             "cycles_per_second_and_core": cycles / cpu}
 
 
@@ -132,7 +135,8 @@ def speed_rows(found: Record) -> list[tuple[float, float, Record | None, Record 
     for (kinetic, frequency), group in rows.items():
         engine = [row for row in group if row["solver"] == ENGINE]
         peer = [row for row in group if row["solver"] == PEER]
-        out.append((kinetic, frequency, engine[0] if engine else None, engine[-1] if engine else None, peer[0] if peer else None))
+        out.append((kinetic, frequency, engine[0] if engine else None, engine[-1] if engine else None,
+                    peer[0] if peer else None))
     return out
 
 

@@ -72,26 +72,32 @@ class Effort:
 
 
 FULL = Effort(
-    12, 0.3, 5.0, {"smoothed": (("Radau", 1e-12), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("Radau", 1e-12))},
+    12, 0.3, 5.0,
+    {"smoothed": (("Radau", 1e-12), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("Radau", 1e-12))},
     {"fixed_step": (1e-3, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6, 2e-6),
      "smoothed": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
      "event_driven": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
      "rk45": (1e-7,), "dop853": (1e-8,), "radau": (1e-3, 1e-5, 1e-7, 1e-9), "bdf": (1e-3, 1e-5, 1e-7),
      "lsoda": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10), "rk4": (1.5, 0.9, 0.45, 0.225)},
-    {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10), "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
+    {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10),
+     "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
      "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8),
      "Siconos theta 1/2": (1e-4, 3e-5, 1e-5), "Siconos theta 1": (1e-4, 3e-5, 1e-5)}, 2000)
 QUICK = Effort(
-    4, 0.08, 0.7, {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
-    {"fixed_step": (1e-3, 5e-5, 1e-5), "smoothed": (1e-4, 1e-6, 1e-8, 1e-10), "event_driven": (1e-6, 1e-10), "rk45": (1e-5,),
+    4, 0.08, 0.7,
+    {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
+    {"fixed_step": (1e-3, 5e-5, 1e-5), "smoothed": (1e-4, 1e-6, 1e-8, 1e-10), "event_driven": (1e-6, 1e-10),
+     "rk45": (1e-5,),
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
-    {"solve_ivp LSODA": (1e-6, 1e-8), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10), "Siconos theta 1/2": (1e-4, 3e-5)}, 500)
+    {"solve_ivp LSODA": (1e-6, 1e-8), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10), "Siconos theta 1/2": (1e-4, 3e-5)},
+    500)
 
 
 def cases(effort: Effort) -> list[Case]:
     """The scenes; the horizon is short since the motion of some of them is chaotic and any error grows."""
     base, fewest = load_scene("fig02").system, load_scene("minimal").system
-    steep = replace(base, {"friction.kinetic_coefficient": 0.15, "engine.mean_torque": 100.0, "engine.torque_amplitude": 400.0})
+    steep = replace(base, {"friction.kinetic_coefficient": 0.15, "engine.mean_torque": 100.0,
+                           "engine.torque_amplitude": 400.0})
     smoothed = [
         Case("fig02", "stick-slip of Fig. 2, mu_s/mu_k = 1.25", base, effort.cycles),
         Case("minimal", "mu_k = mu_s, constant pressure", fewest, effort.cycles),
@@ -131,7 +137,8 @@ def study(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record
 def case_record(case: Case, truths: list[Reference]) -> Record:
     """The record of a scene without its runs."""
     return {"scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
-            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "results": [], "omitted": [],
+            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "results": [],
+            "omitted": [],
             "warm_up": {}, "long_run": []}
 
 
@@ -159,7 +166,8 @@ def stick_rate(system: System) -> float:
 def record_run(record: Record, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
     """Run one setting and put it into `results` or `omitted`."""
     try:
-        run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting, effort)
+        run = _peer(case, solver,
+                    setting) if solver in effort.peers else _registered(record, case, solver, setting, effort)
         found = errors(run.section, run.largest, truth)
         if not max(found) <= WRONG:
             raise peers.Failed(f"wrong: its largest relative error is {max(found):.2g}")
@@ -176,7 +184,8 @@ def _peer(case: Case, solver: str, setting: float) -> peers.Run:
     if name == "XPPAUT":
         return peers.xppaut(case.system, method, setting, case.cycles, 5)
     if name == "Siconos":
-        return peers.siconos(case.system, round(case.system.cycle / setting), 0.5 if method.endswith("/2") else 1.0, case.cycles)
+        return peers.siconos(case.system, round(case.system.cycle / setting), 0.5 if method.endswith("/2") else 1.0,
+                             case.cycles)
     return peers.bare_lsoda(case.system, case.cycles, setting, 5)
 
 
@@ -204,11 +213,14 @@ def _registered(record: Record, case: Case, solver: str, setting: float, effort:
     cycles = found.cycles
     if cycles is None:
         raise peers.Failed("no cycles")
-    return peers.Run(cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)), best, found.statistics.steps)
+    return peers.Run(cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)), best,
+                     found.statistics.steps)
 
 
 def long_run(record: Record, case: Case, effort: Effort) -> None:
-    """Seconds per 100 cycles of a long run, where the cost of a call no longer counts, at the fastest setting up to 1e-6."""
+    """Seconds per 100 cycles of a long run, where the cost of a call no longer counts, at the fastest setting up to
+    1e-6.
+    """
     best = fastest(record, LONG_RUN_ERROR)
     for solver in LONG_RUN:
         if solver not in best or case.name.split(",")[0] not in LONG_RUN_SCENES:
@@ -243,11 +255,15 @@ def fastest(record: Record, target: float) -> dict[str, Record]:
 
 
 def as_json(records: list[Record], speed: Record | None, quick: bool, complete: bool) -> Record:
-    """What precision.json holds: the first scene's record, all of them under `scenes`, and `sweep_speed` where it was done."""
+    """What precision.json holds: the first scene's record, all of them under `scenes`, and `sweep_speed` where it was
+    done.
+    """
     from tcc_sim import __version__
 
-    head = records[0] if records else {"scene": None, "reference": {"solvers": [], "floor": None}, "results": [], "omitted": []}
-    return {**head, "scenes": records, "sweep_speed": speed, "peers": joined(records), "quick": quick, "complete": complete,
+    head = records[0] if records else {"scene": None, "reference": {"solvers": [], "floor": None}, "results": [],
+                                       "omitted": []}
+    return {**head, "scenes": records, "sweep_speed": speed, "peers": joined(records), "quick": quick,
+            "complete": complete,
             "version": __version__}
 
 

@@ -42,7 +42,8 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     """The parser of the command; only the module of `verb` is imported, or all of them where it is None."""
-    parser = _Parser(prog="tcc-sim", description="A slipping torque converter clutch driveline, in real time and offline.")
+    parser = _Parser(prog="tcc-sim",
+                     description="A slipping torque converter clutch driveline, in real time and offline.")
     parser.add_argument("--version", action="version", version=_version())
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)
     for name, text in VERBS.items():

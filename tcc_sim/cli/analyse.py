@@ -11,18 +11,23 @@ from tcc_sim.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The recording and where its figures and samples go."""
-    parser.add_argument("recording", metavar="RUN", type=Path, help="bag directory or .mcap file, complete or cut short")
+    parser.add_argument("recording", metavar="RUN", type=Path,
+                        help="bag directory or .mcap file, complete or cut short")
     parser.add_argument("--json", metavar="FILE", type=Path, help="the figures; - is standard output")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
     where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
     where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
-    parser.add_argument("--discard", metavar="CYCLES", type=int, help="engine cycles dropped from the figures at the start "
+    parser.add_argument("--discard", metavar="CYCLES", type=int,
+                        help="engine cycles dropped from the figures at the start "
                         "(default 50, or half of them where there are fewer than 100)")
-    parser.add_argument("--frequency", metavar="RAD_PER_S", type=float, help="of the engine torque (default: the scene's or, "
+    parser.add_argument("--frequency", metavar="RAD_PER_S", type=float,
+                        help="of the engine torque (default: the scene's or, "
                         "where the torque came from a topic, found in the recording)")
-    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) of the last cycles too")
-    parser.add_argument("--verify", action="store_true", help="solve the run again from the recording alone and compare")
+    parser.add_argument("--damping", action="store_true",
+                        help="work out the equivalent damping (21) of the last cycles too")
+    parser.add_argument("--verify", action="store_true",
+                        help="solve the run again from the recording alone and compare")
     parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
 
@@ -39,7 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(f"--json and --rrd are the same file, {arguments.rrd}")
         new_file(arguments.rrd, arguments.force)
     found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
-                   discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene, verify=arguments.verify,
+                   discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene,
+                   verify=arguments.verify,
                    damping=arguments.damping, progress=True)
     if arguments.json is not None:
         write_json(arguments.json, found.json())

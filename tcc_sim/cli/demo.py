@@ -1,4 +1,5 @@
-"""`tcc-sim demo`: the whole chain on real ROS 2, from a scene to a recording, its analysis, a Rerun file and a picture."""
+"""`tcc-sim demo`: the whole chain on real ROS 2, from a scene to a recording, its analysis, a Rerun file and a picture.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +78,8 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str])
     if "matplotlib" not in missing:
         from tcc_sim.views.overview import overview
 
-        overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary, scene.name)
+        overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary,
+                 scene.name)
         made.append("overview.png")
     print("\n".join(found.lines()))
     print(f"{directory}/ holds {', '.join(made)}\nnext:")

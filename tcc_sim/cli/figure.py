@@ -59,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         _write(number, stem, manner, draw)
         return 0
     # A picture takes as long as its numbers and holds the interpreter lock: it is drawn in another process meanwhile.
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)) as painter:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal,
+                             (signal.SIGINT, signal.SIG_IGN)) as painter:
         drawn = [_write(number, stem, manner, lambda data, where: painter.submit(draw, data, where))
                  for number, stem in stems.items()]
         for picture in drawn:

@@ -13,8 +13,10 @@ LABELS = {"ticks": "ticks", "missed_ticks": "missed ticks", "drift_s": "drift (m
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Rate, duration and where the figures go."""
-    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ", help="tick rate (1000)")
-    parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=60.0, metavar="S", help="of each loop (60)")
+    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
+                        help="tick rate (1000)")
+    parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=60.0, metavar="S",
+                        help="of each loop (60)")
     parser.add_argument("--recorder", action="store_true",
                         help="publish to a recorder in a process of its own, which competes for the cores")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
@@ -38,8 +40,10 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
           f"drift {found['drift_s'] * 1e3:.3f} ms")
     print(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
-    for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6), ("lateness_p99_s", "lateness p99 (us)", 1e6),
-                              ("lateness_max_s", "lateness max (us)", 1e6), ("cpu_fraction", "CPU (% of a core)", 100.0)):
+    for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
+                              ("lateness_p99_s", "lateness p99 (us)", 1e6),
+                              ("lateness_max_s", "lateness max (us)", 1e6),
+                              ("cpu_fraction", "CPU (% of a core)", 100.0)):
         node, bare = found[key] * factor, found[f"bare_{key}"] * factor
         print(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
     if arguments.json is not None:

@@ -12,7 +12,8 @@ from tcc_sim.recording.recovery import default_directory, recover
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The recording and where the new one goes."""
     parser.add_argument("recording", metavar="RUN", type=Path, help="bag directory or .mcap file; it stays as it is")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="directory to create (default: RUN_recovered beside it)")
+    parser.add_argument("--out", metavar="DIR", type=Path,
+                        help="directory to create (default: RUN_recovered beside it)")
 
 
 def run(arguments: argparse.Namespace) -> int:

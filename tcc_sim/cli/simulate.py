@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     span = parser.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help=f"engine cycles solved (default {CYCLES})")
     span.add_argument("--duration", metavar="S", type=float, help="seconds solved instead")
-    parser.add_argument("--discard", metavar="N", type=int, help="cycles dropped from the summary at the start (default 50, but "
+    parser.add_argument("--discard", metavar="N", type=int,
+                        help="cycles dropped from the summary at the start (default 50, but "
                         "at most half of --cycles, and at most a third of the whole cycles in --duration)")
     parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
     parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
@@ -85,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.trajectory import State
 
         assert solved.cycles is not None
-        found = largest_lyapunov_exponent(system, State(*solved.cycles.section[-1].tolist()), start_cycle=len(solved.cycles),
+        found = largest_lyapunov_exponent(system, State(*solved.cycles.section[-1].tolist()),
+                                          start_cycle=len(solved.cycles),
                                           period=summary.period)
         values["lyapunov"] = found.as_json()
         lines += rows([lyapunov_row(found)])

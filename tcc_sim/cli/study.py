@@ -1,4 +1,6 @@
-"""What the verbs share that measure for a while: where the report goes, a bar, and an end by Ctrl-C that keeps what is done."""
+"""What the verbs share that measure for a while: where the report goes, a bar, and an end by Ctrl-C that keeps what is
+done.
+"""
 
 from __future__ import annotations
 

@@ -13,9 +13,11 @@ from tcc_sim.errors import InputError, SweepInterrupted
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is swept, how, where, and where the results go."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", required=True, help="scene key and its evenly spaced values")
+    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", required=True,
+                        help="scene key and its evenly spaced values")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
-    parser.add_argument("--cycles", metavar="N", type=int, default=150, help="engine cycles solved per value (default 150)")
+    parser.add_argument("--cycles", metavar="N", type=int, default=150,
+                        help="engine cycles solved per value (default 150)")
     parser.add_argument("--discard", metavar="N|auto", default=None,
                         help="cycles dropped (default 50); auto drops those until the section has settled, and solves no more")
     parser.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
@@ -51,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
         new_file(arguments.json, arguments.force)
     interrupted = False
     try:
-        found = sweep(scene.system, key, values, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out, progress=True)
+        found = sweep(scene.system, key, values, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
+                      progress=True)
     except SweepInterrupted as stop:
         interrupted, found = True, stop.sweeps[0]
     if arguments.json is not None:

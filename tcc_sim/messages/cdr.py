@@ -1,7 +1,8 @@
 """The CDR bytes of the few message types of this package, encoded and decoded without ROS.
 
-Layouts follow the OMG CDR alignment rules (little-endian, version 1): a 4-byte encapsulation header, then each primitive aligned
-to its size counted from the end of that header. A test compares every byte with what ROS 2 itself serialises.
+Layouts follow the OMG CDR alignment rules (little-endian, version 1): a 4-byte encapsulation header, then each
+primitive aligned to its size counted from the end of that header. A test compares every byte with what ROS 2 itself
+serialises.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ def _string(text: str, padding: bytes = b"\0") -> bytes:
 
 def _names(padding: bytes = b"\0") -> bytes:
     """Empty frame_id and the joint names."""
-    return _string("", padding) + struct.pack("<I", len(JOINT_NAMES)) + b"".join(_string(name, padding) for name in JOINT_NAMES)
+    return _string("", padding) + struct.pack("<I", len(JOINT_NAMES)) + b"".join(_string(name, padding)
+                                                                                 for name in JOINT_NAMES)
 
 
 _NAMES = _names()
@@ -50,9 +52,12 @@ JOINT_STATE = np.dtype({
     "formats": ["<i4", "<u4"] + ["<f8"] * 6,
     "offsets": [4, 8, _FIRST, _FIRST + 8, _FIRST + 24, _FIRST + 32, _FIRST + 48, _FIRST + 56],
     "itemsize": _JOINT_STATE.size})
-"""One serialised joint_states message as NumPy sees it; names and counts sit at fixed offsets because they never change."""
+"""One serialised joint_states message as NumPy sees it; names and counts sit at fixed offsets because they never
+change.
+"""
 
-FLUID_PRESSURE = np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"], "formats": ["<i4", "<u4", "<f8", "<f8"],
+FLUID_PRESSURE = np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"],
+                           "formats": ["<i4", "<u4", "<f8", "<f8"],
                            "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size})
 """One serialised FluidPressure message with an empty frame_id."""
 
@@ -99,7 +104,9 @@ def fluid_pressure(stamp_ns: int, pressure: float, variance: float = 0.0) -> byt
 
 def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywheel_speed: float, plate_speed: float,
                 engine_torque: float, friction_torque: float) -> bytes:
-    """sensor_msgs/msg/JointState of the driveline: angles (rad), speeds (rad/s), torques (N m), stamp in simulation time."""
+    """sensor_msgs/msg/JointState of the driveline: angles (rad), speeds (rad/s), torques (N m), stamp in simulation
+    time.
+    """
     return _JOINT_STATE.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, _NAMES, _PAIR, flywheel_angle,
                              plate_angle, _PAIR, flywheel_speed, plate_speed, _PAIR, engine_torque, friction_torque)
 
@@ -148,14 +155,16 @@ def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
 
 
 def joint_state_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Bytes of a joint_states message, and a mask of those that every message has: names and counts, not values or padding.
+    """Bytes of a joint_states message, and a mask of those that every message has: names and counts, not values or
+    padding.
 
     Padding is left out because ROS 2 sends whatever its buffer held before.
     """
     zeros = (0.0,) * 6
     example = np.frombuffer(joint_state(0, *zeros), dtype=np.uint8)
     pair = struct.pack("<I4s", 2, b"\xff" * 4)
-    other = _JOINT_STATE.pack(b"\0\1\xff\xff", -1, 0xFFFFFFFF, _names(b"\xff"), pair, *_OTHER, pair, *_OTHER, pair, *_OTHER)
+    other = _JOINT_STATE.pack(b"\0\1\xff\xff", -1, 0xFFFFFFFF, _names(b"\xff"), pair, *_OTHER, pair, *_OTHER, pair,
+                              *_OTHER)
     return example, example == np.frombuffer(other, dtype=np.uint8)
 
 

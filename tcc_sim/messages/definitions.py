@@ -1,4 +1,6 @@
-"""Message definitions and type hashes: those of the installed ROS 2 where there is one, and the few this package needs anyway."""
+"""Message definitions and type hashes: those of the installed ROS 2 where there is one, and the few this package needs
+anyway.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +37,11 @@ _CARRIED: dict[str, tuple[str, str]] = {
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
         "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"),
 }
-"""Fields (without comments) and RIHS01 hash per type, so that a recording can be written where ROS 2 is not installed."""
+"""Fields (without comments) and RIHS01 hash per type, so that a recording can be written where ROS 2 is not installed.
+"""
 
-_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64",
+_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32",
+               "int64",
                "uint64", "string", "wstring"}
 _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 

@@ -15,7 +15,8 @@ Linear = tuple[float, float, float, float]
 """I1, I2 (kg m^2), C23 (N m s/rad), K23 (N m/rad)."""
 
 
-def engine_torque(t: Any, mean: float, torque: tuple[float, float] | None, harmonics: NDArray[np.float64] | None) -> Any:
+def engine_torque(t: Any, mean: float, torque: tuple[float, float] | None,
+                  harmonics: NDArray[np.float64] | None) -> Any:
     """Te(t), N m: mean + Tp sin(omega t) + sum_n Tpn sin(n omega t + phi_n), Section 2.2 of the paper.
 
     Parameters

@@ -81,7 +81,8 @@ class Driveline(Group):
     """The linear part of equations (1): two inertias, and the spring and damper that hold the plate."""
 
     flywheel_inertia: float = quantity(0.20, "flywheel inertia I1", "kg m^2", 1e-6, 1e3)
-    plate_inertia: float = quantity(0.02, "clutch plate inertia I2 (friction shoe and pressure plate)", "kg m^2", 1e-6, 1e3)
+    plate_inertia: float = quantity(0.02, "clutch plate inertia I2 (friction shoe and pressure plate)", "kg m^2", 1e-6,
+                                    1e3)
     damping: float = quantity(0.6, "driveline viscous damping C23", "N m s/rad", 0.0, 1e4)
     stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 0.0, 1e8, above=True)
 
@@ -117,12 +118,15 @@ class Clutch(Group):
 
 @dataclass(frozen=True)
 class Engine(Group):
-    """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2 of the paper."""
+    """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2 of the
+    paper.
+    """
 
     source: str = quantity("harmonic", "where the engine torque comes from", choices=("harmonic", "topic"))
     mean_torque: float = quantity(300.0, "mean engine torque Tm; with source topic the torque until the first command "
                                   "and after a time-out", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
-    torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM, live=True)
+    torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
+                                       live=True)
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
                                 "rad/s", 1e-3, 1e5)
     harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
@@ -143,7 +147,8 @@ class Pressure(Group):
     """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
 
     source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
-    mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm; with source topic the pressure until the first command and after "
+    mean: float = quantity(FIG02_PRESSURE,
+                           "mean pressure Pm; with source topic the pressure until the first command and after "
                            "a time-out", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
     amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
                                 PRESSURE_MAXIMUM, live=True)
@@ -216,11 +221,13 @@ GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "friction": Friction, 
                                   "pressure": Pressure, "initial": Initial}
 
 QUANTITIES: dict[str, Quantity] = {
-    f"{name}.{item.name}": item.metadata["quantity"] for name, group in GROUPS.items() for item in dataclasses.fields(group)}
+    f"{name}.{item.name}": item.metadata["quantity"] for name,
+    group in GROUPS.items() for item in dataclasses.fields(group)}
 """Every scene key of the model with its meaning."""
 
 DEFAULTS: dict[str, Value] = {
-    f"{name}.{item.name}": getattr(group, item.name) for name, group in GROUPS.items() for item in dataclasses.fields(group)}
+    f"{name}.{item.name}": getattr(group, item.name) for name,
+    group in GROUPS.items() for item in dataclasses.fields(group)}
 
 
 def values_of(system: System) -> Iterator[tuple[str, Value]]:

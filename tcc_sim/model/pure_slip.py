@@ -1,4 +1,5 @@
-"""Pure slip in closed form for mu_k = mu_s: (12) to (18) of the paper, with a load that varies and several harmonics."""
+"""Pure slip in closed form for mu_k = mu_s: (12) to (18) of the paper, with a load that varies and several harmonics.
+"""
 
 from __future__ import annotations
 
@@ -93,8 +94,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     """Solve (12) from the system's initial state, slipping in `direction` (+1, or -1: flywheel slower) for all time.
 
     With (13) and a constant load Tsm = Tm this is v = Omega_e + Tp/(I1 omega) (1 - cos(omega t)) - Tsm/(I2 omega_d)
-    exp(-zeta omega_n t) sin(omega_d t). The print of (17a), (18) has velocity terms Tsm 2 zeta/(K23 omega_n), whose dimension
-    is an angle times time; they do not belong there.
+    exp(-zeta omega_n t) sin(omega_d t). The print of (17a), (18) has velocity terms Tsm 2 zeta/(K23 omega_n), whose
+    dimension is an angle times time; they do not belong there.
 
     Raises
     ------

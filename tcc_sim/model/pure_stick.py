@@ -66,8 +66,8 @@ def plate_angle(system: System) -> Sines:
 def interface_torque(system: System) -> Sines:
     """Tfi(t) of (25a) in pure stick, N m: the friction torque that stick needs.
 
-    (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term, where
-    the print has lost the inertia and the damping.
+    (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
+    where the print has lost the inertia and the damping.
     """
     def torque(omega: float) -> complex:
         return cmath.rect(interface_gain(system, omega), stick_phase(system, omega) + interface_phase(system, omega))
@@ -76,7 +76,8 @@ def interface_torque(system: System) -> Sines:
 
 
 def regime_boundary(system: System) -> float:
-    """omega_sn/omega_n = sqrt(I2/(I1 + I2)) of (28), with omega_sn = sqrt(K23/(I1 + I2)) (the print of (27) misplaces the root).
+    """omega_sn/omega_n = sqrt(I2/(I1 + I2)) of (28), with omega_sn = sqrt(K23/(I1 + I2)) (the print of (27) misplaces
+    the root).
 
     Below it the positive slip falls into the first half of the engine cycle, above it into the second.
     """
@@ -99,8 +100,9 @@ class StickMargin:
 def stick_margin(system: System) -> StickMargin:
     """The criterion (10), (11) of pure stick: the smallest mu_s N(t) R - |Tfi(t)|.
 
-    (10) is printed without the modulus; the friction torque is bounded on both sides. With omega_f = (M/N) omega the common
-    period is N engine cycles, not the 2 pi/omega of (11b). For an incommensurable omega_f every pair of phases comes up.
+    (10) is printed without the modulus; the friction torque is bounded on both sides. With omega_f = (M/N) omega the
+    common period is N engine cycles, not the 2 pi/omega of (11b). For an incommensurable omega_f every pair of phases
+    comes up.
 
     The minimum is found by branch and bound on the second derivative, so no dip between grid points is missed.
     """
@@ -165,7 +167,8 @@ def _kink_slack(torque: Sines, load: Sines, ratio: float, t: Floats, width: floa
 class StickLimits:
     """The transition frequencies between pure stick and stick-slip, rad/s.
 
-    lower : where an upward sweep leaves the pure stick it starts in; None where there is none at the low end, or no limit
+    lower : where an upward sweep leaves the pure stick it starts in; None where there is none at the low end, or no
+        limit
     higher : where a downward sweep leaves the pure stick it starts in; None likewise
     bands : every band of pure stick within the range, in order
     """
@@ -178,8 +181,8 @@ class StickLimits:
 def stick_limits(system: System, low: float, high: float, count: int = 400) -> StickLimits:
     """The frequency limits of pure stick between `low` and `high` (rad/s) for the given torques, both sweep directions.
 
-    omega_f keeps its ratio to omega. `count` frequencies, evenly spaced in log omega, bracket the limits; omega_sn is among
-    them, so the stuck resonance is not stepped over.
+    omega_f keeps its ratio to omega. `count` frequencies, evenly spaced in log omega, bracket the limits; omega_sn is
+    among them, so the stuck resonance is not stepped over.
     """
     if not 0.0 < low < high:
         raise InputError(f"the frequency range is {low:g} to {high:g} rad/s; it must be above 0 and increasing")
@@ -194,7 +197,8 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
     special = [system.stuck_natural_frequency / n for n in orders]
     grid = np.unique(np.concatenate([np.geomspace(low, high, count), [w for w in special if low < w < high]]))
     sticks = [margin(float(w)) >= 0.0 for w in grid]
-    edges = [_bisect(margin, float(grid[i]), float(grid[i + 1])) for i in range(len(grid) - 1) if sticks[i] != sticks[i + 1]]
+    edges = [_bisect(margin, float(grid[i]), float(grid[i + 1])) for i in range(len(grid) - 1)
+             if sticks[i] != sticks[i + 1]]
     marks = ([low] if sticks[0] else []) + edges + ([high] if sticks[-1] else [])
     bands = tuple(zip(marks[::2], marks[1::2]))
     return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None, bands)
@@ -214,10 +218,12 @@ def _bisect(margin: object, a: float, b: float) -> float:
 
 
 def constant_load_limits(system: System) -> tuple[float, ...]:
-    """The frequencies, rad/s, at which max |Tfi| = mu_s N R for a constant load and one engine harmonic, in closed form.
+    """The frequencies, rad/s, at which max |Tfi| = mu_s N R for a constant load and one engine harmonic, in closed
+    form.
 
-    They solve |Tm| + Tp G(omega) = mu_s N R with the gain G of (25a), a quadratic in omega^2. With two of them the lower one
-    is the limit of the upward sweep, the higher one of the downward sweep; with one there is no stick at low frequency.
+    They solve |Tm| + Tp G(omega) = mu_s N R with the gain G of (25a), a quadratic in omega^2. With two of them the
+    lower one is the limit of the upward sweep, the higher one of the downward sweep; with one there is no stick at low
+    frequency.
 
     Raises
     ------

@@ -66,8 +66,10 @@ def engine_series(system: System) -> Sines:
     e = system.engine
     if e.source != "harmonic":
         return Sines.of(e.mean_torque, [])
-    higher = [(n * e.frequency, a, p) for n, (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2) if a > 0.0]
-    return Sines.of(e.mean_torque, ([(e.frequency, e.torque_amplitude, 0.0)] if e.torque_amplitude > 0.0 else []) + higher)
+    higher = [(n * e.frequency, a, p) for n,
+              (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2) if a > 0.0]
+    return Sines.of(e.mean_torque,
+                    ([(e.frequency, e.torque_amplitude, 0.0)] if e.torque_amplitude > 0.0 else []) + higher)
 
 
 def load_series(system: System) -> Sines:
@@ -78,7 +80,8 @@ def load_series(system: System) -> Sines:
 
 
 def common_cycles(system: System, most: int = 1000) -> int:
-    """N of omega_f = (M/N) omega in lowest terms: engine cycles after which the excitation repeats; 0 where N passes `most`.
+    """N of omega_f = (M/N) omega in lowest terms: engine cycles after which the excitation repeats; 0 where N passes
+    `most`.
 
     It is 1 where the pressure is constant.
     """

@@ -43,7 +43,8 @@ class Diagnostics:
         regime = "paused" if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
         middle, high = pacer.lateness()
         values = {
-            "scene": loop.scene.name, "simulation time (s)": f"{loop.stepper.tick * loop.stepper.step:.3f}", "regime": regime,
+            "scene": loop.scene.name, "simulation time (s)": f"{loop.stepper.tick * loop.stepper.step:.3f}",
+            "regime": regime,
             "rate (Hz)": f"{rate:.1f}", "rate wanted (Hz)": f"{operation.rate * (operation.real_time_factor or 1.0):g}",
             "real-time factor": f"{rate / operation.rate:.4f}",
             "missed ticks": str(pacer.missed_ticks), "late ticks": str(pacer.late_ticks),
@@ -53,7 +54,8 @@ class Diagnostics:
             "sub-steps per tick": str(loop.stepper.substeps), "iterations max": str(loop.stepper.iterations_most),
             "iterations bound": str(loop.stepper.iterations_bound)}
         for command in loop.commands:
-            values |= {f"{command.name} received": str(command.received), f"{command.name} refused": str(command.refused),
+            values |= {f"{command.name} received": str(command.received),
+                       f"{command.name} refused": str(command.refused),
                        f"{command.name} time-outs": str(command.timeouts),
                        f"{command.name} source": "fallback" if command.fallen_back else "topic"}
         waiting = [c.name for c in loop.commands if c.fallen_back]
@@ -64,5 +66,6 @@ class Diagnostics:
             level, text = DiagnosticStatus.WARN, f"no command on {' and '.join(waiting)}; the scene's mean value applies"
         self._since, self._ticks, self._late = now, done, pacer.missed_ticks
         self._stick, self._slip = loop.stick_ticks, loop.slip_ticks
-        return DiagnosticStatus(level=level, name=f"{self._node.get_fully_qualified_name()}: driveline", hardware_id="simulation",
+        return DiagnosticStatus(level=level, name=f"{self._node.get_fully_qualified_name()}: driveline",
+                                hardware_id="simulation",
                                 message=text, values=[KeyValue(key=k, value=v) for k, v in values.items()])

@@ -1,4 +1,6 @@
-"""What `ros2 run tcc_sim` and the path know as driveline_node, recorder_node and so on: one line where ROS 2 is not installed."""
+"""What `ros2 run tcc_sim` and the path know as driveline_node, recorder_node and so on: one line where ROS 2 is not
+installed.
+"""
 
 from __future__ import annotations
 

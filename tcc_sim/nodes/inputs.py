@@ -58,9 +58,9 @@ class Command:
     def await_one(self, tick: int, stamp_ns: int, timeout: float, stopped: Callable[[], bool]) -> None:
         """Lock-step: wait in real time for the one command that answers the state of `stamp_ns`.
 
-        A stamped command answers the state that has its stamp; a command without a stamp answers the state before it, by
-        count. A refused command is an answer too: the value before it holds. After `timeout` seconds (0: never) the fallback
-        applies.
+        A stamped command answers the state that has its stamp; a command without a stamp answers the state before it,
+        by count. A refused command is an answer too: the value before it holds. After `timeout` seconds (0: never) the
+        fallback applies.
         """
         end = time.monotonic() + timeout if timeout > 0.0 else math.inf
         while not stopped():

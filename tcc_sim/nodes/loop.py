@@ -1,8 +1,9 @@
 """The real-time loop: a thread of its own that paces, takes commands, steps the driveline and publishes.
 
-One tick goes: wait for the deadline, take what has arrived, step, publish. Commands that arrive between two ticks apply from
-the next tick on and are held through it (zero-order hold), so a controller that answers the state of tick k before the next
-deadline acts on the interval from k to k + 1. What a message says of torques and pressure is what the tick that ended applied.
+One tick goes: wait for the deadline, take what has arrived, step, publish. Commands that arrive between two ticks apply
+from the next tick on and are held through it (zero-order hold), so a controller that answers the state of tick k before
+the next deadline acts on the interval from k to k + 1. What a message says of torques and pressure is what the tick
+that ended applied.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ SETTLED = 0.3
 
 @dataclass
 class Request:
-    """Something asked of the loop between two ticks. Who takes `claim` first does it or withdraws it; then `done` is set."""
+    """Something asked of the loop between two ticks. Who takes `claim` first does it or withdraws it; then `done` is
+    set.
+    """
 
     action: Callable[[], bool]
     claim: threading.Lock = field(default_factory=threading.Lock)
@@ -109,7 +112,9 @@ class RealTimeLoop:
         return self._thread.is_alive()
 
     def request(self, action: Callable[[], bool], timeout: float = 1.0) -> bool:
-        """Have the loop do `action` between two ticks; its result, or False where it was withdrawn after `timeout` seconds."""
+        """Have the loop do `action` between two ticks; its result, or False where it was withdrawn after `timeout`
+        seconds.
+        """
         asked = Request(action)
         self._requests.put(asked)
         self._wake.set()
@@ -225,7 +230,8 @@ class RealTimeLoop:
         v, plate_angle, plate_speed, flywheel_angle = stepper.state.tolist()
         engine, friction = stepper.torques()
         stamp = round(stepper.tick * self._stamp_step)
-        self.send(self._joint_states, cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
+        self.send(self._joint_states,
+                  cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
                                                       friction))
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         if state:
@@ -242,7 +248,9 @@ class RealTimeLoop:
             self.send(self._clock, cdr.clock(stamp))
 
     def send(self, publisher: Any, data: bytes) -> None:
-        """Publish; what the middleware refuses (it does in the moment when a flooded reader dies) is counted, not fatal."""
+        """Publish; what the middleware refuses (it does in the moment when a flooded reader dies) is counted, not
+        fatal.
+        """
         try:
             publisher.publish(data)
         except RuntimeError:

@@ -31,7 +31,8 @@ def message_class(type_name: str) -> type:
 
 def qos_fields(profile: QoSProfile) -> dict[str, Any]:
     """A quality of service as rosbag2 writes it."""
-    return {"history": profile.history.name.lower(), "depth": profile.depth, "reliability": profile.reliability.name.lower(),
+    return {"history": profile.history.name.lower(), "depth": profile.depth,
+            "reliability": profile.reliability.name.lower(),
             "durability": profile.durability.name.lower(), "deadline": _duration(profile.deadline.nanoseconds),
             "lifespan": _duration(profile.lifespan.nanoseconds), "liveliness": profile.liveliness.name.lower(),
             "liveliness_lease_duration": _duration(profile.liveliness_lease_duration.nanoseconds),

@@ -17,9 +17,9 @@ SLICE = 0.05
 class Pacer:
     """Deadlines one period apart, counted from an anchor, and what was late.
 
-    A late wake-up shortens the next waits, so that the loop is back on its deadlines after at most CATCH_UP seconds' worth of
-    ticks. Where it is later than that, the anchor moves to now: the ticks in between are missed in real time (never in
-    simulated time) and counted.
+    A late wake-up shortens the next waits, so that the loop is back on its deadlines after at most CATCH_UP seconds'
+    worth of ticks. Where it is later than that, the anchor moves to now: the ticks in between are missed in real time
+    (never in simulated time) and counted.
 
     Parameters
     ----------

@@ -22,15 +22,16 @@ BUILT_IN = ("use_sim_time", "start_type_description_service")
 def declare(node: Node) -> Scene:
     """Declare every scene key and node option on `node`, with the overrides it was started with, and give their scene.
 
-    The node must have been made with `automatically_declare_parameters_from_overrides=True`, which is how the overrides are
-    read with whatever type they were given.
+    The node must have been made with `automatically_declare_parameters_from_overrides=True`, which is how the overrides
+    are read with whatever type they were given.
 
     Raises
     ------
     InputError
         A scene that does not exist, or an override of a wrong type or out of its range.
     """
-    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items() if name not in BUILT_IN}
+    given = {name: parameter.value for name,
+             parameter in node.get_parameters_by_prefix("").items() if name not in BUILT_IN}
     for name in given:
         node.undeclare_parameter(name)
     base = load_scene(str(given.pop("scene", DEFAULT_SCENE)))
@@ -42,7 +43,8 @@ def declare(node: Node) -> Scene:
             node.get_logger().warning(f"parameter ignored: {unknown_key(name, KNOWN_KEYS)}")
     scene = base.with_values(known)
     if scene.system != base.system:
-        scene = dataclasses.replace(scene, name=f"{base.name} with overrides", description=f"{base.description}, with overrides")
+        scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
+                                    description=f"{base.description}, with overrides")
     text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
     node.declare_parameter("scene", base.name, text)
     for name, value in [*values_of(scene.system), *_options(scene)]:

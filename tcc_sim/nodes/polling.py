@@ -117,9 +117,9 @@ def _initialise(words: list[str]) -> None:
 def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None, interruptible: bool = True) -> int:
     """Run a node's process: initialise ROS, run `body`, and give the exit status.
 
-    SIGINT and SIGTERM end `body` by KeyboardInterrupt or ExternalShutdownException, which it may use to tidy up; the status is
-    then 0. Wrong input gives one line on standard error and status 2. Where `interruptible` is off, SIGINT ends the context only,
-    as SIGTERM does, and no KeyboardInterrupt tears `body` away from what it holds.
+    SIGINT and SIGTERM end `body` by KeyboardInterrupt or ExternalShutdownException, which it may use to tidy up; the
+    status is then 0. Wrong input gives one line on standard error and status 2. Where `interruptible` is off, SIGINT
+    ends the context only, as SIGTERM does, and no KeyboardInterrupt tears `body` away from what it holds.
     """
     started = False
 

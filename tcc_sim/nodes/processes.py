@@ -1,4 +1,6 @@
-"""Driveline and recorder as processes of their own on this machine, for commands that run the whole chain. Free of rclpy."""
+"""Driveline and recorder as processes of their own on this machine, for commands that run the whole chain. Free of
+rclpy.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +53,10 @@ class NodeProcess:
         words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
         # A session of its own: Ctrl-C on the terminal reaches the command, which ends its nodes in order.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=_end_with_parent)
+            [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
+            preexec_fn=_end_with_parent)
         self.lines: list[str] = []
         self._said = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -69,7 +73,9 @@ class NodeProcess:
             self._said.notify_all()
 
     def await_line(self, text: str, limit: float = START_LIMIT) -> None:
-        """Return when the node has said `text`; TccError with its last words where it ends or `limit` seconds pass first."""
+        """Return when the node has said `text`; TccError with its last words where it ends or `limit` seconds pass
+        first.
+        """
         with self._said:
             self._said.wait_for(lambda: self._has(text) or not self._reader.is_alive(), timeout=limit)
         if not self._has(text):

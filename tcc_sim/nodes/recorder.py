@@ -1,6 +1,7 @@
 """The recorder node: every topic of the driveline, raw, into a rosbag2 bag that survives a kill.
 
-Subscriptions are drained in batches several times a second, which costs a small part of what a callback per message costs.
+Subscriptions are drained in batches several times a second, which costs a small part of what a callback per message
+costs.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
 _MOST_ASKED = 20
 SILENCE = 3.0
-"""Real time, s, without states after which the recorder says so; the middleware takes 20 s to find that a publisher is dead."""
+"""Real time, s, without states after which the recorder says so; the middleware takes 20 s to find that a publisher is
+dead.
+"""
 
 
 class Track:
@@ -69,13 +72,14 @@ class Track:
     def asks_again(self, publishers: Sequence[bytes]) -> bool:
         """Whether one of these has said nothing yet and should be asked again, which it is a limited number of times.
 
-        What a publisher keeps for late subscribers comes seconds late where others were killed just before; a new subscription
-        gets it at once.
+        What a publisher keeps for late subscribers comes seconds late where others were killed just before; a new
+        subscription gets it at once.
         """
         self._offered.update(publishers)
         if self._next and not self._offered & self._next.keys():
             return False  # This middleware names publishers in two ways, so who is silent cannot be known.
-        silent = [publisher for publisher in publishers if publisher not in self._next and self._asked[publisher] < _MOST_ASKED]
+        silent = [publisher for publisher in publishers if publisher not in self._next
+                  and self._asked[publisher] < _MOST_ASKED]
         self._asked.update(silent)
         return bool(silent)
 
@@ -93,10 +97,12 @@ class Recorder:
         self.node = node
         directory = Path(str(_parameter(node, "output", _default_name(), "directory to create for the recording")))
         names = _parameter(node, "topics", [row.name for row in TOPICS], "topics to record")
-        period = _parameter(node, "flush_period", 0.25, "a kill loses at most this much and one drain, s; above 0 to 10")
+        period = _parameter(node, "flush_period", 0.25,
+                            "a kill loses at most this much and one drain, s; above 0 to 10")
         if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period <= 10.0:
             raise InputError(f"flush_period is {period!r} s; it must be a number above 0 to 10 s")
-        if not isinstance(names, list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
+        if not isinstance(names,
+                          list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
             raise InputError(f"topics is {names!r}; it must be a list of topic names")
         for name in unknown_parameters(node):
             node.get_logger().warning(f"parameter {name} is unknown and has no effect; there are output, topics, flush_period")
@@ -107,7 +113,8 @@ class Recorder:
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
         self.tracks: dict[str, Track] = {}
         self._next_look = 0.0
-        # The scene comes first, so that it is in the file before what it explains; joint_states come last: the driveline may
+        # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
+        # driveline may
         # wait for their subscriber, and then all the others are there.
         self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
@@ -163,7 +170,8 @@ class Recorder:
     def _describe(self, data: bytes, said_ns: int) -> None:
         """Write a scene as a metadata record, which survives a kill at any moment after it.
 
-        It belongs to what was sent after it was said, by the driveline's own clock: states and scenes take ways of their own.
+        It belongs to what was sent after it was said, by the driveline's own clock: states and scenes take ways of
+        their own.
         """
         try:
             self.bag.describe(cdr.read_string(data), log_ns=said_ns)
@@ -208,12 +216,14 @@ class Recorder:
         track.silence_told = silent
 
     def close(self) -> str:
-        """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line."""
+        """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line.
+        """
         self.drain()
         seen = [track for track in self.tracks.values() if track.messages]
         lost = {track.topic: track.lost for track in seen}
         self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost,
-                        "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}})
+                        "missing_stamps": {track.topic: track.stamps.lost for track in seen
+                                           if track.stamps is not None}})
         count = sum(track.messages for track in seen)
         return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost"
 

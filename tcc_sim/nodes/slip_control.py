@@ -1,10 +1,13 @@
 """The control law of the slip controller example: PI on the slip speed's mean over an engine cycle. Free of ROS.
 
-Between the cycle-mean slip speed v and the clutch torque Ts = mu_k P A R the driveline is, in slip and well below its natural
-frequency, an integrator, I1 v' = Te - Ts (equation (2a) with the plate at rest in the mean). What the loop adds:
+Between the cycle-mean slip speed v and the clutch torque Ts = mu_k P A R the driveline is, in slip and well below its
+natural frequency, an integrator, I1 v' = Te - Ts (equation (2a) with the plate at rest in the mean). What the loop
+adds:
 
-- The engine torque pulsates with hundreds of N m; the mean over exactly one engine cycle has a zero there, so that the pressure
-  does not chase the pulsation. It delays by half a cycle, which is what limits the bandwidth: with the bandwidth w and the cycle
+- The engine torque pulsates with hundreds of N m; the mean over exactly one engine cycle has a zero there, so that the
+pressure
+  does not chase the pulsation. It delays by half a cycle, which is what limits the bandwidth: with the bandwidth w and
+  the cycle
   T the mean costs w T/2 of phase (18 degrees at 15 rad/s and T = 42 ms) and the integral part atan(1/4) = 14 degrees.
 - Feed-forward: the cycle's mean engine torque is the clutch torque that holds any slip speed. The integral part then
   carries only what the nominal friction coefficient is wrong by.
@@ -35,7 +38,8 @@ class Tuning:
     Raises
     ------
     InputError
-        A value that is not a number above 0, or a step that the engine cycle holds less than once or more than 1e6 times.
+        A value that is not a number above 0, or a step that the engine cycle holds less than once or more than 1e6
+        times.
     """
 
     target: float = 20.0

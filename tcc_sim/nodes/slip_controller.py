@@ -1,7 +1,7 @@
 """The slip controller example: a ROS 2 node that answers every state of the driveline with an actuation pressure.
 
-`ros2 run tcc_sim slip_controller_node` beside `driveline_node --ros-args -p scene:=controlled`. Copy this file, put your own
-control law in the place of `SlipController`, and test it against the same driveline.
+`ros2 run tcc_sim slip_controller_node` beside `driveline_node --ros-args -p scene:=controlled`. Copy this file, put
+your own control law in the place of `SlipController`, and test it against the same driveline.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ QOS = QoSProfile(depth=5000)
 class SlipControllerNode(Node):
     """joint_states in, actuation_pressure out: one command for every state, with that state's stamp.
 
-    The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the same
-    controller gives the same run to the last bit however slow it is.
+    The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the
+    same controller gives the same run to the last bit however slow it is.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -37,7 +37,8 @@ class SlipControllerNode(Node):
         # Any type is taken here and checked by Tuning: 20 serves as 20.0, and a word gets a clear line.
         descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
         self.controller = SlipController(Tuning(**{
-            item.name: self.declare_parameter(item.name, item.default, descriptor).value for item in dataclasses.fields(Tuning)}))
+            item.name: self.declare_parameter(item.name, item.default, descriptor).value
+            for item in dataclasses.fields(Tuning)}))
         self._last_stamp = -1
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self.create_subscription(JointState, "joint_states", self._on_state, QOS)

@@ -28,9 +28,9 @@ def explain(scene: Scene) -> dict[str, Any]:
 
     Returns
     -------
-    A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type of
-    every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s` and their `ratio` (None where the real-time solver does not
-    apply: the set-valued law).
+    A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type
+    of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s` and their `ratio` (None where the real-time
+    solver does not apply: the set-valued law).
     """
     terms = terms_of(scene.system)
     held, left_out = held_and_left_out(terms)
@@ -77,7 +77,9 @@ def _modules(scene: Scene) -> list[str]:
 
 
 def _cost(scene: Scene) -> dict[str, float]:
-    """Seconds of a tick of the real-time solver with this scene's kernel and with every term on, in turn, fastest of several."""
+    """Seconds of a tick of the real-time solver with this scene's kernel and with every term on, in turn, fastest of
+    several.
+    """
     stepper = Stepper(scene.system, TICK)
     n = stepper.substeps
     # The general kernel also integrates theta1, which the own one leaves out where nobody asks.

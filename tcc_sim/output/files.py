@@ -15,7 +15,9 @@ STANDARD_OUTPUT = Path("-")
 
 @contextmanager
 def draft(path: Path) -> Iterator[Path]:
-    """A path beside `path`, of the same suffix, that takes its place when the `with` ends well and is removed otherwise."""
+    """A path beside `path`, of the same suffix, that takes its place when the `with` ends well and is removed
+    otherwise.
+    """
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         yield part

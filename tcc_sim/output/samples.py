@@ -10,7 +10,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.output.files import draft
 from tcc_sim.trajectory import Trajectory
 
-ARRAYS = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque", "state")
+ARRAYS = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
+          "state")
 """Arrays of the .npz file and columns of the .csv file: s, rad/s, rad, rad/s, N m, N m, N m, and -1, 0, 1."""
 SUFFIXES = (".npz", ".csv", ".mcap")
 

@@ -42,7 +42,8 @@ def damping_row(found: Damping) -> tuple[str, str]:
     if math.isnan(found.weighted):
         reason = "no whole engine cycle could be solved" if math.isnan(found.negative_mean) else "there is no slip"
         return "equivalent damping (21)", f"none: {reason}"
-    return ("equivalent damping (21)", f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
+    return ("equivalent damping (21)",
+            f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
             f"-C23 is {found.threshold:.4g}")
 
 

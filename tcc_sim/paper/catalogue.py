@@ -1,8 +1,8 @@
 """Figures 2 to 18 of the paper as data: what each shows, over what, and for which curves.
 
-The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4 to 18; the
-paper does not print the pressure, and of those tried this one agrees with most of its text. Fig. 2 states its own. Amplitudes
-are ratios Tsp/Tsm = Pp/Pm.
+The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4
+to 18; the paper does not print the pressure, and of those tried this one agrees with most of its text. Fig. 2 states
+its own. Amplitudes are ratios Tsp/Tsm = Pp/Pm.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ SUPER_HARMONICS = (1 / 6, 1 / 5, 1 / 4, 1 / 3)
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
 
 SECTION_FIVE: Mapping[str, Value] = {
-    "driveline.flywheel_inertia": 0.2, "driveline.plate_inertia": 0.02, "driveline.damping": 0.6, "driveline.stiffness": 3000.0,
+    "driveline.flywheel_inertia": 0.2, "driveline.plate_inertia": 0.02, "driveline.damping": 0.6,
+    "driveline.stiffness": 3000.0,
     "friction.law": "smoothed", "friction.static_coefficient": STATIC, "friction.kinetic_coefficient": STATIC,
     "friction.decay": 2.0, "friction.smoothing": 50.0, "clutch.area": 0.08, "clutch.radius": 0.1,
     "engine.source": "harmonic", "engine.mean_torque": 300.0, "engine.torque_amplitude": 250.0,
-    "pressure.source": "harmonic", "pressure.mean": PRESSURE, "pressure.amplitude": 0.0, "pressure.frequency_ratio": 1.0,
+    "pressure.source": "harmonic", "pressure.mean": PRESSURE, "pressure.amplitude": 0.0,
+    "pressure.frequency_ratio": 1.0,
     "pressure.phase": 0.0, "initial.slip_speed": 150.0, "initial.plate_angle": 0.0, "initial.plate_speed": 0.0}
 """Table 1 with a constant pressure, and the initial state (13)."""
 
@@ -93,7 +95,8 @@ def _friction_ratios(*ratios: float) -> tuple[Series, ...]:
 def _pressure(amplitude: float = 0.25, frequency_ratio: float = 1.0, phase: float = 0.0,
               kinetic: float = 1.0) -> dict[str, Value]:
     """Tsp/Tsm, omega_f/omega, psi and mu_k/mu_s."""
-    return {"pressure.amplitude": amplitude * PRESSURE, "pressure.frequency_ratio": frequency_ratio, "pressure.phase": phase,
+    return {"pressure.amplitude": amplitude * PRESSURE, "pressure.frequency_ratio": frequency_ratio,
+            "pressure.phase": phase,
             **_kinetic(kinetic)}
 
 
@@ -111,7 +114,8 @@ def _frequencies(kinetic: float, ratios: Mapping[str, float]) -> tuple[Series, .
 
 def _amplitudes(kinetic: float) -> tuple[Series, ...]:
     """The actuation amplitudes of Figs. 13 and 18."""
-    return tuple(Series(rf"$T_{{sp}}/T_{{sm}} = {x:g}$", _pressure(x, kinetic=kinetic)) for x in (0.0, 0.125, 0.25, 0.5))
+    return tuple(Series(rf"$T_{{sp}}/T_{{sm}} = {x:g}$", _pressure(x, kinetic=kinetic))
+                 for x in (0.0, 0.125, 0.25, 0.5))
 
 
 HALF_ONE_TWO = {"0.5": 0.5, "": 1.0, "2": 2.0}
@@ -149,20 +153,27 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
                 rf"{CONSTANT}, $\mu_k = \mu_s$; shaded: positive slip; dashed: $T_e$", "delay",
                 tuple(Series(rf"$\omega/\omega_n = {r:.2f}$", {"engine.frequency": r * OMEGA_N})
                       for r in (0.15, 0.18, 0.37, 0.40))),
-    PaperFigure(10, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map", _frequencies(1.0, HALF_ONE_TWO)),
-    PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map", _frequencies(1.0, THIRDS)),
+    PaperFigure(10, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map",
+                _frequencies(1.0, HALF_ONE_TWO)),
+    PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map",
+                _frequencies(1.0, THIRDS)),
     PaperFigure(12, r"Time histories for three $\omega_f$ at $\omega = 150$ rad/s",
                 rf"{QUARTER}, $\psi = 0$, $\mu_k = \mu_s$; dashed: $T_s$", "actuation",
-                tuple(Series(rf"$\omega_f = {name}\omega$", {**_pressure(frequency_ratio=ratio), "engine.frequency": 150.0})
+                tuple(Series(rf"$\omega_f = {name}\omega$",
+                             {**_pressure(frequency_ratio=ratio), "engine.frequency": 150.0})
                       for name, ratio in (("0.5", 0.5), (r"\frac{2}{3}", 2.0 / 3.0), (r"\frac{4}{3}", 4.0 / 3.0)))),
-    PaperFigure(13, r"Effect of $T_{sp}$, $\mu_k = \mu_s$", rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(1.0)),
+    PaperFigure(13, r"Effect of $T_{sp}$, $\mu_k = \mu_s$", rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map",
+                _amplitudes(1.0)),
     PaperFigure(14, rf"Phase with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\omega_f = \omega$", "map",
                 _phases(0.75)),
-    PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", rf"{QUARTER}, $\omega_f = \omega$", "map",
+    PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", rf"{QUARTER}, $\omega_f = \omega$",
+                "map",
                 _phases(0.67)),
-    PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$", "map",
+    PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$",
+                "map",
                 _frequencies(0.75, HALF_ONE_TWO)),
-    PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$", "map",
+    PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$",
+                "map",
                 _frequencies(0.75, THIRDS)),
     PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}",
                 rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(0.75)),

@@ -32,11 +32,13 @@ NEAR = 0.02
 
 def solvers_agree(evidence: Evidence) -> Finding:
     """Fig. 2: RK45, Gear and the discontinuous solution."""
-    differences = _differences({"rk45": ("smoothed", None), "bdf": ("smoothed", None), "event_driven": ("set_valued", None)})
+    differences = _differences({"rk45": ("smoothed", None), "bdf": ("smoothed", None),
+                                "event_driven": ("set_valued", None)})
     worst = max(differences.values())
     return Finding("2", "RK45, a stiff (Gear) method and the discontinuous solution agree",
                    f"rms difference of the slip speed over a steady cycle below {ALIKE:g} of its maximum", differences,
-                   judged(worst < ALIKE), "the rest of the discontinuous solution's difference is the smoothing, sigma = 50")
+                   judged(worst < ALIKE),
+                   "the rest of the discontinuous solution's difference is the smoothing, sigma = 50")
 
 
 def classical_differs(evidence: Evidence) -> Finding:
@@ -57,7 +59,8 @@ def _differences(chosen: dict[str, tuple[str, float | None]]) -> dict[str, float
     out = {}
     for name, (law, step) in chosen.items():
         row = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
-        run = solve(row, cycles=1, samples_per_cycle=400, start_cycle=150, state=start, solver=name.split(",")[0], step=step)
+        run = solve(row, cycles=1, samples_per_cycle=400, start_cycle=150, state=start, solver=name.split(",")[0],
+                    step=step)
         found = np.interp(reference.t, run.raise_for_status().t, run.slip_speed) - reference.slip_speed
         out[name] = float(np.sqrt(np.mean(found**2)) / np.abs(reference.slip_speed).max())
     return out
@@ -72,7 +75,8 @@ def maximum_falls(evidence: Evidence) -> Finding:
         peaks[f"{ratio:g}"] = friction.peak(terms.smoothing, terms.stribeck)[1] * ratio
     parts = list(peaks.values())
     return Finding("3", "the smoothed maximum of mubar falls below mu_s/mu_k",
-                   "maximum of (7) over mu_s/mu_k below 1, and the lower the smaller mu_k", {"maximum / (mu_s/mu_k)": peaks},
+                   "maximum of (7) over mu_s/mu_k below 1, and the lower the smaller mu_k",
+                   {"maximum / (mu_s/mu_k)": peaks},
                    judged(max(parts) < 1.0 and parts == sorted(parts, reverse=True)))
 
 
@@ -86,7 +90,8 @@ def slope_turns_negative(evidence: Evidence) -> Finding:
         lowest[f"{ratio:g}"] = float(friction.smoothed_and_slope(v, terms.smoothing, terms.stribeck)[1].min())
     found = list(lowest.values())
     return Finding("3", "the slope d(mubar)/dv turns negative, more so for smaller mu_k",
-                   "least slope of (20b) below 0 for mu_k < mu_s and falling with mu_k", {"least slope (s/rad)": lowest},
+                   "least slope of (20b) below 0 for mu_k < mu_s and falling with mu_k",
+                   {"least slope (s/rad)": lowest},
                    judged(found[0] >= 0.0 and found[1] < 0.0 and found == sorted(found, reverse=True)))
 
 
@@ -104,12 +109,15 @@ def smooth_when_equal(evidence: Evidence) -> Finding:
 def super_harmonic_jumps(evidence: Evidence) -> Finding:
     """Fig. 4: jumps at the super-harmonic peaks."""
     places = {f"{r:g}": [round(x, 4) for x, _ in evidence.jumps(with_kinetic(r), AXIS)] for r in FRICTION_RATIOS[1:]}
-    named = {f"{m:.3f}": min((x for found in places.values() for x in found), key=lambda x: abs(x - m), default=float("nan"))
+    named = {f"{m:.3f}": min((x for found in places.values() for x in found), key=lambda x: abs(x - m),
+                             default=float("nan"))
              for m in SUPER_HARMONICS}
     near = [abs(x - float(m)) <= NEAR for m, x in named.items()]
     return Finding("4", "super-harmonic peaks with jumps near 0.167, 0.20, 0.25, 0.33 appear as mu_k falls",
-                   f"a jump within {NEAR:g} of each for mu_k = 0.83, 0.75 or 0.667 mu_s", {"jumps": places, "nearest": named},
-                   judged(all(near), any(near)), "peaks move up as mu_k falls, as the paper says, and there are more jumps")
+                   f"a jump within {NEAR:g} of each for mu_k = 0.83, 0.75 or 0.667 mu_s",
+                   {"jumps": places, "nearest": named},
+                   judged(all(near), any(near)),
+                   "peaks move up as mu_k falls, as the paper says, and there are more jumps")
 
 
 def stick_transition(evidence: Evidence) -> Finding:
@@ -138,7 +146,8 @@ def stick_limits(evidence: Evidence) -> Finding:
         found[law] = float(slipping.max()) if len(slipping) else None
     exact = found["set_valued"]
     return Finding("4", "pure stick ends where (10), (25) say (corrected: both signs, four-quadrant phase)",
-                   "highest slipping ratio of a downward sweep with the set-valued law within 0.001 of the closed form", found,
+                   "highest slipping ratio of a downward sweep with the set-valued law within 0.001 of the closed form",
+                   found,
                    judged(exact is not None and abs(exact - upper) <= 1e-3),
                    "with the smoothed law stick is creep below its peak, so its limit differs a little")
 
@@ -147,10 +156,12 @@ def jump_doubles_period(evidence: Evidence) -> Finding:
     """Fig. 4: mu_k = 0.83 mu_s near 0.20."""
     row = with_kinetic(0.83)
     places = [x for x, _ in evidence.jumps(row, AXIS) if abs(x - 0.20) <= NEAR]
-    around = {f"{x:.4f}": [evidence.motion({**row, "engine.frequency": (x + d) * OMEGA_N})["period"] for d in (-2e-3, 2e-3)]
+    around = {f"{x:.4f}": [evidence.motion({**row, "engine.frequency": (x + d) * OMEGA_N})["period"]
+                           for d in (-2e-3, 2e-3)]
               for x in places}
     return Finding("4", "a jump near 0.20 at mu_k = 0.83 mu_s turns period one into two",
-                   f"a jump within {NEAR:g} of 0.20 with period 1 just below it and 2 just above", {"periods around": around},
+                   f"a jump within {NEAR:g} of 0.20 with period 1 just below it and 2 just above",
+                   {"periods around": around},
                    judged([1, 2] in around.values()))
 
 
@@ -164,12 +175,14 @@ def damping_crosses(evidence: Evidence) -> Finding:
     hit = {name: sum(bool(len(changes)) and float(np.abs(axis[changes] - x).min()) <= 0.005 for x in found)
            for name, found in at.items()}
     values = {"Cf as printed, least and largest": [float(np.nanmin(printed)), float(np.nanmax(printed))],
-              "mean of the negative slope at 0.12, 0.20, 0.25": [float(np.interp(x, axis, negative)) for x in (0.12, 0.20, 0.25)],
+              "mean of the negative slope at 0.12, 0.20, 0.25": [float(np.interp(x, axis, negative))
+                                                                 for x in (0.12, 0.20, 0.25)],
               "crossings as printed": at["printed"], "crossings of the mean negative slope": at["negative"],
               "of these with a change of period within 0.005": hit["negative"], "changes of period": len(changes),
               "other weights at 0.12, 0.20, 0.25": _other_readings()}
     return Finding("5", "where the equivalent damping (21) crosses -C23 = -0.6 a bifurcation is seen",
-                   "(21) crosses -0.6 somewhere in 0.08 to 0.30, and the period changes within 0.005 of every crossing", values,
+                   "(21) crosses -0.6 somewhere in 0.08 to 0.30, and the period changes within 0.005 of every crossing",
+                   values,
                    judged(bool(at["printed"]) and hit["printed"] == len(at["printed"])),
                    "as printed, weighted with v^2, (21) stays near 0: the falling slope lives at small |v|, where v^2 is small. "
                    "The time mean of the negative slope has the printed order, and is below -0.6 over nearly all of the range")
@@ -190,7 +203,8 @@ def _other_readings() -> dict[str, list[float]]:
         run = solve(system, cycles=16, samples_per_cycle=8192, start_cycle=100, state=before.final)
         slope, v = slope_of_friction(run), run.slip_speed
         slipping = run.state != 0
-        for name, weight in (("no weight", np.ones_like(v)), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - v.mean()) ** 2),
+        for name, weight in (("no weight", np.ones_like(v)), ("|v|", np.abs(v)),
+                             ("(v - mean v)^2", (v - v.mean()) ** 2),
                              ("v^2 outside stick", np.where(slipping, v * v, 0.0))):
             out[name].append(float((slope * weight).sum() / weight.sum()))
     return out
@@ -218,7 +232,8 @@ def period_two_from(evidence: Evidence) -> Finding:
         ends[direction] = float(two.max()) if len(two) else None
     close = [x is not None and abs(x - 0.92) <= NEAR for x in ends.values()]
     return Finding("6", "a sudden bifurcation yields period two as mu_k/mu_s falls to about 0.92",
-                   f"highest mu_k/mu_s with period 2 within {NEAR:g} of 0.92 for cold starts and for both directions", ends,
+                   f"highest mu_k/mu_s with period 2 within {NEAR:g} of 0.92 for cold starts and for both directions",
+                   ends,
                    judged(all(close), any(close)),
                    "period one and a large period two coexist: the latter ends at 0.92 only when it is followed upward")
 
@@ -232,7 +247,8 @@ def aperiodic_from(evidence: Evidence) -> Finding:
         ends[direction] = float(none.max()) if len(none) else None
     close = [x is not None and abs(x - 0.7) <= 0.05 for x in ends.values()]
     return Finding("6", "quasi-periodic or chaotic from about mu_k/mu_s = 0.7 down",
-                   "highest mu_k/mu_s below 0.78 without a period up to 16 within 0.05 of 0.7, whatever the direction", ends,
+                   "highest mu_k/mu_s below 0.78 without a period up to 16 within 0.05 of 0.7, whatever the direction",
+                   ends,
                    judged(all(close), any(close)))
 
 
@@ -246,10 +262,12 @@ def three_motions(evidence: Evidence) -> Finding:
                                 "diagnosis": found["lyapunov"]["diagnosis"]}
     seen = [v["period"] for v in values.values()]
     return Finding("7", "period one at 0.94, period two at 0.74, aperiodic at 0.64",
-                   "these periods, and at 0.64 the whole confidence interval of the largest Lyapunov exponent above 0", values,
+                   "these periods, and at 0.64 the whole confidence interval of the largest Lyapunov exponent above 0",
+                   values,
                    judged(seen == [1, 2, 0] and values["0.64"]["diagnosis"] == "chaotic", seen == [1, 2, 0]))
 
 
-CLAIMS = (solvers_agree, classical_differs, maximum_falls, slope_turns_negative, smooth_when_equal, super_harmonic_jumps,
+CLAIMS = (solvers_agree, classical_differs, maximum_falls, slope_turns_negative, smooth_when_equal,
+          super_harmonic_jumps,
           stick_transition, stick_limits, jump_doubles_period, damping_crosses, period_one_near_unity, period_two_from,
           aperiodic_from, three_motions)

@@ -91,9 +91,11 @@ def _pure_stick_below(evidence: Evidence, number: int, place: float) -> Finding:
     """Pure stick for psi = 0 at low frequency."""
     ends = {law: _first_slip(evidence, number, 0, law) for law in ("smoothed", "set_valued")}
     near = [x is not None and abs(x - place) <= NEAR for x in ends.values()]
-    return Finding(str(number), f"psi = 0: pure stick below {place:g}", f"lowest slipping ratio within {NEAR:g} of {place:g}",
+    return Finding(str(number), f"psi = 0: pure stick below {place:g}",
+                   f"lowest slipping ratio within {NEAR:g} of {place:g}",
                    ends, judged(all(near), any(near)),
-                   "" if all(near) else "where stick and stick-slip coexist, single frequencies keep slipping from (13)")
+                   "" if all(near)
+                   else "where stick and stick-slip coexist, single frequencies keep slipping from (13)")
 
 
 def stick_below_018(evidence: Evidence) -> Finding:
@@ -115,8 +117,10 @@ def delay(evidence: Evidence) -> Finding:
         run = solve(system, cycles=2, samples_per_cycle=2000, start_cycle=150, state=before.final, rtol=evidence.rtol)
         shares[f"{system.engine.frequency / OMEGA_N:.2f}"] = first_half(run)
     first, second = [shares["0.15"], shares["0.18"]], [shares["0.37"], shares["0.40"]]
-    return Finding("9", "positive slip falls into the first half cycle at 0.15 and 0.18, into the second at 0.37 and 0.40",
-                   "more than 0.8 of the way slipped in the first half cycle, less than 0.2", {"part in the first half": shares},
+    return Finding("9",
+                   "positive slip falls into the first half cycle at 0.15 and 0.18, into the second at 0.37 and 0.40",
+                   "more than 0.8 of the way slipped in the first half cycle, less than 0.2",
+                   {"part in the first half": shares},
                    judged(min(first) > 0.8 and max(second) < 0.2))
 
 
@@ -175,15 +179,18 @@ def jump_to_chaos(evidence: Evidence) -> Finding:
     """Fig. 14: the jump near 0.35."""
     row = _rows(14)[0]
     jumps = [x for x, _ in evidence.jumps(row, AXIS) if abs(x - 0.35) <= NEAR]
-    rises = [float(0.5 * (AXIS[k] + AXIS[k + 1])) for k in steep(evidence.curves([row], AXIS)[0].column("max_slip_speed"))]
+    rises = [float(0.5 * (AXIS[k] + AXIS[k + 1]))
+             for k in steep(evidence.curves([row], AXIS)[0].column("max_slip_speed"))]
     places = jumps or [x for x in rises if abs(x - 0.35) <= NEAR]
     values: dict[str, Any] = {"jumps": jumps, "steep rises": rises}
     verdicts = []
     for x in places:
         below = evidence.motion({**row, "engine.frequency": (x - 5e-3) * OMEGA_N})
-        above = [evidence.motion({**row, "engine.frequency": (x + d) * OMEGA_N}, lyapunov=True) for d in (5e-3, 1e-2, 2e-2)]
+        above = [evidence.motion({**row, "engine.frequency": (x + d) * OMEGA_N}, lyapunov=True)
+                 for d in (5e-3, 1e-2, 2e-2)]
         values[f"period below {x:.4f}"] = below["period"]
-        values[f"above {x:.4f}"] = [[a["period"], a["lyapunov"]["low"], a["lyapunov"]["high"], a["lyapunov"]["diagnosis"]]
+        values[f"above {x:.4f}"] = [[a["period"], a["lyapunov"]["low"], a["lyapunov"]["high"],
+                                     a["lyapunov"]["diagnosis"]]
                                     for a in above]
         verdicts.append((below["period"] > 0, any(a["lyapunov"]["diagnosis"] == "chaotic" for a in above),
                          any(a["period"] == 0 for a in above)))
@@ -196,7 +203,8 @@ def jump_to_chaos(evidence: Evidence) -> Finding:
 
 def more_with_steeper_law(evidence: Evidence) -> Finding:
     """Fig. 15 against Fig. 14."""
-    shares = {str(n): [share_where(periods(s) == 0, ~sticks(s)) for s in evidence.curves(_rows(n), AXIS)] for n in (14, 15)}
+    shares = {str(n): [share_where(periods(s) == 0, ~sticks(s)) for s in evidence.curves(_rows(n), AXIS)]
+              for n in (14, 15)}
     return Finding("14, 15", "more bifurcations and aperiodic motions at mu_k = 0.67 mu_s than at 0.75",
                    "larger part of the slipping ratios without a period up to 16 over the three phases together",
                    {"aperiodic part for psi = 0, pi/2, pi": shares}, judged(sum(shares["15"]) > sum(shares["14"])))
@@ -207,7 +215,8 @@ def phase_pi_is_smooth(evidence: Evidence) -> Finding:
     found = periods(evidence.curves([_rows(14)[2]], AXIS)[0])
     share = float((found == 1).mean())
     return Finding("14", "psi = pi: peaks are smooth and there are no bifurcations", "period 1 at every frequency",
-                   {"part with period 1": share, "periods": sorted({int(p) for p in found})}, judged(share == 1.0, share > 0.5),
+                   {"part with period 1": share, "periods": sorted({int(p) for p in found})},
+                   judged(share == 1.0, share > 0.5),
                    "" if share == 1.0 else "period two and others appear at the super-harmonic peaks")
 
 
@@ -216,7 +225,8 @@ def half_frequency_aperiodic(evidence: Evidence) -> Finding:
     sweep = evidence.curves([_rows(16)[0]], AXIS)[0]
     share = share_where(periods(sweep) == 0, ~sticks(sweep))
     return Finding("16, 17", "omega_f = 0.5 omega: aperiodic over much of the range",
-                   "no period up to 16 at more than half of the slipping ratios from 0.05 to 0.5", {"aperiodic part": share},
+                   "no period up to 16 at more than half of the slipping ratios from 0.05 to 0.5",
+                   {"aperiodic part": share},
                    judged(share > 0.5, share > 0.25))
 
 
@@ -234,15 +244,18 @@ def amplitude_makes_stick(evidence: Evidence) -> Finding:
 
 def amplitude_jumps(evidence: Evidence) -> Finding:
     """Fig. 18: jumps at higher frequency."""
-    places = {f"{x:g}": [round(p, 4) for p, _ in evidence.jumps(row, AXIS)] for x, row in zip((0.25, 0.5), _rows(18)[2:])}
+    places = {f"{x:g}": [round(p, 4) for p, _ in evidence.jumps(row, AXIS)] for x,
+              row in zip((0.25, 0.5), _rows(18)[2:])}
     near = [any(abs(p - m) <= NEAR for found in places.values() for p in found) for m in (0.25, 0.35)]
-    return Finding("18", "larger Tsp: jumps near 0.25 and 0.35", f"a jump within {NEAR:g} of each at Tsp/Tsm = 0.25 or 0.5",
+    return Finding("18", "larger Tsp: jumps near 0.25 and 0.35",
+                   f"a jump within {NEAR:g} of each at Tsp/Tsm = 0.25 or 0.5",
                    {"jumps": places}, judged(all(near), any(near)))
 
 
 def _actuated(ratio: float, frequency: float) -> dict[str, float]:
     """Tsp/Tsm = 0.25 at omega_f = ratio omega, mu_k = mu_s."""
-    return {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": ratio, "engine.frequency": frequency * OMEGA_N}
+    return {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": ratio,
+            "engine.frequency": frequency * OMEGA_N}
 
 
 def period_is_denominator(evidence: Evidence) -> Finding:

@@ -35,7 +35,8 @@ def draw(data: Data, stem: Path) -> None:
         if data["kind"] in ("map", "damping") and directions != {"cold"}:
             extra += [DIRECTIONS[d] for d in sorted(directions)]
         note = f" ({', '.join(extra)})" if extra else ""
-        drawn.suptitle(f"Fig. {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+        drawn.suptitle(f"Fig. {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5,
+                       fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
         style.save_both(drawn, stem)
@@ -119,7 +120,8 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     damping.plot(x, weighted, color=style.GREEN, label=r"$C_f$ of (21) as printed")
     damping.plot(x, negative, color=style.BLUE, label=r"time mean of min($\partial T/\partial\dot\delta_1$, 0)")
     damping.axhline(data["threshold"], color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
-    damping.annotate(r"$-C_{23}$", (1.005, data["threshold"]), xycoords=("axes fraction", "data"), color=style.RED, va="center")
+    damping.annotate(r"$-C_{23}$", (1.005, data["threshold"]), xycoords=("axes fraction", "data"), color=style.RED,
+                     va="center")
     damping.set_ylabel("damping (N m s/rad)")
     style.legend_above(damping)
     maxima.plot(x, _numbers(curve["max_slip_speed"]), color=style.BLUE, marker="o", markersize=1.5, markeredgewidth=0.0)
@@ -142,7 +144,8 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
         for curve in panel:
             colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve["direction"]]
             _orbit(axis, x, curve, colour)
-            axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour, label=DIRECTIONS[curve["direction"]])
+            axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour,
+                      label=DIRECTIONS[curve["direction"]])
         axis.set_ylabel(SECTION)
         style.legend_above(axis)
     style.panel_titles(axes, ["every value by itself" if p[0]["direction"] == "cold" else "continued" for p in panels])

@@ -80,8 +80,10 @@ def figure_data(number: int, manner: Manner) -> dict[str, Any]:
     row = FIGURES[number]
     began = time.perf_counter()
     out: dict[str, Any] = {
-        "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": manner.law, "quick": manner.quick,
-        "parameters": {key: value for key, value in values_of(_system(row.series[0], manner)) if key not in _varied(row)},
+        "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": manner.law,
+        "quick": manner.quick,
+        "parameters": {key: value for key,
+                       value in values_of(_system(row.series[0], manner)) if key not in _varied(row)},
         "marks": list(row.marks), **KINDS[row.kind](row, manner)}
     out["seconds"] = time.perf_counter() - began
     return out
@@ -158,7 +160,8 @@ def _orbit(row: PaperFigure, manner: Manner) -> dict[str, Any]:
 def _run_in(system: System, manner: Manner, cycles: int, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
     """The motion over the transient and the 100 cycles after it, and then over some more with samples."""
     before = solve(system, cycles=RUN_IN).raise_for_status()
-    after = solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=RUN_IN, state=before.final).raise_for_status()
+    after = solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=RUN_IN,
+                  state=before.final).raise_for_status()
     return before, after
 
 
@@ -227,7 +230,8 @@ def _law(row: PaperFigure, manner: Manner) -> dict[str, Any]:
         peak, height = friction.peak(terms.smoothing, terms.stribeck)
         sliding = friction.sliding(near, 1.0, terms.stribeck) + 0.0 * near
         curves.append({"label": series.label, "values": dict(series.values), "coefficient": wide[0].tolist(),
-                       "slope": wide[1].tolist(), "near_coefficient": close[0].tolist(), "near_slope": close[1].tolist(),
+                       "slope": wide[1].tolist(), "near_coefficient": close[0].tolist(),
+                       "near_slope": close[1].tolist(),
                        "near_set_valued": sliding.tolist(), "peak_slip_speed": peak if math.isfinite(peak) else None,
                        "peak": height, "static": 1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)})
     return {"slip_speed": v.tolist(), "near_slip_speed": near.tolist(), "curves": curves}
@@ -251,16 +255,19 @@ def _solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if manner.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=RUN_IN, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
-        curves.append({"solver": solver, "label": label, "status": run.status.value, "seconds": time.perf_counter() - begun,
+        curves.append({"solver": solver, "label": label, "status": run.status.value,
+                       "seconds": time.perf_counter() - begun,
                        **_samples(run, "slip_speed", "friction_torque")})
     reference = np.array(curves[0]["slip_speed"])
     for curve in curves:
         v = np.array(curve["slip_speed"])
         same = len(v) == len(reference)
-        curve["rms_difference"] = float(np.sqrt(np.mean((v - reference) ** 2)) / np.abs(reference).max()) if same else None
+        curve["rms_difference"] = float(np.sqrt(np.mean((v - reference) ** 2))
+                                        / np.abs(reference).max()) if same else None
     return {"cycle": system.cycle, "curves": curves}
 
 
 KINDS: dict[str, Callable[[PaperFigure, Manner], dict[str, Any]]] = {
-    "map": _map, "damping": _damping, "orbit": _orbit, "histories": _histories, "delay": _delay, "actuation": _actuation,
+    "map": _map, "damping": _damping, "orbit": _orbit, "histories": _histories, "delay": _delay,
+    "actuation": _actuation,
     "law": _law, "solvers": _solvers}

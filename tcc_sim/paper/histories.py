@@ -90,7 +90,8 @@ def paint_actuation(drawn: Any, data: Data) -> None:
         axis.set_xlim(t[0], t[-1])
         axis.set_xticks(np.arange(0, int(t[-1]) + 1))
         axis.set_title(f"({'abc'[k]}) {panel['label']}")
-        axis.set_title(f"period {panel['period']}" if panel["period"] else "no period up to 16", loc="right", fontweight="normal",
+        axis.set_title(f"period {panel['period']}" if panel["period"] else "no period up to 16", loc="right",
+                       fontweight="normal",
                        fontsize=7.0)
         other = axis.twinx()
         other.plot(t, panel["saturation_torque"], color=style.GREY, linewidth=0.9, linestyle=(0, (4, 2)))

@@ -164,7 +164,8 @@ class McapFile:
         return {
             "version": _METADATA_VERSION, "storage_identifier": "mcap", "duration": duration, "starting_time": start,
             "message_count": count,
-            "topics_with_message_count": [{"topic_metadata": self._topics[channel], "message_count": self.counts[channel]}
+            "topics_with_message_count": [{"topic_metadata": self._topics[channel],
+                                           "message_count": self.counts[channel]}
                                           for channel in self.counts],
             "compression_format": "", "compression_mode": "", "relative_file_paths": [self.path.name],
             "files": [{"path": self.path.name, "starting_time": start, "duration": duration, "message_count": count}],
@@ -194,5 +195,6 @@ class BagWriter(McapFile):
         """Close the MCAP file and write metadata.yaml, which appears whole or not at all."""
         super().close(result)
         draft = self.directory / "metadata.yaml.part"
-        draft.write_text(yaml.safe_dump({"rosbag2_bagfile_information": self.information()}, sort_keys=False), encoding="utf-8")
+        draft.write_text(yaml.safe_dump({"rosbag2_bagfile_information": self.information()}, sort_keys=False),
+                         encoding="utf-8")
         draft.replace(self.directory / "metadata.yaml")

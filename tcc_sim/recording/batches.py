@@ -21,9 +21,9 @@ _VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "en
 
 @dataclass(frozen=True)
 class JointStates:
-    """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles (rad),
-    speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one message of it is
-    missing. `run` counts how often simulation time has started again within the recording.
+    """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles
+    (rad), speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one
+    message of it is missing. `run` counts how often simulation time has started again within the recording.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -43,7 +43,8 @@ class JointStates:
 
     def __getitem__(self, kept: slice | NDArray[np.bool_]) -> JointStates:
         """Some of the rows."""
-        columns: dict[str, Any] = {name: column[kept] for name, column in vars(self).items() if isinstance(column, np.ndarray)}
+        columns: dict[str, Any] = {name: column[kept] for name,
+                                   column in vars(self).items() if isinstance(column, np.ndarray)}
         return replace(self, **columns)
 
 
@@ -65,8 +66,8 @@ def pressures(data: NDArray[np.uint8], messages: Messages, channel: int) -> tupl
 
 def _rows(data: NDArray[np.uint8], messages: Messages, channel: int, expected: NDArray[np.uint8],
           fixed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.uint8], int]:
-    """Times of receipt and of sending, (n, 2), and bytes of the channel's messages whose fixed bytes are as expected, and the
-    number of the others.
+    """Times of receipt and of sending, (n, 2), and bytes of the channel's messages whose fixed bytes are as expected,
+    and the number of the others.
     """
     mine = messages.channel == channel
     right_length = messages.length[mine] == 22 + len(expected)
@@ -84,7 +85,9 @@ def _rows(data: NDArray[np.uint8], messages: Messages, channel: int, expected: N
 
 
 class PressureJoin:
-    """Puts the applied pressure beside the joint_states of the same stamp, though the two arrive in blocks of their own."""
+    """Puts the applied pressure beside the joint_states of the same stamp, though the two arrive in blocks of their
+    own.
+    """
 
     def __init__(self) -> None:
         self.missing = 0

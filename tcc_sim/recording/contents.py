@@ -94,7 +94,8 @@ class Contents:
             if name == RESULT_RECORD:
                 self.result = json.loads(values["result"])
             else:
-                self.recovered = [f"missing since its recovery: {sentence}" for sentence in json.loads(values["result"])]
+                self.recovered = [f"missing since its recovery: {sentence}"
+                                  for sentence in json.loads(values["result"])]
 
 
 def _string(body: bytes, position: int) -> tuple[str, int]:

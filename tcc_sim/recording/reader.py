@@ -122,8 +122,10 @@ class Run:
             raise RecordingError(f"{self.joint_states_topic}: simulation time falls back more than {_MOST_RESTARTS} times; "
                                  "several publishers are mixed")
         if self.stamps.repeated and len(batch):
-            batch = batch[np.diff(batch.stamp_ns, prepend=batch.stamp_ns[0] - 1 if last is None else np.int64(last)) != 0]
-            starts = np.flatnonzero(np.diff(batch.stamp_ns, prepend=np.int64(-1 if last is None else last)) < 0).tolist()
+            batch = batch[np.diff(batch.stamp_ns,
+                                  prepend=batch.stamp_ns[0] - 1 if last is None else np.int64(last)) != 0]
+            starts = np.flatnonzero(np.diff(batch.stamp_ns,
+                                            prepend=np.int64(-1 if last is None else last)) < 0).tolist()
         for number, (start, end) in enumerate(zip([0, *starts], [*starts, len(batch)])):
             if end > start:
                 part = batch[start:end]

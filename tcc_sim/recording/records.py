@@ -1,7 +1,7 @@
 """The records of an MCAP file, read so that damage costs the damaged part only.
 
-Layout (MCAP 0): magic, then records of one opcode byte, eight length bytes and a body; messages sit in compressed chunks, each
-followed by one index record per channel.
+Layout (MCAP 0): magic, then records of one opcode byte, eight length bytes and a body; messages sit in compressed
+chunks, each followed by one index record per channel.
 """
 
 from __future__ import annotations
@@ -72,7 +72,8 @@ class RecordStream:
             self.file.seek(position)
             opcode, length = _RECORD.unpack(self.file.read(_RECORD.size))
             end = position + _RECORD.size + length
-            if not 1 <= opcode <= DATA_END or end > size or length > (LARGEST_CHUNK if opcode == CHUNK else _LARGEST_RECORD):
+            if not 1 <= opcode <= DATA_END or end > size or length > (LARGEST_CHUNK if opcode == CHUNK
+                                                                      else _LARGEST_RECORD):
                 found = self._next_chunk(position + 1, size)
                 if found is None:
                     if not (1 <= opcode <= DATA_END and end > size):
@@ -202,7 +203,8 @@ def locate(data: bytes, indexes: list[bytes]) -> Messages:
     return Messages(table[:, 0], table[:, 1], table[:, 2].astype(np.uint16), others)
 
 
-def _walk(data: bytes, start: int, end: int, rows: list[tuple[int, int, int]], others: list[tuple[int, int, int]]) -> None:
+def _walk(data: bytes, start: int, end: int, rows: list[tuple[int, int, int]],
+          others: list[tuple[int, int, int]]) -> None:
     """Follow the records from `start` to exactly `end`."""
     position = start
     unpack, message_head = _RECORD.unpack_from, struct.Struct("<H").unpack_from
@@ -221,7 +223,8 @@ def _walk(data: bytes, start: int, end: int, rows: list[tuple[int, int, int]], o
 
 
 def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
-    """The messages that an index names, or None where they and the records between them do not fill the chunk exactly."""
+    """The messages that an index names, or None where they and the records between them do not fill the chunk exactly.
+    """
     size = len(data)
     if size < 31 or int(starts[-1]) > size - 31:
         return None

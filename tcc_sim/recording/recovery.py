@@ -24,7 +24,9 @@ _MESSAGE = struct.Struct("<HIQQ")
 
 @dataclass(frozen=True)
 class Recovery:
-    """What a recovery gave: the new bag, messages saved by topic, whether the original was complete, and what is missing."""
+    """What a recovery gave: the new bag, messages saved by topic, whether the original was complete, and what is
+    missing.
+    """
 
     directory: Path
     messages: dict[str, int]
@@ -39,7 +41,8 @@ def default_directory(path: Path) -> Path:
 
 
 def recover(run: Run, directory: Path) -> Recovery:
-    """Write every message that can be read into a new bag, with the scenes of the original and a record of what is missing.
+    """Write every message that can be read into a new bag, with the scenes of the original and a record of what is
+    missing.
 
     A recovery that fails or is interrupted takes its bag away again, so that the same command can be given once more.
 
@@ -67,7 +70,8 @@ def recover(run: Run, directory: Path) -> Recovery:
 
 
 class _Copy:
-    """Writes the messages of each chunk whose topic is known; the bag is made when there is something to put into it."""
+    """Writes the messages of each chunk whose topic is known; the bag is made when there is something to put into it.
+    """
 
     def __init__(self, run: Run, directory: Path) -> None:
         self.bag: BagWriter | None = None

@@ -23,8 +23,8 @@ def holding_from(text: str, stamp_ns: int, general: bool) -> str:
 
 @dataclass(frozen=True)
 class SceneRecord:
-    """A scene (YAML) that a recording holds, the package version that ran it and when it was said, by the driveline's clock
-    (ns; 0: before the start). States that were sent later are its own, from `first_stamp_ns` on.
+    """A scene (YAML) that a recording holds, the package version that ran it and when it was said, by the driveline's
+    clock (ns; 0: before the start). States that were sent later are its own, from `first_stamp_ns` on.
     """
 
     text: str

@@ -15,8 +15,8 @@ _MOST_DIFFERENCES = 100_000
 class StampCount:
     """Counts stamps as they arrive, in pieces of any size, and works out at the end how many are missing.
 
-    The tick is the most frequent difference between stamps, so a gap at the very start does no harm. A stamp that falls back
-    starts a new run (a reset, or a driveline that was started again).
+    The tick is the most frequent difference between stamps, so a gap at the very start does no harm. A stamp that falls
+    back starts a new run (a reset, or a driveline that was started again).
     """
 
     messages: int = 0

@@ -68,15 +68,18 @@ class Replay:
         """The values of `analyse --json`."""
         found = self.summary.as_json()
         found.update(messages=self.messages, lost_messages=self.lost_messages, complete=self.complete,
-                     warnings=list(self.warnings), scene=self.scene.description or self.scene.name, frequency=self.frequency,
-                     frequency_source=self.frequency_source, gaps=self.continuity.gaps, uneven_stamps=self.continuity.uneven,
+                     warnings=list(self.warnings), scene=self.scene.description or self.scene.name,
+                     frequency=self.frequency,
+                     frequency_source=self.frequency_source, gaps=self.continuity.gaps,
+                     uneven_stamps=self.continuity.uneven,
                      tick_s=self.continuity.step * 1e-9, runs=self.continuity.runs,
                      real_time_factor=self.pace if math.isfinite(self.pace) else None)
         if self.damping is not None:
             found.update(damping_as_json(self.damping))
         if self.verification is not None:
             largest = self.verification.largest_difference
-            found.update(verified=self.verification.verified, largest_difference=largest if math.isfinite(largest) else None,
+            found.update(verified=self.verification.verified,
+                         largest_difference=largest if math.isfinite(largest) else None,
                          verification=self.verification.sentence())
         return found
 
@@ -89,8 +92,10 @@ class Replay:
         if self.continuity.runs > 1:
             stamps += f"; {self.continuity.runs} runs, the figures are those of the longest"
         table = [("recording", "complete" if self.complete else "cut short; what was flushed is read"),
-                 ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps), *self._pace(),
-                 ("frequency", f"{self.frequency:.9g} rad/s, {SOURCES[self.frequency_source]}"), *summary_rows(self.summary)]
+                 ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps),
+                 *self._pace(),
+                 ("frequency", f"{self.frequency:.9g} rad/s, {SOURCES[self.frequency_source]}"),
+                 *summary_rows(self.summary)]
         if self.damping is not None:
             table.append(damping_row(self.damping))
         if self.verification is not None:
@@ -144,7 +149,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     path : bag directory or .mcap file, complete or cut short
     rrd, spawn, connect : at most one of a new Rerun file, a viewer to start, and the URL of a running one
     discard : engine cycles dropped; None drops 50, or half of them where there are fewer than 100
-    frequency : of the engine torque, rad/s; None takes the scene's or, where the torque came from a topic, finds it, which
+    frequency : of the engine torque, rad/s; None takes the scene's or, where the torque came from a topic, finds it,
+        which
         reads the recording once more
     scene : name or file, for a recording that holds none
     verify : solve the run again from the recording alone
@@ -197,7 +203,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         warnings = list(run.warnings)
         if len({record.parameters for record in run.scenes}) > 1:
             warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures are worked out with the first")
-        found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source, stream.continuity,
+        found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source,
+                       stream.continuity,
                        run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
                        verifier.result() if verifier is not None else None, averages)
         if view is not None:
@@ -216,7 +223,8 @@ def _scene(run: Run, path: Path, given: str | None) -> Scene:
 
 def _check_damping(scene: Scene) -> None:
     """Raise InputError where an input came from a topic: between two points of the section it is not the scene's."""
-    for name, source in (("engine.source", scene.system.engine.source), ("pressure.source", scene.system.pressure.source)):
+    for name, source in (("engine.source", scene.system.engine.source),
+                         ("pressure.source", scene.system.pressure.source)):
         if source == "topic":
             raise InputError(f"{name} is topic; --damping is for recordings of harmonic torque and pressure")
 
@@ -240,7 +248,8 @@ def _watched(run: Run, what: str, stack: ExitStack, progress: bool) -> Any:
     """The batches of a run, with a bar on a terminal."""
     from tqdm import tqdm
 
-    bar = stack.enter_context(tqdm(desc=what, unit=" messages", unit_scale=True, leave=False, disable=None if progress else True))
+    bar = stack.enter_context(tqdm(desc=what, unit=" messages", unit_scale=True, leave=False,
+                                   disable=None if progress else True))
     for batch in run.batches():
         yield batch
         bar.update(len(batch))
@@ -254,5 +263,6 @@ def _view(stack: ExitStack, name: str, cycle: float, scene: Scene, rrd: Path | N
     from tcc_sim.views.rerun_stream import RerunStream
 
     file = stack.enter_context(draft(rrd)) if rrd is not None else None
-    return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(scene.system)), file=file, spawn=spawn,
+    return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(scene.system)), file=file,
+                                           spawn=spawn,
                                            url=connect))

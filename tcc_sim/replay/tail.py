@@ -65,7 +65,8 @@ class Tail:
             terms = terms_of(self._system)
             load = np.asarray(equations.saturation_torque(t, terms.mean_load, terms.pulsation))
         return Trajectory(
-            t=t[late], slip_speed=_joined([part[1] for part in parts])[late], plate_angle=plate_angle, plate_speed=plate_speed,
+            t=t[late], slip_speed=_joined([part[1] for part in parts])[late], plate_angle=plate_angle,
+            plate_speed=plate_speed,
             engine_torque=engine, saturation_torque=load[late], friction_torque=friction,
             state=_joined([part[2] for part in parts])[late], cycle=self._cycle, solver=solver, system=self._system,
             flywheel_angle=flywheel)

@@ -18,8 +18,9 @@ from tcc_sim.solvers.terms import Terms, general_terms, terms_of
 from tcc_sim.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6
-"""Largest difference, relative to each signal's maximum, where a tick is solved from the recorded state before it: the slip
-speed is then a difference of two recorded speeds, and a slip that starts amplifies the digits that it loses."""
+"""Largest difference, relative to each signal's maximum, where a tick is solved from the recorded state before it: the
+slip speed is then a difference of two recorded speeds, and a slip that starts amplifies the digits that it loses.
+"""
 COLUMNS = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
 
 
@@ -54,13 +55,13 @@ class Verification:
 class Verifier:
     """Compares batches with the solution of their scene, one tick after the other.
 
-    A run that starts at stamp 0 is solved from the scene's initial state and goes on exactly across gaps, as long as no input
-    comes from a topic. Otherwise each tick is solved from the recorded state before it.
+    A run that starts at stamp 0 is solved from the scene's initial state and goes on exactly across gaps, as long as no
+    input comes from a topic. Otherwise each tick is solved from the recorded state before it.
 
-    Where parameters were changed while running, the driveline said its scene again, with the stamp of the first state that the
-    change led to and the kernel that went on; the change is made at that tick, in a gap too. A scene counts from the first
-    message on that was sent after it was said, so a reset, after which the changed values hold, goes on with the last one. A
-    pause leaves no trace.
+    Where parameters were changed while running, the driveline said its scene again, with the stamp of the first state
+    that the change led to and the kernel that went on; the change is made at that tick, in a gap too. A scene counts
+    from the first message on that was sent after it was said, so a reset, after which the changed values hold, goes on
+    with the last one. A pause leaves no trace.
     """
 
     def __init__(self, scenes: Sequence[SceneRecord], fallback: Scene) -> None:
@@ -131,7 +132,8 @@ class Verifier:
             self._take(batch, 0)
 
     def _take_over(self, sent_ns: int, stamp_ns: int, beginning: bool = False) -> bool:
-        """Go on to the last scene that was said by `sent_ns` and leads to the state of `stamp_ns`; whether there was one.
+        """Go on to the last scene that was said by `sent_ns` and leads to the state of `stamp_ns`; whether there was
+        one.
 
         Within a run they follow one another; where one begins, those of the run before it may still stand in between.
         """
@@ -171,7 +173,8 @@ class Verifier:
     def _take(self, batch: JointStates, k: int) -> None:
         """Go on from the recorded state of row k."""
         assert self._stepper is not None
-        self._stepper.state[:] = (batch.flywheel_speed[k] - batch.plate_speed[k], batch.plate_angle[k], batch.plate_speed[k],
+        self._stepper.state[:] = (batch.flywheel_speed[k] - batch.plate_speed[k], batch.plate_angle[k],
+                                  batch.plate_speed[k],
                                   batch.flywheel_angle[k])
 
     def _next(self, stamp: int, sent: int, row: list[float], pressure: float) -> list[float]:

@@ -15,7 +15,9 @@ from tcc_sim.trajectory import State, Status, Trajectory
 
 @dataclass(frozen=True)
 class Entry:
-    """One registered solver: its module below this package, what it is, which laws it solves, and which setting it takes."""
+    """One registered solver: its module below this package, what it is, which laws it solves, and which setting it
+    takes.
+    """
 
     module: str
     function: str
@@ -47,7 +49,8 @@ SOLVERS: dict[str, Entry] = {
     "radau": Entry(SCIPY, "radau", "SciPy, Radau IIA of order 5", SMOOTHED, "rtol", 1e-6),
     "bdf": Entry(SCIPY, "bdf", "SciPy, backward differentiation (Gear's method)", SMOOTHED, "rtol", 1e-6),
     "lsoda": Entry(SCIPY, "lsoda", "SciPy, LSODA of ODEPACK", SMOOTHED, "rtol", 1e-6),
-    "rk4": Entry("comparison.runge_kutta", "rk4", "classical Runge-Kutta of order 4, fixed step", SMOOTHED, "step", 1e-6),
+    "rk4": Entry("comparison.runge_kutta", "rk4", "classical Runge-Kutta of order 4, fixed step", SMOOTHED, "step",
+                 1e-6),
 }
 
 
@@ -89,7 +92,8 @@ def solve(system: System, *, cycles: int | None = None, duration: float | None =
     if state is None:
         i = system.initial
         state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
-    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step, flywheel_angle))
+    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
+                                flywheel_angle))
 
 
 def check_setting(name: str, rtol: float | None, step: float | None) -> None:

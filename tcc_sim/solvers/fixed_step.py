@@ -1,9 +1,9 @@
 """The real-time solver: fixed ticks, a bounded cost per tick, friction solved implicitly.
 
-Scheme: SDIRK3, the L-stable, stiffly accurate, singly diagonally implicit Runge-Kutta method of order 3 in three stages of
-R. Alexander (1977), "Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s", SIAM J. Numer. Anal. 14, Theorem 5. The
-plate is linear, so each stage is one scalar equation for the slip speed (`scalar.py`). Nominal order 3 on smooth arcs; no
-event is located, so a step across a transition costs an error of order 2 (1 at a breakaway jump).
+Scheme: SDIRK3, the L-stable, stiffly accurate, singly diagonally implicit Runge-Kutta method of order 3 in three stages
+of R. Alexander (1977), "Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s", SIAM J. Numer. Anal. 14, Theorem
+5. The plate is linear, so each stage is one scalar equation for the slip speed (`scalar.py`). Nominal order 3 on smooth
+arcs; no event is located, so a step across a transition costs an error of order 2 (1 at a breakaway jump).
 
 A tick is split into n sub-steps of h: h <= 1/(2 beta Ts alpha (r - 1)) keeps the scalar root unique (the Stribeck slope
 limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION resolves the motion.
@@ -119,7 +119,8 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
             known2, v1, engine_torque(middle, terms.mean_torque, terms.torque, terms.harmonics),
             saturation_torque(middle, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
         dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
-        known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2, omega + _B1 * domega1 + _B2 * domega2)
+        known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2,
+                  omega + _B1 * domega1 + _B2 * domega2)
         finish = start + h
         v, theta, omega, count3 = _stage(
             known3, v2, engine_torque(finish, terms.mean_torque, terms.torque, terms.harmonics),
@@ -137,7 +138,8 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
 
 
 class Stepper:
-    """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next tick.
+    """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next
+    tick.
 
     Parameters
     ----------
@@ -219,7 +221,8 @@ def solve(problem: Problem) -> Trajectory:
     step = problem.step or 1e-3
     terms = terms_of(problem.system)
     begin, flywheel = problem.state, True if problem.flywheel_angle else None
-    state = np.array([begin.slip_speed, begin.plate_angle, begin.plate_speed, begin.flywheel_angle][:4 if flywheel else 3])
+    state = np.array([begin.slip_speed, begin.plate_angle, begin.plate_speed,
+                      begin.flywheel_angle][:4 if flywheel else 3])
     t, states = np.array([problem.start]), state[None, :].copy()
     try:
         n = substeps(terms, step)
@@ -245,9 +248,11 @@ def solve(problem: Problem) -> Trajectory:
             break
         rates = _rates(t, states, terms)
         due = len(times) if done == ticks else int(np.searchsorted(times, t[-1], side="right"))
-        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))], axis=1))
+        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))],
+                                axis=1))
         kept = due
-        cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2], cycle=cycle,
+        cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
+                                          cycle=cycle,
                                           first_cycle=first, stick_speed=stick_speed_of(terms)))
         first += len(cycles[-1])
         keep = max(int(np.searchsorted(t, min(first * cycle, t[-1]), side="right")) - 2, 0)

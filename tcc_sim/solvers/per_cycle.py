@@ -1,4 +1,5 @@
-"""Per-cycle results from samples: Hermite interpolation through states and the accelerations that the equations give."""
+"""Per-cycle results from samples: Hermite interpolation through states and the accelerations that the equations give.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +13,15 @@ LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
 
 
-def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats, plate_speed: Floats,
+def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
+                        plate_speed: Floats,
                         plate_acceleration: Floats, *, cycle: float, first_cycle: int, stick_speed: float) -> Cycles:
     """What each whole engine cycle within the samples comes to.
 
-    The slip speed is the piecewise cubic through v and v'. Its extremes, its value at t = n cycle and the time it spends
-    within +-stick_speed are those of the cubic, interior extremes and several crossings in one interval included. The plate
-    angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4 on smooth arcs, of order h J
-    where v' jumps by J between two samples.
+    The slip speed is the piecewise cubic through v and v'. Its extremes, its value at t = n cycle and the time it
+    spends within +-stick_speed are those of the cubic, interior extremes and several crossings in one interval
+    included. The plate angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4 on
+    smooth arcs, of order h J where v' jumps by J between two samples.
 
     Parameters
     ----------
@@ -78,16 +80,18 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
-    return Cycles(section, np.maximum.reduceat(values.max(axis=1), starts), np.minimum.reduceat(values.min(axis=1), starts),
+    return Cycles(section, np.maximum.reduceat(values.max(axis=1), starts),
+                  np.minimum.reduceat(values.min(axis=1), starts),
                   np.add.reduceat(within, starts))
 
 
 def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:
-    """Slopes at the start and at the end of every interval, (n - 1,) each, limited where an interval lands in the stick layer.
+    """Slopes at the start and at the end of every interval, (n - 1,) each, limited where an interval lands in the stick
+    layer.
 
-    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The sign of
-    it is that dp + dq = 2 (q - p) + O(h^3) does not hold, as it does on smooth arcs. The limit, which makes the cubic
-    monotone, is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17, Section 4.
+    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The
+    sign of it is that dp + dq = 2 (q - p) + O(h^3) does not hold, as it does on smooth arcs. The limit, which makes the
+    cubic monotone, is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17, Section 4.
     """
     chord = np.diff(v) / np.diff(t)
     p, q = a[:-1], a[1:]
@@ -98,7 +102,9 @@ def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> t
 
 
 def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:
-    """The piecewise cubic through values `y` and derivatives `rate` at times `t`, all (n,), evaluated at times `at`, (m,)."""
+    """The piecewise cubic through values `y` and derivatives `rate` at times `t`, all (n,), evaluated at times `at`,
+    (m,).
+    """
     left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
     return _cubic(np.clip((at - t[left]) / h, 0.0, 1.0), y[left], h * rate[left], y[left + 1], h * rate[left + 1])
@@ -119,7 +125,8 @@ def _cubic_slope(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Flo
 
 
 def _quintic(u: Floats, h: Floats, left: NDArray[np.int64], y: Floats, rate: Floats, second: Floats) -> Floats:
-    """The quintic through value, first and second derivative at both ends of the intervals `left`, at the fraction u."""
+    """The quintic through value, first and second derivative at both ends of the intervals `left`, at the fraction u.
+    """
     p, q = y[left], y[left + 1]
     dp, dq = h * rate[left], h * rate[left + 1]
     ddp, ddq = h * h * second[left], h * h * second[left + 1]

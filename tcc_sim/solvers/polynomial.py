@@ -1,8 +1,8 @@
 """What a step's polynomial of the slip speed says: its values, the first crossing of a level, its extrema.
 
-Nothing is decided from values at the ends of a step: a bound on the second derivative over the whole step gives steps of
-the search that cannot pass a root, so a dip into the layer and out again within one step is found. A polynomial is a row of
-an array of coefficients: a view of the row would cost two atomic reference counts at every call.
+Nothing is decided from values at the ends of a step: a bound on the second derivative over the whole step gives steps
+of the search that cannot pass a root, so a dip into the layer and out again within one step is found. A polynomial is a
+row of an array of coefficients: a view of the row would cost two atomic reference counts at every call.
 """
 
 from __future__ import annotations
@@ -96,7 +96,8 @@ def first_crossing(c: Any, row: int, degree: int, x_end: float, sign: float, lev
 
 @compiled_without_allocation
 def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, mode: int, level: float) -> float:
-    """First x in (x_start, x_end] at which the slip speed leaves `mode` (-1, 0, 1: slip, stick at |v| <= level, slip)."""
+    """First x in (x_start, x_end] at which the slip speed leaves `mode` (-1, 0, 1: slip, stick at |v| <= level, slip).
+    """
     bound = curvature_bound(c, row, degree, x_end, 0)
     x = x_start
     for _ in range(SEARCH_MAXIMUM):

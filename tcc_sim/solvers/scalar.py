@@ -1,8 +1,8 @@
 """The scalar equation v + a mubar(v) = w, a >= 0, to which every implicit stage reduces.
 
-Where F(v) = v + a mubar(v) increases (always for mu_k = mu_s; for mu_k < mu_s while a |min d(mubar)/dv| < 1), the root is
-unique, has the sign of w, and lies between lower = max(|w|/(1 + a r sigma), |w| - a r) and |w|: mubar is at most
-r min(1, sigma v). Newton's method runs inside that bracket, which every evaluation shrinks; once NEWTON_LIMIT steps have
+Where F(v) = v + a mubar(v) increases (always for mu_k = mu_s; for mu_k < mu_s while a |min d(mubar)/dv| < 1), the root
+is unique, has the sign of w, and lies between lower = max(|w|/(1 + a r sigma), |w| - a r) and |w|: mubar is at most r
+min(1, sigma v). Newton's method runs inside that bracket, which every evaluation shrinks; once NEWTON_LIMIT steps have
 passed the bracket is halved instead, so the count is at most ITERATION_BOUND whatever the input.
 """
 

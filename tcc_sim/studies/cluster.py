@@ -16,7 +16,8 @@ LOST_WORKERS = 10
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
-    """An executor on the workers of the scheduler at `address`, and a function that says how many threads they have now.
+    """An executor on the workers of the scheduler at `address`, and a function that says how many threads they have
+    now.
 
     The package must be installed on the workers.
 

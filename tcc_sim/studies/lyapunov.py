@@ -1,9 +1,11 @@
-"""The largest Lyapunov exponent of the smoothed model, with a confidence interval, and the diagnosis of motions without period.
+"""The largest Lyapunov exponent of the smoothed model, with a confidence interval, and the diagnosis of motions without
+period.
 
-The variational equations are integrated beside the motion by the tangent of the same method: SDIRK3 (`solvers.fixed_step`),
-each stage of which is one scalar equation v + a mubar(v) = w, so that its tangent is dv = dw/(1 + a mubar'(v)) and exact. The
-tangent vector is renormalised at the end of every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20), and the
-exponent is the mean of the logarithms of its growth. It is the same whatever the norm; this one is the energy of the linear part.
+The variational equations are integrated beside the motion by the tangent of the same method: SDIRK3
+(`solvers.fixed_step`), each stage of which is one scalar equation v + a mubar(v) = w, so that its tangent is dv = dw/(1
++ a mubar'(v)) and exact. The tangent vector is renormalised at the end of every engine cycle (G. Benettin et al.
+(1980), Meccanica 15, 9 to 20), and the exponent is the mean of the logarithms of its growth. It is the same whatever
+the norm; this one is the energy of the linear part.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ class Lyapunov:
     exponent, low, high : mean growth rate of a small disturbance, and its confidence interval from batch means, 1/s
     confidence : of the interval
     cycles : engine cycles averaged
-    diagnosis : periodic (a period up to 16 was found), chaotic (the whole interval is above 0), quasi-periodic (a narrow
+    diagnosis : periodic (a period up to 16 was found), chaotic (the whole interval is above 0), quasi-periodic (a
+        narrow
         interval around 0), or unresolved
     """
 
@@ -89,7 +92,8 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
         return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
     mean, half = batch_means(growth)
     rate = 1.0 / system.cycle
-    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles, diagnosis(mean, half, period))
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles,
+                    diagnosis(mean, half, period))
 
 
 def diagnosis(mean: float, half: float, period: int) -> str:
@@ -132,7 +136,8 @@ def _tangent_stage(known: Six, guess: float, engine: float, load: float, hg: flo
 
 @compiled
 def tangent_growth(state: Floats, first: int, cycles: int, n: int, cycle: float, terms: Terms) -> Floats:
-    """Logarithm of the growth of a tangent vector in every one of `cycles` engine cycles of n steps, (cycles,) array."""
+    """Logarithm of the growth of a tangent vector in every one of `cycles` engine cycles of n steps, (cycles,) array.
+    """
     growth = np.empty(cycles)
     inertia1, inertia2, stiffness = terms.linear[0], terms.linear[1], terms.linear[3]
     h = cycle / n
@@ -143,22 +148,28 @@ def tangent_growth(state: Floats, first: int, cycles: int, n: int, cycle: float,
             start = ((first + c) + k / n) * cycle
             at = start + hg
             one = _tangent_stage(x, x[0], engine_torque(at, terms.mean_torque, terms.torque, terms.harmonics),
-                                 saturation_torque(at, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing,
+                                 saturation_torque(at, terms.mean_load, terms.pulsation), hg, terms.linear,
+                                 terms.smoothing,
                                  terms.stribeck)
             a = 0.5 * (1.0 - GAMMA) / GAMMA
             known = (x[0] + a * (one[0] - x[0]), x[1] + a * (one[1] - x[1]), x[2] + a * (one[2] - x[2]),
                      x[3] + a * (one[3] - x[3]), x[4] + a * (one[4] - x[4]), x[5] + a * (one[5] - x[5]))
             at = start + _C2 * h
             two = _tangent_stage(known, one[0], engine_torque(at, terms.mean_torque, terms.torque, terms.harmonics),
-                                 saturation_torque(at, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing,
+                                 saturation_torque(at, terms.mean_load, terms.pulsation), hg, terms.linear,
+                                 terms.smoothing,
                                  terms.stribeck)
             p, q = _B1 / GAMMA, _B2 / GAMMA
-            last = (x[0] + p * (one[0] - x[0]) + q * (two[0] - known[0]), x[1] + p * (one[1] - x[1]) + q * (two[1] - known[1]),
-                    x[2] + p * (one[2] - x[2]) + q * (two[2] - known[2]), x[3] + p * (one[3] - x[3]) + q * (two[3] - known[3]),
-                    x[4] + p * (one[4] - x[4]) + q * (two[4] - known[4]), x[5] + p * (one[5] - x[5]) + q * (two[5] - known[5]))
+            last = (x[0] + p * (one[0] - x[0]) + q * (two[0] - known[0]),
+                    x[1] + p * (one[1] - x[1]) + q * (two[1] - known[1]),
+                    x[2] + p * (one[2] - x[2]) + q * (two[2] - known[2]),
+                    x[3] + p * (one[3] - x[3]) + q * (two[3] - known[3]),
+                    x[4] + p * (one[4] - x[4]) + q * (two[4] - known[4]),
+                    x[5] + p * (one[5] - x[5]) + q * (two[5] - known[5]))
             at = start + h
             x = _tangent_stage(last, two[0], engine_torque(at, terms.mean_torque, terms.torque, terms.harmonics),
-                               saturation_torque(at, terms.mean_load, terms.pulsation), hg, terms.linear, terms.smoothing,
+                               saturation_torque(at, terms.mean_load, terms.pulsation), hg, terms.linear,
+                               terms.smoothing,
                                terms.stribeck)
         size = math.sqrt(inertia1 * (x[3] + x[5]) ** 2 + inertia2 * x[5] ** 2 + stiffness * x[4] ** 2)
         growth[c] = math.log(size)

@@ -1,4 +1,6 @@
-"""One point of a sweep: what a motion comes to at one value of a scene key, and the state from which a neighbour goes on."""
+"""One point of a sweep: what a motion comes to at one value of a scene key, and the state from which a neighbour goes
+on.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +36,11 @@ class Plan:
     """What a sweep does at every value.
 
     cycles : engine cycles solved; with discard "auto" the most that are
-    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100; "auto" drops those before the
+    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100; "auto" drops those before
+        the
         section has settled
-    direction : cold starts every point from the scene's initial state; up and down go on from the neighbour's last state
+    direction : cold starts every point from the scene's initial state; up and down go on from the neighbour's last
+        state
         (at phase 0), from the lowest value or from the highest
     solver, rtol, step : as `solvers.solve` takes them
     section_points : points of the section kept besides those of one period; 0 keeps none
@@ -108,7 +112,8 @@ class Point:
         return out
 
 
-SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles", "discarded",
+SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles",
+                "discarded",
                 "settled", "section_change", "solver", "elapsed_s")
 """Keys of `simulate --json` that a sweep has per value."""
 
@@ -120,7 +125,8 @@ def solve_point(system: System, value: float, plan: Plan, state: State | None = 
     """
     run = _settled_run(system, plan, state) if plan.discard == "auto" else _plain_run(system, plan, state)
     trajectory, cycles, discarded = run
-    failed = Point(value, None, False, f"{trajectory.status.value}{'; ' if trajectory.detail else ''}{trajectory.detail}", (),
+    failed = Point(value, None, False,
+                   f"{trajectory.status.value}{'; ' if trajectory.detail else ''}{trajectory.detail}", (),
                    None, None, _initial(system, state))
     if trajectory.status is not Status.DONE or cycles is None or len(cycles) <= discarded:
         return failed
@@ -131,8 +137,10 @@ def solve_point(system: System, value: float, plan: Plan, state: State | None = 
     summary = replace(summarise_cycles(kept, system.cycle, first=discarded), cycles=len(cycles), discarded=discarded,
                       solver=trajectory.solver, elapsed_s=trajectory.statistics.seconds)
     final = State(*end)
-    theta2 = tuple(float(x) for x in kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1]) if plan.section_points else ()
-    return Point(value, summary, _confirmed(system, plan, kept, summary, len(cycles), final), trajectory.status.value, theta2,
+    theta2 = tuple(float(x) for x in kept.section[max(len(kept) + 1 - plan.section_points, 1):,
+                                                  1]) if plan.section_points else ()
+    return Point(value, summary, _confirmed(system, plan, kept, summary, len(cycles), final), trajectory.status.value,
+                 theta2,
                  damping_of_cycles(system, kept, discarded, summary.period, solver=plan.solver, rtol=plan.rtol,
                                    step=plan.step) if plan.damping else None,
                  _lyapunov(system, plan, summary, len(cycles), final) if plan.lyapunov else None, end)
@@ -181,8 +189,8 @@ def _settled_run(system: System, plan: Plan, state: State | None) -> tuple[Traje
 def settling(cycles: Cycles, tolerance: float = SETTLING_TOLERANCE) -> int | None:
     """After how many cycles the section repeats with some period up to 16 until the end; None where it does not.
 
-    All points that are a period apart lie within `tolerance` of the last ones, relative to the size of the motion, over at
-    least the last SETTLING_WINDOW cycles less one period.
+    All points that are a period apart lie within `tolerance` of the last ones, relative to the size of the motion, over
+    at least the last SETTLING_WINDOW cycles less one period.
     """
     points: Floats = cycles.section
     size = np.abs(points[-SETTLING_WINDOW:]).max(axis=0)
@@ -213,7 +221,8 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, done:
 
 def _lyapunov(system: System, plan: Plan, summary: Summary, done: int, state: State) -> Lyapunov:
     """The largest exponent from the end of the run on."""
-    return largest_lyapunov_exponent(system, state, cycles=plan.lyapunov_cycles, start_cycle=done, period=summary.period)
+    return largest_lyapunov_exponent(system, state, cycles=plan.lyapunov_cycles, start_cycle=done,
+                                     period=summary.period)
 
 
 def _state(trajectory: Trajectory) -> tuple[float, float, float]:

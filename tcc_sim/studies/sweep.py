@@ -1,7 +1,8 @@
 """Sweeps over a scene key: every point of one or more curves, on all cores or on a Dask cluster, in value order.
 
-Points are independent where the direction is cold; up and down go along a curve from neighbour to neighbour, so there only the
-curves run side by side. The results do not depend on how many workers there are, nor on which of them did what.
+Points are independent where the direction is cold; up and down go along a curve from neighbour to neighbour, so there
+only the curves run side by side. The results do not depend on how many workers there are, nor on which of them did
+what.
 """
 
 from __future__ import annotations
@@ -97,7 +98,8 @@ class Sweep:
                   if any(r is not None and n in r for r in records)]
         out: dict[str, Any] = {
             "over": self.curve.key, "values": list(self.curve.values), "direction": plan.direction,
-            "discard": "default" if plan.discard is None else plan.discard, "complete": self.complete, "seconds": self.seconds}
+            "discard": "default" if plan.discard is None else plan.discard, "complete": self.complete,
+            "seconds": self.seconds}
         for name in names:
             out[name] = [None if r is None else r.get(name) for r in records]
         out["status"] = [NOT_SOLVED if r is None else r["status"] for r in records]

@@ -1,7 +1,7 @@
 """The file of a sweep that takes points as they are done and from which the sweep can go on: JSON, one line a point.
 
-The first line says which sweep it is. Numbers are written so that they are read back exactly, and a last line that was cut
-short is dropped.
+The first line says which sweep it is. Numbers are written so that they are read back exactly, and a last line that was
+cut short is dropped.
 """
 
 from __future__ import annotations

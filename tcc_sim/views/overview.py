@@ -64,7 +64,8 @@ def _histories(torques: Any, slip: Any, tail: Trajectory) -> None:
     torques.plot(t, tail.engine_torque[part], color=style.ORANGE, label="engine")
     torques.plot(t, tail.friction_torque[part], color=style.BLUE, label="friction")
     if np.isfinite(tail.saturation_torque[part]).all() and len(t):
-        torques.plot(t, tail.saturation_torque[part], color=style.GREY, linestyle=(0, (4, 2)), linewidth=0.9, label="saturation")
+        torques.plot(t, tail.saturation_torque[part], color=style.GREY, linestyle=(0, (4, 2)), linewidth=0.9,
+                     label="saturation")
     torques.set_ylabel("torque (N m)")
     torques.tick_params(labelbottom=False)
     style.legend_above(torques)
@@ -84,7 +85,8 @@ def _shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> 
     edges = np.diff(stuck)
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist())):
-        axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0, label="stick" if number == 0 else None)
+        axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0,
+                     label="stick" if number == 0 else None)
     return len(starts) > 0
 
 
@@ -114,10 +116,12 @@ def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> No
     for chosen, colour, name in ((dropped, style.GREY, "dropped"), (~dropped, style.BLUE, "kept")):
         if chosen.any():
             above = int(np.count_nonzero(largest[chosen] > top))
-            axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size, markeredgewidth=0.0,
+            axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size,
+                      markeredgewidth=0.0,
                       color=colour, label=f"{name} ({above} off scale)" if above else name)
     axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1.5)
-    axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED, ha="right",
+    axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
+                  ha="right",
                   xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
     axis.set_xlabel("engine cycle")
     axis.set_ylabel("max |slip speed| (rad/s)")

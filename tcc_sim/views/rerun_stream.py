@@ -20,7 +20,8 @@ ELAPSED = "elapsed"
 SIMULATION = "sim_time"
 STATES = {-1: "slip -", 0: "stick", 1: "slip +"}
 _STATE_COLOURS = {"slip -": style.RED, "stick": style.GREY, "slip +": style.BLUE}
-_LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE), "torque/friction": ("friction torque (N m)", style.BLUE),
+_LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
+          "torque/friction": ("friction torque (N m)", style.BLUE),
           "slip/speed": ("slip speed (rad/s)", style.BLUE), "plate/angle": ("plate angle (rad)", style.GREEN),
           "plate_speed/speed": ("plate speed (rad/s)", style.PURPLE)}
 _MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE),
@@ -39,9 +40,9 @@ _TIMEOUT = 60.0
 class RerunStream:
     """Sends a run to a file, to a viewer that it starts, or to a running one. Use it in a `with`.
 
-    The phase portrait has the plate angle times the natural frequency omega_n on its first axis, so that both are speeds,
-    and the slip speed upwards. Every engine cycle is a strip of it; the last 100 cycles before the cursor are shown with their
-    section points.
+    The phase portrait has the plate angle times the natural frequency omega_n on its first axis, so that both are
+    speeds, and the slip speed upwards. Every engine cycle is a strip of it; the last 100 cycles before the cursor are
+    shown with their section points.
 
     Parameters
     ----------
@@ -61,7 +62,8 @@ class RerunStream:
         answers.
     """
 
-    def __init__(self, name: str, cycle: float, natural_frequency: float, *, file: Path | None = None, spawn: bool = False,
+    def __init__(self, name: str, cycle: float, natural_frequency: float, *, file: Path | None = None,
+                 spawn: bool = False,
                  url: str | None = None) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
@@ -94,11 +96,13 @@ class RerunStream:
     def __enter__(self) -> RerunStream:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
         self.close(wait=kind is None)
 
     def samples(self, stamp_ns: NDArray[np.int64], slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
-                engine_torque: Floats, friction_torque: Floats, state: NDArray[np.int8], *, new_run: bool = False) -> None:
+                engine_torque: Floats, friction_torque: Floats, state: NDArray[np.int8], *,
+                new_run: bool = False) -> None:
         """Send the next samples, (n,) arrays: stamps in ns that increase, rad/s, rad, rad/s, N m, N m, and -1, 0, 1.
 
         With `new_run` simulation time has started again: it is marked, and the views go on after it.
@@ -109,10 +113,12 @@ class RerunStream:
             self._offset_ns = self._elapsed_ns + 1_000_000 - int(stamp_ns[0])
             self._strip, self._state, self._cycle_number = np.empty((0, 2)), None, None
             self._at(self._elapsed_ns, int(stamp_ns[0]))
-            self._recording.log("events", self._rr.TextLog("simulation time starts again: the driveline was reset or restarted",
+            self._recording.log("events",
+                                self._rr.TextLog("simulation time starts again: the driveline was reset or restarted",
                                                            level="WARN"))
         index = self._index(stamp_ns)
-        for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque), ("slip/speed", slip_speed),
+        for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque),
+                             ("slip/speed", slip_speed),
                              ("plate/angle", plate_angle), ("plate_speed/speed", plate_speed)):
             self._recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
         self._lanes(stamp_ns, state)
@@ -129,7 +135,8 @@ class RerunStream:
         for path, values in (("cycles/largest", cycles.highest), ("cycles/smallest", cycles.lowest)):
             self._recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
         points = self._plane(cycles.section[1:, 1], cycles.section[1:, 0])
-        self._recording.send_columns("phase/section", indexes=index, columns=self._rr.Points2D.columns(positions=points))
+        self._recording.send_columns("phase/section", indexes=index,
+                                     columns=self._rr.Points2D.columns(positions=points))
 
     def text(self, markdown: str) -> None:
         """Send the summary of the run."""
@@ -172,7 +179,8 @@ class RerunStream:
         changed = np.flatnonzero(state != before)
         self._state = int(state[-1])
         if len(changed):
-            self._recording.send_columns("state", indexes=self._index(stamp_ns[changed]), columns=self._rr.StateChange.columns(
+            self._recording.send_columns("state", indexes=self._index(stamp_ns[changed]),
+                                         columns=self._rr.StateChange.columns(
                 state=[STATES[s] for s in state[changed].tolist()]))
 
     def _orbit(self, stamp_ns: NDArray[np.int64], plate_angle: Floats, slip_speed: Floats) -> None:
@@ -199,18 +207,23 @@ class RerunStream:
         for path, (name, colour) in _LINES.items():
             self._recording.log(path, rr.SeriesLines(names=name, colors=_rgb(colour), widths=1.5), static=True)
         for path, (name, colour) in _MARKS.items():
-            self._recording.log(path, rr.SeriesPoints(names=name, colors=_rgb(colour), markers="circle", marker_sizes=3.0),
+            self._recording.log(path,
+                                rr.SeriesPoints(names=name, colors=_rgb(colour), markers="circle", marker_sizes=3.0),
                                 static=True)
         self._recording.log("state", rr.StateConfiguration(values=list(_STATE_COLOURS), labels=list(_STATE_COLOURS),
-                                                           colors=[_rgb(c) for c in _STATE_COLOURS.values()]), static=True)
-        self._recording.log("phase/orbit", rr.LineStrips2D.from_fields(colors=_rgb(style.BLUE), radii=rr.Radius.ui_points(0.4)),
+                                                           colors=[_rgb(c) for c in _STATE_COLOURS.values()]),
                             static=True)
-        self._recording.log("phase/section", rr.Points2D.from_fields(colors=_rgb(style.RED), radii=rr.Radius.ui_points(3.0)),
+        self._recording.log("phase/orbit",
+                            rr.LineStrips2D.from_fields(colors=_rgb(style.BLUE), radii=rr.Radius.ui_points(0.4)),
+                            static=True)
+        self._recording.log("phase/section",
+                            rr.Points2D.from_fields(colors=_rgb(style.RED), radii=rr.Radius.ui_points(3.0)),
                             static=True)
 
 
 def _blueprint(cycle: float) -> Any:
-    """The last cycles of torques, slip, lanes and plate on the left; phase portrait, maxima and summary on the right."""
+    """The last cycles of torques, slip, lanes and plate on the left; phase portrait, maxima and summary on the right.
+    """
     rrb = _rerun().blueprint
 
     def before(cycles: float) -> tuple[Any, Any]:
@@ -231,13 +244,15 @@ def _blueprint(cycle: float) -> Any:
     histories = rrb.Vertical(
         history("torque", "Torques (N m)"), history("slip", "Slip speed (rad/s)"),
         rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=recent()),
-        history("plate", "Plate angle (rad)"), history("plate_speed", "Plate speed (rad/s)"), row_shares=[3, 3, 1.2, 2, 2])
+        history("plate", "Plate angle (rad)"), history("plate_speed", "Plate speed (rad/s)"),
+        row_shares=[3, 3, 1.2, 2, 2])
     figures = rrb.Vertical(
         rrb.Spatial2DView(origin="phase", name="Phase portrait and section: omega_n x plate angle, slip speed (rad/s)",
                           time_ranges=rrb.VisibleTimeRange(ELAPSED, start=start, end=end)),
         rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)",
                            plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)),
-        rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"), rrb.TextLogView(origin="events", name="Events")),
+        rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"),
+                 rrb.TextLogView(origin="events", name="Events")),
         row_shares=[4, 3, 2])
     return rrb.Blueprint(rrb.Horizontal(histories, figures, column_shares=[3, 2]),
                          rrb.TimePanel(timeline=ELAPSED, state="collapsed", play_state="following"),

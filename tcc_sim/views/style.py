@@ -22,17 +22,20 @@ CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, INK)
 """Line colours in order: Okabe and Ito's, which colour-blind readers tell apart."""
 
 _SETTINGS: dict[str, Any] = {
-    "font.family": "DejaVu Sans", "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "xtick.labelsize": 7.5,
+    "font.family": "DejaVu Sans", "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.5,
     "ytick.labelsize": 7.5, "legend.fontsize": 7.5,
     "axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlepad": 5.0,
     "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": INK, "xtick.color": INK, "ytick.color": INK,
-    "axes.linewidth": 0.7, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.major.size": 3.0, "ytick.major.size": 3.0,
+    "axes.linewidth": 0.7, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
     "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
     "axes.grid": True, "grid.color": "#E3E3E3", "grid.linewidth": 0.5,
     "lines.linewidth": 1.1, "lines.solid_joinstyle": "round", "lines.markersize": 3.0,
     "legend.frameon": False, "legend.handlelength": 1.6, "legend.borderaxespad": 0.2, "legend.columnspacing": 1.2,
     "axes.formatter.use_mathtext": True, "axes.formatter.limits": (-3, 4),
-    "savefig.dpi": DOTS, "svg.fonttype": "path", "svg.hashsalt": "tcc_sim", "path.simplify": True, "agg.path.chunksize": 20000,
+    "savefig.dpi": DOTS, "svg.fonttype": "path", "svg.hashsalt": "tcc_sim", "path.simplify": True,
+    "agg.path.chunksize": 20000,
 }
 
 

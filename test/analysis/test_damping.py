@@ -61,7 +61,8 @@ def test_the_set_valued_law_has_its_sliding_slope_and_nothing_in_stick():
 
 
 def test_equal_coefficients_have_no_negative_slope():
-    assert equivalent_damping(trajectory_of(replace(System(), {"friction.kinetic_coefficient": 0.3})), 20).negative_mean == 0.0
+    assert equivalent_damping(trajectory_of(replace(System(), {"friction.kinetic_coefficient": 0.3})),
+                              20).negative_mean == 0.0
 
 
 def test_too_few_samples_are_refused():
@@ -72,7 +73,8 @@ def test_too_few_samples_are_refused():
 def test_cycles_solved_from_their_section_agree_with_quadratures_along_scipys_solution():
     from scipy.integrate import solve_ivp
 
-    system = replace(System(), {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260e3, "pressure.amplitude": 52e3,
+    system = replace(System(),
+                     {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260e3, "pressure.amplitude": 52e3,
                                 "pressure.frequency_ratio": 0.5, "pressure.phase": 0.3})
     cycle = system.cycle
     begin = np.array([5.0, 0.1, -5.0])
@@ -85,11 +87,13 @@ def test_cycles_solved_from_their_section_agree_with_quadratures_along_scipys_so
         torque, back = load * (1.0 + e) * th, 0.6 * speed + 3000.0 * angle
         plate = (torque - back) / 0.02
         slope = load * (50.0 * (1.0 + e) * (1.0 - th * th) - 2.0 * e * math.copysign(1.0, v) * th)
-        return [(300.0 + 250.0 * math.sin(150.0 * t) - torque) / 0.2 - plate, speed, plate, slope * v * v, v * v, min(slope, 0.0)]
+        return [(300.0 + 250.0 * math.sin(150.0 * t) - torque) / 0.2 - plate, speed, plate, slope * v * v, v * v,
+                min(slope, 0.0)]
 
     section, totals = [], []
     for n in (7, 8):
-        run = solve_ivp(rates, (n * cycle, (n + 1) * cycle), [*begin, 0.0, 0.0, 0.0], method="LSODA", rtol=1e-10, atol=1e-10)
+        run = solve_ivp(rates, (n * cycle, (n + 1) * cycle), [*begin, 0.0, 0.0, 0.0], method="LSODA", rtol=1e-10,
+                        atol=1e-10)
         section.append(begin)
         totals.append(run.y[3:, -1])
         begin = run.y[:3, -1]
@@ -104,4 +108,5 @@ def test_cycles_solved_from_their_section_agree_with_quadratures_along_scipys_so
 
 def test_no_cycle_gives_no_damping():
     none = Cycles(np.zeros((1, 3)), np.zeros(0), np.zeros(0), np.zeros(0))
-    assert damping_as_json(damping_of_cycles(System(), none, 0, 0)) == {"equivalent_damping": None, "negative_slope_mean": None}
+    assert damping_as_json(damping_of_cycles(System(), none, 0, 0)) == {"equivalent_damping": None,
+                                                                        "negative_slope_mean": None}

@@ -33,7 +33,8 @@ def test_half_a_second_is_enough():
 
 def test_noise_and_harmonics_do_not_matter():
     rng = np.random.default_rng(1)
-    found = line_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t) + 80.0 * np.sin(300.0 * t + 1.0) + 40.0 * rng.normal(size=len(t)))
+    found = line_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t) + 80.0 * np.sin(300.0 * t + 1.0) + 40.0
+                    * rng.normal(size=len(t)))
     assert found.frequency == pytest.approx(150.0, rel=1e-5)
 
 
@@ -73,5 +74,6 @@ def test_nothing_is_nothing():
 
 
 def test_samples_that_are_not_finite_are_left_out():
-    assert line_of(lambda t: np.where(np.arange(len(t)) % 1000 == 5, math.nan, 250.0 * np.sin(150.0 * t))).frequency == (
+    assert line_of(lambda t: np.where(np.arange(len(t)) % 1000 == 5, math.nan,
+                                      250.0 * np.sin(150.0 * t))).frequency == (
         pytest.approx(150.0, rel=1e-6))

@@ -85,11 +85,13 @@ def test_the_logistic_map_cascade_has_the_periods_of_the_textbook():
         assert periodicity(embedded(x[-101:])).period == period
 
 
-@pytest.mark.parametrize("rotation", [(math.sqrt(5.0) - 1.0) / 2.0, math.sqrt(2.0) - 1.0, 1.0 / 3.0 + 1e-3, math.pi - 3.0])
+@pytest.mark.parametrize("rotation",
+                         [(math.sqrt(5.0) - 1.0) / 2.0, math.sqrt(2.0) - 1.0, 1.0 / 3.0 + 1e-3, math.pi - 3.0])
 @pytest.mark.parametrize("size", [1.0, 0.05])
 def test_a_rotation_on_a_torus_has_no_period(rotation, size):
     phase = 2.0 * math.pi * rotation * np.arange(101)
-    section = np.stack([40.0 + size * 30.0 * np.cos(phase), 0.1 + size * 0.03 * np.sin(phase), size * np.cos(phase)], axis=1)
+    section = np.stack([40.0 + size * 30.0 * np.cos(phase), 0.1 + size * 0.03 * np.sin(phase), size * np.cos(phase)],
+                       axis=1)
     assert periodicity(cycles_through(section)).period == 0
 
 
@@ -113,7 +115,8 @@ def test_too_few_cycles_give_no_period():
 
 
 @pytest.mark.parametrize(("alternation", "period", "settled"), [
-    (lambda n: 0.02 * 0.995**n, 1, False), (lambda n: 0.02 + 0.0 * n, 2, True), (lambda n: 0.02 + 0.002 * 0.9**n, 2, True)])
+    (lambda n: 0.02 * 0.995**n, 1, False), (lambda n: 0.02 + 0.0 * n, 2, True),
+    (lambda n: 0.02 + 0.002 * 0.9**n, 2, True)])
 def test_an_alternation_that_dies_out_slowly_is_no_period_two(alternation, period, settled):
     n = np.arange(60)
     section = np.stack([0.0 * n, 1.0 + (-1.0) ** n * alternation(n), 0.0 * n], axis=1)

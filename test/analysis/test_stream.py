@@ -19,7 +19,8 @@ STEP = 1_000_000
 
 
 def recorded(ticks, ratio=0.5):
-    """A motion v = 5 + 20 sin(ratio omega t + 0.3) at 1 kHz, with torques for which (2a) holds with the plate at rest."""
+    """A motion v = 5 + 20 sin(ratio omega t + 0.3) at 1 kHz, with torques for which (2a) holds with the plate at rest.
+    """
     stamps = np.asarray(ticks, dtype=np.int64) * STEP
     t = stamps * 1e-9
     w = ratio * FREQUENCY
@@ -48,7 +49,8 @@ def sizes_like(kind):
 def test_batches_give_what_whole_arrays_give(kind):
     columns = recorded(np.arange(3000))
     stamps, v, angle, speed, engine, friction = columns
-    whole = cycles_of(Trajectory(stamps * 1e-9, v, angle, speed, engine, friction, friction, np.zeros(3000, np.int8), CYCLE,
+    whole = cycles_of(Trajectory(stamps * 1e-9, v, angle, speed, engine, friction, friction, np.zeros(3000, np.int8),
+                                 CYCLE,
                                  "recording", SYSTEM))
     stream, pieces = fed(columns, sizes_like(kind))
     cycles, first, dropped = stream.runs[0].kept(0)
@@ -64,7 +66,8 @@ def test_the_summary_knows_the_motion():
     assert found.max_slip_speed == pytest.approx(25.0, abs=1e-4)
     assert found.min_slip_speed == pytest.approx(-15.0, abs=1e-4)
     assert found.period == 2
-    assert [p[1] for p in found.section] == pytest.approx([5.0 + 20.0 * math.sin(0.3), 5.0 - 20.0 * math.sin(0.3)], abs=1e-4)
+    assert [p[1] for p in found.section] == pytest.approx([5.0 + 20.0 * math.sin(0.3), 5.0 - 20.0 * math.sin(0.3)],
+                                                          abs=1e-4)
     assert (found.cycles, found.discarded, found.regime) == (143, 7, "slip")
 
 
@@ -150,6 +153,7 @@ def test_a_recording_without_a_whole_cycle_is_refused():
 def test_pieces_of_a_stream_of_stamps():
     c = Continuity()
     found = list(c.pieces(np.array([5, 6, 7, 9, 10, 10, 11, 3, 4])))
-    assert found == [(slice(0, 3), Break.RUN), (slice(3, 5), Break.GAP), (slice(6, 7), Break.NOTHING), (slice(7, 9), Break.RUN)]
+    assert found == [(slice(0, 3), Break.RUN), (slice(3, 5), Break.GAP), (slice(6, 7), Break.NOTHING),
+                     (slice(7, 9), Break.RUN)]
     assert (c.step, c.gaps, c.missing, c.repeated, c.runs) == (1, 1, 1, 1, 2)
     assert list(c.pieces(np.array([5, 6]))) == [(slice(0, 2), Break.NOTHING)]

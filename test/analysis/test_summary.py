@@ -22,13 +22,15 @@ def trajectory_of(slip_speed, slip_acceleration, count, samples=400, start=0):
     """A sampled motion v(t) with the plate at rest: the torques are those with which (2a), (2b) hold exactly."""
     t = np.arange(start * samples, (start + count) * samples + 1) * (CYCLE / samples)
     zero = np.zeros_like(t)
-    return Trajectory(t, slip_speed(t), zero, zero, SYSTEM.driveline.flywheel_inertia * slip_acceleration(t), zero + 500.0,
+    return Trajectory(t, slip_speed(t), zero, zero, SYSTEM.driveline.flywheel_inertia * slip_acceleration(t),
+                      zero + 500.0,
                       zero, np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
 
 
 def part_of(whole, samples):
     """The first samples of a trajectory."""
-    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque", "state")
+    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
+             "state")
     return with_field(whole, **{name: getattr(whole, name)[:samples] for name in names})
 
 
@@ -52,7 +54,8 @@ def test_coarse_samples_that_miss_the_cycle_ends_are_interpolated():
     t = np.arange(0, 700) * 3.1e-3
     v, a = sine(5.0, 20.0, 0.3)
     zero = np.zeros_like(t)
-    coarse = Trajectory(t, v(t), zero, zero, SYSTEM.driveline.flywheel_inertia * a(t), zero, zero, np.zeros(len(t), np.int8),
+    coarse = Trajectory(t, v(t), zero, zero, SYSTEM.driveline.flywheel_inertia * a(t), zero, zero,
+                        np.zeros(len(t), np.int8),
                         CYCLE, "by_hand", SYSTEM)
     found = summarise(coarse, 5, tolerance=1e-3)
     assert found.max_slip_speed == pytest.approx(25.0, abs=2e-3)

@@ -14,7 +14,8 @@ from tcc_sim.paper.catalogue import paper_system
 
 KEYS = {"scene", "reference", "results", "omitted"}
 RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "seconds", "steps"}
-SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0, "engine.mean_torque": 300.0}
+SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
+        "engine.mean_torque": 300.0}
 
 
 def pure_slip(system, t):
@@ -56,7 +57,8 @@ def tiny(monkeypatch):
     """A study of two scenes with few runs, one of them unstable and one too long."""
     effort = precision.Effort(5, 0.01, 1.0, {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)),
                                              "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
-                              {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,), "lsoda": (1e-6,),
+                              {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
+                               "lsoda": (1e-6,),
                                "rk4": (3.0,), "rk45": (1e-5,)},
                               {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20)
     monkeypatch.setattr(precision, "QUICK", effort)

@@ -1,4 +1,5 @@
-"""The stability report: its criteria against closed forms, a handful of extreme cases, the limits, files as promised."""
+"""The stability report: its criteria against closed forms, a handful of extreme cases, the limits, files as promised.
+"""
 
 import dataclasses
 import json
@@ -43,7 +44,8 @@ def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
     assert not extremes.finite(dataclasses.replace(run, plate_speed=np.full(len(run.t), math.nan)))
 
 
-CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9}, {"share": 1.5, "pressure.phase": math.pi},
+CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
+         {"share": 1.5, "pressure.phase": math.pi},
          {"pressure.mean": 0.0}, {"pressure.mean": 1e7}, {"driveline.plate_inertia": 1e-4, "initial.slip_speed": 0.0},
          {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2]]
 

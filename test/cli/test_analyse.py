@@ -12,7 +12,8 @@ from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory
 
-KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver", "elapsed_s",
+KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver",
+        "elapsed_s",
         "messages", "lost_messages", "complete"}
 SWING = 250.0 / (0.2 * 150.0)
 
@@ -24,7 +25,8 @@ def recording(tmp_path):
     t = np.arange(2001) * 1e-3
     zero = np.zeros_like(t)
     run = Trajectory(t, 150.0 + SWING * (1.0 - np.cos(150.0 * t)), zero + 0.1, zero, 300.0 + 250.0 * np.sin(150.0 * t),
-                     zero + 300.0, zero + 300.0, zero.astype(np.int8) + 1, 2.0 * math.pi / 150.0, "by_hand", scene.system)
+                     zero + 300.0, zero + 300.0, zero.astype(np.int8) + 1, 2.0 * math.pi / 150.0, "by_hand",
+                     scene.system)
     path = tmp_path / "run.mcap"
     write_trajectory(path, run, scene.text())
     return path
@@ -55,7 +57,8 @@ def test_json_on_standard_output_is_nothing_but_json(capsys, recording):
 def test_the_table_and_the_files(capsys, recording, tmp_path):
     assert main(["analyse", str(recording), "--json", str(tmp_path / "a.json"), "--frequency", "75"]) == 0
     out = capsys.readouterr().out
-    for words in ("complete", "2001 of joint_states", "1 ms apart, no gap", "75 rad/s, as given", "largest |slip speed|"):
+    for words in ("complete", "2001 of joint_states", "1 ms apart, no gap", "75 rad/s, as given",
+                  "largest |slip speed|"):
         assert words in out
     assert json.loads((tmp_path / "a.json").read_text())["frequency"] == 75.0
 
@@ -74,8 +77,10 @@ def test_existing_files_are_replaced_only_by_force(capsys, recording, tmp_path):
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    (["--discard", "47"], "--discard 47"), (["--discard", "x"], "--discard"), (["--frequency", "0"], "frequency is 0 rad/s"),
-    (["--rrd", "no/run.rrd"], "no directory"), (["--json", "."], "is a directory"), (["--rrd", "x", "--json", "x"], "same file"),
+    (["--discard", "47"], "--discard 47"), (["--discard", "x"], "--discard"),
+    (["--frequency", "0"], "frequency is 0 rad/s"),
+    (["--rrd", "no/run.rrd"], "no directory"), (["--json", "."], "is a directory"),
+    (["--rrd", "x", "--json", "x"], "same file"),
     (["--spawn", "--rrd", "x"], "not allowed with"), (["--connect", "http://x"], "is not the URL"),
 ])
 def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, recording, arguments, words):

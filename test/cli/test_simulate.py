@@ -14,7 +14,8 @@ import pytest
 from tcc_sim.cli import main
 
 I1, I2, C23, K23 = 0.2, 0.02, 0.6, 3000.0
-KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver", "elapsed_s"}
+KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver",
+        "elapsed_s"}
 
 
 def values_of(capsys, *arguments):
@@ -135,7 +136,8 @@ def test_a_run_shorter_than_a_cycle_has_no_section(capsys):
 def test_the_table_names_units(capsys):
     assert main(["simulate", "slip", "--cycles", "20", "--lyapunov"]) == 0
     out = capsys.readouterr().out
-    for words in ("largest |slip speed|", "rad/s", "section: plate angle", "the first 10 dropped", "Lyapunov exponent", "1/s"):
+    for words in ("largest |slip speed|", "rad/s", "section: plate angle", "the first 10 dropped", "Lyapunov exponent",
+                  "1/s"):
         assert words in out
 
 

@@ -48,14 +48,16 @@ def test_bytes_are_what_ros_serialises():
         time = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
         assert cdr.clock(stamp) == bytes(serialize_message(Clock(clock=time)))
         six = [draw.choice(values(5)) for _ in range(6)]
-        joint = JointState(header=Header(stamp=time), name=["flywheel", "clutch_plate"], position=six[:2], velocity=six[2:4],
+        joint = JointState(header=Header(stamp=time), name=["flywheel", "clutch_plate"], position=six[:2],
+                           velocity=six[2:4],
                            effort=six[4:])
         assert same(cdr.joint_state(stamp, *six), serialize_message(joint), JOINT_STATE_PADDING)
         pressure = FluidPressure(header=Header(stamp=time), fluid_pressure=six[0], variance=six[1])
         assert same(cdr.fluid_pressure(stamp, six[0], six[1]), serialize_message(pressure), [17, 18, 19])
         for frame in ("", "a", "abc", "abcdefg", "clutch/pressure"):
             pressure.header.frame_id = frame
-            assert cdr.read_fluid_pressure(bytes(serialize_message(pressure))) == (stamp, pytest.approx(six[0], nan_ok=True))
+            assert cdr.read_fluid_pressure(bytes(serialize_message(pressure))) == (stamp,
+                                                                                   pytest.approx(six[0], nan_ok=True))
 
 
 @pytest.mark.parametrize("stamp", STAMPS)
@@ -71,8 +73,10 @@ def test_template_holds_for_any_values_and_not_for_other_names():
     expected, fixed = cdr.joint_state_template()
     data = np.frombuffer(cdr.joint_state(2**60, *values(0)[1:7]), dtype=np.uint8)
     assert (data[fixed] == expected[fixed]).all()
-    assert sorted(np.flatnonzero(fixed)) == [n for n in range(len(data)) if n not in JOINT_STATE_PADDING and n not in (2, 3)
-                                             and not 4 <= n < 12 and not any(n - first in range(16) for first in (68, 92, 116))]
+    assert sorted(np.flatnonzero(fixed)) == [n for n in range(len(data)) if n not in JOINT_STATE_PADDING
+                                             and n not in (2, 3)
+                                             and not 4 <= n < 12
+                                             and not any(n - first in range(16) for first in (68, 92, 116))]
     other = np.frombuffer(bytes(data).replace(b"flywheel", b"flywhee1"), dtype=np.uint8)
     assert not (other[fixed] == expected[fixed]).all()
 

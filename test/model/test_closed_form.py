@@ -44,7 +44,8 @@ def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     t = np.linspace(0.0, 2 * system.cycle, 41)
     both = d.flywheel_inertia + d.plate_inertia
     start = [float(angle(0.0)), float(angle.rate()(0.0))]
-    run = solve_ivp(lambda t, y: [y[1], (engine(system, t) - d.damping * y[1] - d.stiffness * y[0]) / both], (0, t[-1]), start,
+    run = solve_ivp(lambda t, y: [y[1], (engine(system, t) - d.damping * y[1] - d.stiffness * y[0]) / both], (0, t[-1]),
+                    start,
                     t_eval=t, method="DOP853", rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(angle(t), run.y[0], atol=1e-10)
     acceleration = angle.rate().rate()(t)
@@ -65,7 +66,8 @@ def test_printed_forms_with_their_errata(omega):
     root = math.sqrt((d.stiffness - both * omega**2) ** 2 + (d.damping * omega) ** 2)
     np.testing.assert_allclose(closed_form.plate_angle(system)(t), e.mean_torque / d.stiffness
                                + e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-14, err_msg="(8a)")
-    np.testing.assert_allclose(closed_form.interface_torque(system)(t), engine(system, t) + d.flywheel_inertia * omega**2
+    np.testing.assert_allclose(closed_form.interface_torque(system)(t),
+                               engine(system, t) + d.flywheel_inertia * omega**2
                                * e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-10, err_msg="(9)")
     assert closed_form.regime_boundary(system) == pytest.approx(math.sqrt(0.02 / 0.22), rel=1e-14)
 
@@ -81,7 +83,8 @@ def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     margin = system.friction_ratio * load(system, t) - np.abs(closed_form.interface_torque(system)(t))
     assert found.torque <= margin.min() + 1e-9
     assert found.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
-    again = system.friction_ratio * load(system, found.time) - abs(float(closed_form.interface_torque(system)(found.time)))
+    again = system.friction_ratio * load(system,
+                                         found.time) - abs(float(closed_form.interface_torque(system)(found.time)))
     assert again == pytest.approx(found.torque, abs=1e-9)
 
 
@@ -130,7 +133,8 @@ def test_pure_slip_solves_12(damping, values, direction):
         plate = (torque - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia
         return [(engine(system, t) - torque) / d.flywheel_inertia - plate, y[2], plate]
 
-    run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853", rtol=1e-12,
+    run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853",
+                    rtol=1e-12,
                     atol=1e-11)
     found = closed_form.pure_slip(system, direction)
     np.testing.assert_allclose(found.slip_speed(t), run.y[0], atol=1e-8)
@@ -154,7 +158,8 @@ def test_corrected_17_and_18_for_constant_load():
 
 
 def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
-    system = system_of(**{"pressure.mean": 125e3, "pressure.amplitude": 40e3, "pressure.phase": 1.0, "initial.slip_speed": 20.0})
+    system = system_of(**{"pressure.mean": 125e3, "pressure.amplitude": 40e3, "pressure.phase": 1.0,
+                          "initial.slip_speed": 20.0})
     found = closed_form.pure_slip(system)
     t = np.linspace(0.0, system.cycle, 20001)
     assert found.steady
@@ -162,8 +167,10 @@ def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
 
 
 @pytest.mark.parametrize(("values", "message"), [
-    ({"friction.kinetic_coefficient": 0.2}, "kinetic_coefficient"), ({"pressure.amplitude": 300e3}, "above pressure.mean"),
-    ({"driveline.damping": 0.0, "pressure.amplitude": 1e3, "engine.frequency": 1.0, "driveline.stiffness": 0.02}, "resonance")])
+    ({"friction.kinetic_coefficient": 0.2}, "kinetic_coefficient"),
+    ({"pressure.amplitude": 300e3}, "above pressure.mean"),
+    ({"driveline.damping": 0.0, "pressure.amplitude": 1e3, "engine.frequency": 1.0, "driveline.stiffness": 0.02},
+     "resonance")])
 def test_cases_without_a_closed_form_are_refused(values, message):
     with pytest.raises(InputError, match=message):
         closed_form.pure_slip(system_of(values))

@@ -51,7 +51,9 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 @pytest.fixture(scope="session")
 def domain() -> Iterator[str]:
-    """A ROS domain that no other test process on this machine has: a name that only one may bind, until the process ends."""
+    """A ROS domain that no other test process on this machine has: a name that only one may bind, until the process
+    ends.
+    """
     numbers = list(range(1, 102))
     random.shuffle(numbers)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as mine:

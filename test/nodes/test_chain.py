@@ -21,7 +21,8 @@ from tcc_sim.solvers import solve
 
 
 def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "tcc_sim", *words], cwd=folder, capture_output=True, text=True, timeout=120,
+    return subprocess.run([sys.executable, "-m", "tcc_sim", *words], cwd=folder, capture_output=True, text=True,
+                          timeout=120,
                           check=False, env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path)})
 
 
@@ -51,10 +52,11 @@ def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
 
 
 def test_a_recorded_scene_comes_to_what_simulate_says(tmp_path: Path) -> None:
-    """Stick-slip of period two under pressure at half the engine's frequency, recorded at 1 kHz, against the adaptive engine.
+    """Stick-slip of period two under pressure at half the engine's frequency, recorded at 1 kHz, against the adaptive
+    engine.
 
-    The real-time solver is good to some 5e-4 of the largest slip speed at this rate; stick ends and begins within a tick.
-    """
+    The real-time solver is good to some 5e-4 of the largest slip speed at this rate; stick ends and begins within a
+    tick."""
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
     values = {"friction.kinetic_coefficient": 0.285, "engine.frequency": 120.0, "pressure.frequency_ratio": 0.5}
@@ -65,7 +67,8 @@ def test_a_recorded_scene_comes_to_what_simulate_says(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     recorded = json.loads(ended.stdout)
     assert recorded["cycles"] >= 40
-    ended = command("simulate", "scene.yaml", "--cycles", str(recorded["cycles"]), "--discard", str(recorded["discarded"]),
+    ended = command("simulate", "scene.yaml", "--cycles", str(recorded["cycles"]), "--discard",
+                    str(recorded["discarded"]),
                     "--damping", "--json", "-", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
     solved = json.loads(ended.stdout)
@@ -84,7 +87,8 @@ def test_a_recorded_scene_comes_to_what_simulate_says(tmp_path: Path) -> None:
 
 
 def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "demo", "--scene", "minimal", "--duration", "600", "--out",
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "demo", "--scene", "minimal", "--duration", "600",
+                                "--out",
                                 "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path),
                                     "PYTHONUNBUFFERED": "1"})

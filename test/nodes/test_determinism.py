@@ -44,7 +44,8 @@ def driveline(bench: Any, scene: str, **parameters: object) -> DrivelineNode:
 def payloads(bench: Any, scene: str, **parameters: object) -> dict[str, list[bytes]]:
     """The serialised messages of the first ticks by topic."""
     listener = bench.add(rclpy.create_node("listener", context=bench.context))
-    subscriptions = {name: subscribe(listener, message_class(topic(name).type), name, states(20_000)) for name in TOPICS}
+    subscriptions = {name: subscribe(listener, message_class(topic(name).type), name, states(20_000))
+                     for name in TOPICS}
     node = driveline(bench, scene, publish_clock=True, **parameters)
     heard: dict[str, list[bytes]] = {name: [] for name in TOPICS}
 

@@ -65,7 +65,8 @@ def test_states_are_those_of_the_solver(bench: Any) -> None:
     node.start()
     bench.until(lambda: min(len(heard), len(slip), len(torque), len(state)) > 200)
     assert [stamp_of(m) for m in heard[:200]] == [k * STEP_NS for k in range(200)]
-    # SciPy's Radau solves the same scene; 1 kHz ticks of the fixed-step solver are within 1e-4 of the largest slip speed.
+    # SciPy's Radau solves the same scene; 1 kHz ticks of the fixed-step solver are within 1e-4 of the largest slip
+    # speed.
     system = load_scene("minimal").system
     reference = solve(system, duration=0.199, samples_per_cycle=0, solver="radau", rtol=1e-10).raise_for_status()
     last = heard[199]
@@ -82,7 +83,8 @@ def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
     node = start(bench, scene="minimal", publish_scalars=False, publish_diagnostics=False)
     topics = {name for name, _ in node.get_publisher_names_and_types_by_node("driveline", "/")}
     assert topics == {"/joint_states", "/scene", "/parameter_events", "/rosout"}
-    assert not {name for name, _ in node.get_subscriber_names_and_types_by_node("driveline", "/")} - {"/parameter_events"}
+    assert not {name for name,
+                _ in node.get_subscriber_names_and_types_by_node("driveline", "/")} - {"/parameter_events"}
     assert not list(node.timers)
 
 
@@ -112,7 +114,8 @@ def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
 
 @pytest.mark.parametrize(("topic", "message", "why"), [
     ("engine_torque", Float64(data=math.nan), "nan"), ("engine_torque", Float64(data=math.inf), "inf"),
-    ("engine_torque", Float64(data=1e308), "1e+308"), ("actuation_pressure", FluidPressure(fluid_pressure=-1.0), "-1 Pa"),
+    ("engine_torque", Float64(data=1e308), "1e+308"),
+    ("actuation_pressure", FluidPressure(fluid_pressure=-1.0), "-1 Pa"),
     ("actuation_pressure", FluidPressure(fluid_pressure=math.nan), "nan")])
 def test_bad_commands_are_refused_and_counted(bench: Any, topic: str, message: Any, why: str) -> None:
     node = start(bench, scene="commands")
@@ -261,7 +264,8 @@ def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
     assert not node.loop.running
 
 
-def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any,
+                                                                    monkeypatch: pytest.MonkeyPatch) -> None:
     node = start(bench, scene="minimal", publish_scalars=False)
     refusing = node.loop._joint_states
 

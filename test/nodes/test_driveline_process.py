@@ -59,7 +59,8 @@ def test_every_bundled_scene_is_a_parameter_file_of_the_node(environment: dict[s
             "        node = DrivelineNode(); print(node.get_parameter('scene_text').value.split('\\n', 1)[1]); print('@')\n"
             "        node.destroy_node()\n")
     files = bundled_scenes()
-    ended = subprocess.run([sys.executable, "-c", code, *map(str, files.values())], env=environment, capture_output=True,
+    ended = subprocess.run([sys.executable, "-c", code, *map(str, files.values())], env=environment,
+                           capture_output=True,
                            text=True, timeout=60, check=True)
     texts = ended.stdout.split("@\n")
     for text, name in zip(texts, files):

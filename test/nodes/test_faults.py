@@ -87,7 +87,8 @@ def missed_ticks(run: Run) -> list[int]:
     found: list[int] = []
 
     def tap(data: bytes, messages: object, channels: object) -> None:
-        for channel, offset, length in zip(messages.channel, messages.offset, messages.length):  # type: ignore[attr-defined]
+        for channel, offset, length in zip(messages.channel, messages.offset,
+                                           messages.length):  # type: ignore[attr-defined]
             if channels[channel].topic == "/diagnostics":  # type: ignore[index]
                 status = deserialize_message(data[offset + 22:offset + length], DiagnosticArray).status[0]
                 found.extend(int(item.value) for item in status.values if item.key == "missed ticks")
@@ -116,7 +117,8 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     stamps = np.concatenate([b.stamp_ns for b in batches])
     log = np.concatenate([b.log_ns for b in batches])
     assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
-    # Of the ticks that were due while it was stopped, at most CATCH_UP were made good; the others were counted and never ran.
+    # Of the ticks that were due while it was stopped, at most CATCH_UP were made good; the others were counted and
+    # never ran.
     missed = missed_ticks(run)[-1]
     # The signal itself may take a while to arrive on a busy machine.
     assert missed >= 1.5 * RATE
@@ -153,7 +155,8 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert list(by_run) == [0, 1]
     for stamps in by_run.values():
         assert stamps == [k * 10**9 // RATE for k in range(len(stamps))]
-    assert first_speed == {0: load_scene("minimal").system.initial.slip_speed, 1: load_scene("slip").system.initial.slip_speed}
+    assert first_speed == {0: load_scene("minimal").system.initial.slip_speed,
+                           1: load_scene("slip").system.initial.slip_speed}
     assert [scene.text.splitlines()[0] for scene in run.scenes] == [
         f"# {load_scene(name).description}" for name in ("minimal", "slip")]
     assert run.complete
@@ -176,7 +179,8 @@ def test_an_output_where_nothing_can_be_written_is_refused_before_the_run(tmp_pa
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
-def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path, start: Callable[..., NodeProcess]) -> None:
+def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path,
+                                                                 start: Callable[..., NodeProcess]) -> None:
     recorder = start("recorder", output="/proc/none/run")
     assert recorder._process.wait(timeout=30) == 2
     recorder._reader.join()

@@ -1,4 +1,6 @@
-"""Whatever is sent to a live driveline: its state stays finite, time goes on, and each refusal is counted in diagnostics."""
+"""Whatever is sent to a live driveline: its state stays finite, time goes on, and each refusal is counted in
+diagnostics.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +79,8 @@ def test_senseless_commands_leave_the_state_finite_and_are_counted(bench: Any) -
     torques = [math.nan, -math.nan, math.inf, -math.inf, 1e308, -1e308, 1.0001e5, -1.0001e5]
     pressures = [math.nan, math.inf, -math.inf, 1e308, -1e308, -1.0, -5e-324, 1.0001e7]
     broken = [cdr.HEADER, cdr.float64(1.0), b"\0\0" + cdr.fluid_pressure(0, 1e5)[2:], cdr.fluid_pressure(0, 1e5)[:20],
-              struct.pack("<4siII", cdr.HEADER, 0, 0, 0xFFFFFFFF) + bytes(16), struct.pack("<4siII", cdr.HEADER, 0, 0, 1 << 31)]
+              struct.pack("<4siII", cdr.HEADER, 0, 0, 0xFFFFFFFF) + bytes(16),
+              struct.pack("<4siII", cdr.HEADER, 0, 0, 1 << 31)]
     for value in torques:
         attacker.torques.publish(cdr.float64(value))
     for value in pressures:
@@ -124,7 +127,8 @@ def test_a_flood_from_two_publishers_is_taken_without_a_missing_tick(bench: Any)
     assert refusals(bench, node)["engine_torque"] == torque.refused > 0
 
 
-def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypatch: pytest.MonkeyPatch, domain: str) -> None:
+def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypatch: pytest.MonkeyPatch,
+                                                            domain: str) -> None:
     """From another participant: within one, Fast DDS refuses to create such a publisher."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
@@ -171,9 +175,11 @@ def test_eight_drivelines_in_namespaces_keep_apart(bench: Any, tmp_path: Path) -
     """Each has its own command and scene; a recorder in one namespace records that one alone."""
     attackers = [Attacker(bench, f"/d{k}") for k in range(8)]
     overrides = {"output": str(tmp_path / "run"), "topics": ["scene", "joint_states", "engine_torque"]}
-    recorder = Recorder(bench.add(rclpy.create_node("recorder", namespace="/d3", context=bench.context, parameter_overrides=[
+    recorder = Recorder(bench.add(rclpy.create_node("recorder", namespace="/d3", context=bench.context,
+                                                    parameter_overrides=[
         Parameter(name, value=value) for name, value in overrides.items()])))
-    nodes = [driveline(bench, f"/d{k}", rate=200.0, command_timeout=0.0, initial__slip_speed=10.0 + k) for k in range(8)]
+    nodes = [driveline(bench, f"/d{k}", rate=200.0, command_timeout=0.0, initial__slip_speed=10.0 + k)
+             for k in range(8)]
     for node in nodes:
         node.start()
     bench.until(lambda: all(attacker.ready() for attacker in attackers))

@@ -1,4 +1,5 @@
-"""Parameters changed while running, pauses, steps and resets: the recording alone gives the same run to the last bit."""
+"""Parameters changed while running, pauses, steps and resets: the recording alone gives the same run to the last bit.
+"""
 
 from __future__ import annotations
 

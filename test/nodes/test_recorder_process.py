@@ -42,7 +42,8 @@ def process(tmp_path, monkeypatch, domain):
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         # The bag comes after the subscriptions: a signal before it is there ends the recorder with nothing recorded.
-        until(lambda: (publisher.get_subscription_count() == 1 and any(output.glob("*.mcap"))) or child.poll() is not None)
+        until(lambda: (publisher.get_subscription_count() == 1 and any(output.glob("*.mcap")))
+              or child.poll() is not None)
         yield child, publisher, output
     finally:
         child.kill()
@@ -59,7 +60,9 @@ def readable(output):
 
 
 def send_until_known(publisher, output):
-    """Send states until the recorder has one, which may be a moment after the publisher knows it; gives the next number."""
+    """Send states until the recorder has one, which may be a moment after the publisher knows it; gives the next
+    number.
+    """
     numbers = iter(range(10**9))
 
     def send():
@@ -179,7 +182,8 @@ def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recov
             assert sum(1 for _ in reader.messages()) == reader.message_count
             assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == found["messages"]
         assert open_run(recovered).complete
-        assert ([path.name for path in output.iterdir()], hashlib.sha256(mcap.read_bytes()).digest()) == ([mcap.name], digest)
+        assert ([path.name for path in output.iterdir()],
+                hashlib.sha256(mcap.read_bytes()).digest()) == ([mcap.name], digest)
     rerun = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
     if rerun is not None:
         view = str(tmp_path / "run.rrd")
@@ -230,7 +234,8 @@ def test_a_file_size_limit_ends_the_recorder_with_one_line_and_the_driveline_goe
     assert len(run.scenes) >= 1
 
 
-def test_a_full_disk_ends_the_recorder_with_one_line_and_can_be_recovered_to_another(driveline, small_disk, tmp_path, capsys):
+def test_a_full_disk_ends_the_recorder_with_one_line_and_can_be_recovered_to_another(driveline, small_disk, tmp_path,
+                                                                                     capsys):
     recorder = NodeProcess("recorder", {"output": str(small_disk / "run")}, dict(os.environ))
     ended_by_itself(recorder, small_disk / "run", "No space left on device")
     driveline.check()

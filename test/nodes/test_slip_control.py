@@ -23,7 +23,8 @@ def cycle_means(slip_speed: list[float], cycle: float) -> np.ndarray:
     return np.diff(np.interp(np.arange(0.0, t[-1], cycle), t, angle)) / cycle
 
 
-def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float], **values: object) -> tuple[list[float], list[float]]:
+def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float],
+                **values: object) -> tuple[list[float], list[float]]:
     """Slip speeds and pressures of a run in lock-step; `mean_torque` changes at the ticks named."""
     system = load_scene("controlled").with_values({k.replace("__", "."): v for k, v in values.items()}).system
     stepper, controller = Stepper(system, STEP), SlipController(tuning)
@@ -45,7 +46,8 @@ def test_mean_slip_is_held_under_pulsation_and_after_a_step(kinetic: float, chan
     """Also from stick, from a fast start, and where friction is not what the controller believes."""
     system = load_scene("controlled").system
     assert (system.engine.torque_amplitude, system.engine.mean_torque) == (250.0, 200.0)
-    slip_speed, _ = closed_loop(Tuning(target=20.0), 4000, {2000: 200.0 + change}, friction__kinetic_coefficient=kinetic,
+    slip_speed, _ = closed_loop(Tuning(target=20.0), 4000, {2000: 200.0 + change},
+                                friction__kinetic_coefficient=kinetic,
                                 initial__slip_speed=start)
     means = cycle_means(slip_speed, system.cycle)
     before, after = int(2000 * STEP / system.cycle), len(means)
@@ -78,7 +80,8 @@ def test_the_mean_over_a_cycle_that_is_no_whole_number_of_samples_removes_the_pu
     assert np.abs(np.array(found[50:]) - 7.0).max() < 8.0 * (150.0 * STEP) ** 2
     assert CycleMean(2.5).update(3.0) == 3.0
     short = CycleMean(2.5)
-    assert [short.update(x) for x in (1.0, 2.0, 4.0, 8.0)] == [1.0, 1.5, (4.0 + 2.0 + 0.5) / 2.5, (8.0 + 4.0 + 1.0) / 2.5]
+    assert [short.update(x) for x in (1.0, 2.0, 4.0, 8.0)] == [1.0, 1.5, (4.0 + 2.0 + 0.5) / 2.5,
+                                                               (8.0 + 4.0 + 1.0) / 2.5]
 
 
 def test_the_same_states_give_the_same_pressures_after_a_reset() -> None:

@@ -45,7 +45,8 @@ def controller(bench: Any) -> Iterator[Callable[..., SlipControllerNode]]:
 
     def start(**parameters: Any) -> SlipControllerNode:
         node = SlipControllerNode(context=bench.context,
-                                  parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
+                                  parameter_overrides=[Parameter(name, value=value) for name,
+                                                       value in parameters.items()])
         threads.append(threading.Thread(target=spin, args=(node,)))
         threads[-1].start()
         return node
@@ -125,7 +126,8 @@ def test_it_holds_the_mean_slip_under_pulsation_and_after_a_step(bench: Any, tmp
 
 
 def test_lockstep_gives_the_same_run_to_the_last_bit_with_a_slow_controller(
-        bench: Any, tmp_path: Path, controller: Callable[..., SlipControllerNode], monkeypatch: pytest.MonkeyPatch) -> None:
+        bench: Any, tmp_path: Path, controller: Callable[..., SlipControllerNode],
+    monkeypatch: pytest.MonkeyPatch) -> None:
     """The second controller lets the driveline look in vain up to 40 times before it answers."""
     from tcc_sim.nodes import inputs
 

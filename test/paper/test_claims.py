@@ -1,4 +1,6 @@
-"""Claims with robust numbers, and the frame of the table; the numbers are compared with closed forms where there are any."""
+"""Claims with robust numbers, and the frame of the table; the numbers are compared with closed forms where there are
+any.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ def test_the_stick_limit_is_that_of_the_closed_form(evidence: Evidence) -> None:
     ratio = found.values["(10), (25)"]
     omega = ratio * OMEGA_N
     spring = complex(3000.0, 0.6 * omega)
-    assert 250.0 * abs(spring - 0.02 * omega**2) / abs(spring - 0.22 * omega**2) == pytest.approx(540.0 - 300.0, rel=1e-6)
+    assert 250.0 * abs(spring - 0.02 * omega**2) / abs(spring - 0.22
+                                                       * omega**2) == pytest.approx(540.0 - 300.0, rel=1e-6)
     assert ratio > closed_form.regime_boundary(paper_system())
     assert found.values["set_valued"] == pytest.approx(ratio, abs=1e-3)
     assert found.verdict == CONFIRMED
@@ -55,7 +58,8 @@ def test_a_jump_is_told_from_a_steep_curve(monkeypatch) -> None:  # type: ignore
             """The values."""
             return self.values
 
-    for curve, expected in ((lambda x: 40.0 if x < 0.313 else 50.0, [0.313]), (lambda x: 50.0 * math.tanh((x - 0.3) / 0.02), [])):
+    for curve, expected in ((lambda x: 40.0 if x < 0.313 else 50.0, [0.313]),
+                            (lambda x: 50.0 * math.tanh((x - 0.3) / 0.02), [])):
         swept = [Swept(np.array([curve(x) for x in axis]))]
         monkeypatch.setattr(kept, "curves", lambda rows, axis, swept=swept: swept)
         monkeypatch.setattr(kept, "maximum", lambda row, ratio, curve=curve: curve(ratio))
@@ -83,7 +87,8 @@ def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> No
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
 
 
-def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monkeypatch,
+                                                                  capsys) -> None:  # type: ignore[no-untyped-def]
     def interrupted(evidence: Evidence) -> Finding:
         raise KeyboardInterrupt
 

@@ -1,4 +1,6 @@
-"""The figures of the paper: what each has, that its numbers are those of closed forms, and that files are not overwritten."""
+"""The figures of the paper: what each has, that its numbers are those of closed forms, and that files are not
+overwritten.
+"""
 
 from __future__ import annotations
 

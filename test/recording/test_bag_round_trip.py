@@ -208,7 +208,8 @@ def test_carried_definitions_are_those_of_the_installed_ros(tmp_path, monkeypatc
             continue
         fields = [" ".join(line.split("#")[0].split()) for line in installed.splitlines()]
         assert "".join(f"{field}\n" for field in fields if field) == text
-        assert {entry["type_name"]: entry["hash_string"] for entry in json.loads(described)["type_hashes"]}[name] == type_hash
+        assert {entry["type_name"]: entry["hash_string"]
+                for entry in json.loads(described)["type_hashes"]}[name] == type_hash
         compared += 1
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.fspath(tmp_path))
     monkeypatch.setattr(sys, "prefix", os.fspath(tmp_path))

@@ -1,4 +1,5 @@
-"""`analyse` and `recover` as commands on recordings that are cut, flipped or zeroed anywhere: figures, or one line and none.
+"""`analyse` and `recover` as commands on recordings that are cut, flipped or zeroed anywhere: figures, or one line and
+none.
 
 500 seeded damages go through both commands, in blocks that the workers of a test run share.
 """
@@ -31,7 +32,8 @@ def original(tmp_path_factory):
 
 
 def analysed(path, figures):
-    """The figures of the command, without the time that it took and the name that the file gives a scene without one."""
+    """The figures of the command, without the time that it took and the name that the file gives a scene without one.
+    """
     assert main(["analyse", str(path), "--json", str(figures)]) == 0
     found = json.loads(figures.read_text())
     figures.unlink()

@@ -48,7 +48,8 @@ def test_the_node_library_reads_index_messages_and_metadata(path, tmp_path):
     if shutil.which("node") is None or shutil.which("npm") is None:
         pytest.skip("node and npm are not installed")
     try:
-        installed = run("npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=0", "--prefix",
+        installed = run("npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=0",
+                        "--prefix",
                         str(tmp_path), "@mcap/core", "@mcap/nodejs", "@mcap/support")
     except subprocess.TimeoutExpired:
         pytest.skip("npm does not answer")

@@ -19,9 +19,11 @@ MAGIC = b"\x89MCAP0\r\n"
 FUZZ = settings(derandomize=True, database=None, deadline=None, max_examples=200,
                 suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 """The same examples every time; what longer searches found stands beside the tests as an example of its own."""
-NUMBERS = st.sampled_from([0, 1, 2, 7, 8, 9, 255, 65535, 1 << 20, (1 << 31) - 1, 1 << 31, (1 << 32) - 1, 1 << 62, (1 << 64) - 1])
+NUMBERS = st.sampled_from([0, 1, 2, 7, 8, 9, 255, 65535, 1 << 20, (1 << 31) - 1, 1 << 31, (1 << 32) - 1, 1 << 62,
+                           (1 << 64) - 1])
 WORDS = st.sampled_from(["", "ros2", "zstd", "lz4", "x", "\ud800".encode("utf-8", "surrogatepass"), b"\xff", "tcc_sim",
-                         "tcc_sim_result", "tcc_sim_recovery", "/joint_states", "sensor_msgs/msg/JointState", "cdr", "a" * 300])
+                         "tcc_sim_result", "tcc_sim_recovery", "/joint_states", "sensor_msgs/msg/JointState", "cdr",
+                         "a" * 300])
 
 
 def string(word, claimed=None):
@@ -30,7 +32,8 @@ def string(word, claimed=None):
     return struct.pack("<I", (len(data) if claimed is None else claimed) & 0xFFFFFFFF) + data
 
 
-FIELDS = st.one_of(NUMBERS.map(lambda n: struct.pack("<Q", n)), NUMBERS.map(lambda n: struct.pack("<I", n & 0xFFFFFFFF)),
+FIELDS = st.one_of(NUMBERS.map(lambda n: struct.pack("<Q", n)),
+                   NUMBERS.map(lambda n: struct.pack("<I", n & 0xFFFFFFFF)),
                    NUMBERS.map(lambda n: struct.pack("<H", n & 0xFFFF)), WORDS.map(string),
                    st.tuples(WORDS, NUMBERS).map(lambda pair: string(*pair)), st.binary(max_size=40))
 

@@ -19,10 +19,10 @@ START = 10**18
 def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), said=None):
     """Rows (stamp, six columns of joint_states, applied pressure) of a driveline; torque and pressure are f(tick).
 
-    After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while running.
-    A list given as `said` gets (row, text) of every scene said again.
-    """
-    stepper, system, changes = Stepper(scene.system, 1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
+    After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while
+    running. A list given as `said` gets (row, text) of every scene said again."""
+    stepper, system, changes = Stepper(scene.system,
+                                       1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
     rows, terms, text, general = [], stepper.terms, "", False
 
     def say(stamp):
@@ -62,7 +62,8 @@ def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, fricti
     t = np.arange(round(seconds * 1000) + 1) * 1e-3
     v, angle, speed, engine, friction = (np.broadcast_to(f(t), t.shape).tolist() for f in
                                          (slip_speed, plate_angle, plate_speed, engine_torque, friction_torque))
-    return [(k * TICK, angle[k], angle[k], v[k] + speed[k], speed[k], engine[k], friction[k], math.nan) for k in range(len(t))]
+    return [(k * TICK, angle[k], angle[k], v[k] + speed[k], speed[k], engine[k], friction[k], math.nan)
+            for k in range(len(t))]
 
 
 def bag(directory, rows, scene, *, said=(), cut=False, lost=0):

@@ -105,7 +105,8 @@ def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path):
     assert (len(found.cycles), found.first_cycle) == (71, 0)
     pictures = pytest.importorskip("tcc_sim.views.overview")
     pytest.importorskip("matplotlib")
-    assert pictures.overview(tmp_path / "o.png", end, found.cycles, found.first_cycle, found.summary).stat().st_size > 10_000
+    assert pictures.overview(tmp_path / "o.png", end, found.cycles, found.first_cycle,
+                             found.summary).stat().st_size > 10_000
 
 
 def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
@@ -124,7 +125,8 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
 
 
 @pytest.mark.parametrize(("keywords", "words"), [
-    ({"discard": 71}, "--discard 71"), ({"discard": -1}, "--discard is -1"), ({"frequency": math.nan}, "frequency is nan"),
+    ({"discard": 71}, "--discard 71"), ({"discard": -1}, "--discard is -1"),
+    ({"frequency": math.nan}, "frequency is nan"),
     ({"frequency": 0.5}, "no whole engine cycle"),
 ])
 def test_wrong_arguments(tmp_path, keywords, words):
@@ -143,7 +145,8 @@ def test_a_recording_without_scene_needs_one(tmp_path):
 def rerun_rows(path):
     """Rows by entity path, counted by Rerun's own tool, which has accepted the file."""
     for verb in ("verify", "print"):
-        done = subprocess.run([sys.executable, "-m", "rerun", "rrd", verb, str(path)], capture_output=True, text=True, timeout=60,
+        done = subprocess.run([sys.executable, "-m", "rerun", "rrd", verb, str(path)], capture_output=True, text=True,
+                              timeout=60,
                               check=True)
     found = {}
     for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", done.stdout):
@@ -184,7 +187,8 @@ def test_memory_holds_cycles_and_not_samples(tmp_path):
         cycles.append(replay(path).summary.cycles)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    # The samples of a cycle are 42 rows of 72 bytes; what is kept of it are 6 numbers and what the summary makes of them.
+    # The samples of a cycle are 42 rows of 72 bytes; what is kept of it are 6 numbers and what the summary makes of
+    # them.
     assert peaks[1] - peaks[0] < 500 * (cycles[1] - cycles[0])
 
 

@@ -51,7 +51,8 @@ def test_a_reset_starts_again(tmp_path):
 def test_one_changed_digit_is_found(tmp_path, column):
     rows = ticked(SCENES["fig02"], 400)
     changed = list(rows[217])
-    changed[column] = math.nextafter(changed[column], math.inf) if hasattr(math, "nextafter") else changed[column] * (1 + 1e-15)
+    changed[column] = math.nextafter(changed[column],
+                                     math.inf) if hasattr(math, "nextafter") else changed[column] * (1 + 1e-15)
     rows[217] = tuple(changed)
     found = verified(tmp_path / "run", rows, SCENES["fig02"])
     assert not found.verified

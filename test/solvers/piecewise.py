@@ -25,7 +25,8 @@ class Piecewise:
 
     def load(self, t):
         p = self.s.pressure
-        return self.s.torque_per_pressure * (p.mean + p.amplitude * math.sin(p.frequency_ratio * self.s.engine.frequency * t
+        return self.s.torque_per_pressure * (p.mean + p.amplitude
+                                             * math.sin(p.frequency_ratio * self.s.engine.frequency * t
                                                                              + p.phase))
 
     def need(self, t, y):
@@ -95,5 +96,6 @@ class Piecewise:
 
         crossing.terminal = clamp.terminal = True
         crossing.direction, clamp.direction = -1, 1
-        return solve_ivp(lambda t, y: self.rates(t, y, mode), (start, goal), y, method="DOP853", rtol=self.rtol, atol=self.atol,
+        return solve_ivp(lambda t, y: self.rates(t, y, mode), (start, goal), y, method="DOP853", rtol=self.rtol,
+                         atol=self.atol,
                          events=[crossing, clamp], dense_output=True)

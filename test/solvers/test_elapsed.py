@@ -34,6 +34,7 @@ sys.exit(0 if len(counts) >= 2 and counts[0] == counts[-1] > 0 else f"compiled f
 
 @pytest.mark.parametrize("name", [n for n in SOLVERS if n not in ("radau", "bdf", "dop853", "rk45")])
 def test_nothing_is_compiled_or_loaded_while_the_clock_runs(name):
-    ended = subprocess.run([sys.executable, "-c", PROGRAM, name], capture_output=True, text=True, check=False, timeout=120,
+    ended = subprocess.run([sys.executable, "-c", PROGRAM, name], capture_output=True, text=True, check=False,
+                           timeout=120,
                            env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)})
     assert ended.returncode == 0, ended.stderr

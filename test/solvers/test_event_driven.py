@@ -24,7 +24,8 @@ CASES = {
     "critical damping": {"driveline.damping": 2.0 * math.sqrt(60.0), "engine.torque_amplitude": 500.0},
     "no damping": {"driveline.damping": 0.0},
     "r = 1.25": {"friction.kinetic_coefficient": 0.24},
-    "r = 1.25, pressure": {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260416.67, "pressure.amplitude": 52083.3},
+    "r = 1.25, pressure": {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260416.67,
+                           "pressure.amplitude": 52083.3},
     "r = 2, reversals": {"friction.kinetic_coefficient": 0.15, "pressure.mean": 300e3, "engine.torque_amplitude": 700.0,
                          "engine.mean_torque": 0.0},
     "r = 1.5, clamped": {"friction.kinetic_coefficient": 0.2, "pressure.amplitude": 250e3, "engine.mean_torque": 100.0},
@@ -59,7 +60,8 @@ def test_samples_cycles_and_torques_are_of_one_motion(name):
     np.testing.assert_array_equal(run.slip_speed[~slipping & (run.saturation_torque > 0)], 0.0)
     limit = system.friction_ratio * run.saturation_torque
     assert np.all(np.abs(run.friction_torque) <= limit + 1e-9)
-    law = run.saturation_torque * (1 + (system.friction_ratio - 1) * np.exp(-system.friction.decay * np.abs(run.slip_speed)))
+    law = run.saturation_torque * (1 + (system.friction_ratio - 1)
+                                   * np.exp(-system.friction.decay * np.abs(run.slip_speed)))
     moving = slipping & (run.saturation_torque > 0)
     np.testing.assert_allclose(run.friction_torque[moving], (np.sign(run.state) * law)[moving], atol=1e-9)
     plate = np.gradient(run.plate_speed, run.t)
@@ -90,7 +92,8 @@ def test_pure_stick_closed_form():
 
 @pytest.mark.parametrize("damping", [0.0, 0.6, 2.0 * math.sqrt(60.0), 90.0])
 def test_pure_slip_closed_form(damping):
-    system = system_of(**{"initial.slip_speed": 150.0, "pressure.mean": 100e3, "pressure.amplitude": 60e3, "pressure.phase": 0.4,
+    system = system_of(**{"initial.slip_speed": 150.0, "pressure.mean": 100e3, "pressure.amplitude": 60e3,
+                          "pressure.phase": 0.4,
                           "pressure.frequency_ratio": 0.75, "driveline.damping": damping, "initial.plate_speed": 3.0})
     run = solve(system, cycles=12, samples_per_cycle=50)
     exact = closed_form.pure_slip(system)
@@ -133,8 +136,11 @@ def test_breakaway_happens_when_the_stuck_oscillator_says():
 
 
 def test_two_events_close_together_are_both_found():
-    """Slip that dips below zero for an instant between two coarse cells: the dip's depth is set through the mean torque."""
-    base = {"engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0, "initial.slip_speed": 0.0, "engine.frequency": 40.0}
+    """Slip that dips below zero for an instant between two coarse cells: the dip's depth is set through the mean
+    torque.
+    """
+    base = {"engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0, "initial.slip_speed": 0.0,
+            "engine.frequency": 40.0}
     for amplitude in np.linspace(545.0, 556.0, 5):
         system = system_of(base, **{"engine.torque_amplitude": float(amplitude), "driveline.stiffness": 1e6})
         run = solve(system, cycles=2)
@@ -143,7 +149,8 @@ def test_two_events_close_together_are_both_found():
 
 
 def test_odd_symmetry():
-    system = system_of(**{"engine.mean_torque": 50.0, "engine.torque_amplitude": 0.0, "friction.kinetic_coefficient": 0.25,
+    system = system_of(**{"engine.mean_torque": 50.0, "engine.torque_amplitude": 0.0,
+                          "friction.kinetic_coefficient": 0.25,
                           "engine.harmonic_amplitudes": (700.0,), "engine.harmonic_phases": (0.5,),
                           "pressure.amplitude": 100e3, "initial.plate_angle": 0.02})
     mirrored = replace(system, {"engine.mean_torque": -50.0, "engine.harmonic_phases": (0.5 - math.pi,),

@@ -34,7 +34,8 @@ def test_ends_finite_and_within_the_law(values, share):
     system = replace(System(), values)
     run = solve(system, cycles=2, samples_per_cycle=16)
     assert run.status in (Status.DONE, Status.STEP_LIMIT)
-    for values in (run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque, run.cycles.section, run.cycles.highest):
+    for values in (run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque, run.cycles.section,
+                   run.cycles.highest):
         assert np.all(np.isfinite(values))
     limit = system.friction_ratio * run.saturation_torque
     assert np.all(np.abs(run.friction_torque) <= limit + 1e-9 * (1.0 + limit.max()))
@@ -54,8 +55,10 @@ def test_near_grazing_breakaway(offset):
     gain = 3000.0 - 0.02 * 60.0**2, 3000.0 - 0.22 * 60.0**2
     reach = 300.0 + 100.0 * gain[0] / gain[1]
     system = replace(System(), {
-        "friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": reach * (1.0 - offset) / 0.0024,
-        "pressure.amplitude": 0.0, "engine.mean_torque": 300.0, "engine.torque_amplitude": 100.0, "engine.frequency": 60.0,
+        "friction.law": "set_valued", "friction.kinetic_coefficient": 0.3,
+        "pressure.mean": reach * (1.0 - offset) / 0.0024,
+        "pressure.amplitude": 0.0, "engine.mean_torque": 300.0, "engine.torque_amplitude": 100.0,
+        "engine.frequency": 60.0,
         "driveline.damping": 0.0, "initial.slip_speed": 0.0, "initial.plate_angle": 0.1,
         "initial.plate_speed": 100.0 * 60.0 / gain[1]})
     run = solve(system, cycles=3, samples_per_cycle=40)
@@ -64,7 +67,8 @@ def test_near_grazing_breakaway(offset):
         assert len(run.transitions.time) == 0
     if offset >= 1e-9:
         first = run.transitions.time[0] / system.cycle
-        assert first == pytest.approx(0.25 - math.acos(1.0 - offset * reach / (reach - 300.0)) / (2 * math.pi), abs=1e-6)
+        assert first == pytest.approx(0.25 - math.acos(1.0 - offset * reach / (reach - 300.0)) / (2 * math.pi),
+                                      abs=1e-6)
         assert np.count_nonzero(run.transitions.after == 1) == 3
     if offset == 1e-3:
         states, _, _ = Piecewise(system).run(3 * system.cycle, run.t, slices=120)
@@ -74,7 +78,8 @@ def test_near_grazing_breakaway(offset):
 def test_chattering_ends_with_a_sentence(monkeypatch):
     from tcc_sim.solvers.event_driven.solution import solution as event_driven
     monkeypatch.setattr(event_driven, "_event_limit", lambda terms, cycle: 3)
-    system = replace(System(), {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
+    system = replace(System(),
+                     {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
     run = solve(system, cycles=50)
     assert run.status is Status.EVENT_LIMIT
     assert "3 events" in run.detail

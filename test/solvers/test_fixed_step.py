@@ -35,7 +35,8 @@ def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float)
     assert reference.cycles is not None
     top = largest(reference.cycles.highest, reference.cycles.lowest)
     assert largest(found.cycles.highest - reference.cycles.highest) <= tolerance * top
-    for column, size in enumerate((top, largest(reference.cycles.section[:, 1]), largest(reference.cycles.section[:, 2]))):
+    for column, size in enumerate((top, largest(reference.cycles.section[:, 1]),
+                                   largest(reference.cycles.section[:, 2]))):
         assert largest((found.cycles.section - reference.cycles.section)[:, column]) <= tolerance * size
     assert found.statistics.iterations_max <= ITERATION_BOUND == found.statistics.iterations_bound
 
@@ -97,7 +98,8 @@ def test_substeps_keep_the_root_unique_and_resolve_the_motion() -> None:
     assert substeps(terms_of(load_scene("minimal").system), 1e-3) == math.ceil(1e-3 * math.sqrt(3000.0 / 0.02) / 0.04)
     with pytest.raises(InputError, match=f"at most {SUBSTEP_LIMIT}"):
         substeps(terms_of(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7})), 1e-3)
-    refused = solve(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7}), cycles=1, solver="fixed_step")
+    refused = solve(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7}), cycles=1,
+                    solver="fixed_step")
     assert refused.status is Status.REFUSED
     assert "sub-steps" in refused.detail
 
@@ -110,7 +112,8 @@ def test_power_balance_over_a_cycle() -> None:
     flywheel = run.slip_speed + run.plate_speed
     power = run.engine_torque * flywheel - run.friction_torque * run.slip_speed - d.damping * run.plate_speed**2
     work = trapezoid(power, run.t)
-    energy = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2 + d.stiffness * run.plate_angle**2)
+    energy = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2 + d.stiffness
+                    * run.plate_angle**2)
     assert work == pytest.approx(energy[-1] - energy[0], abs=2e-5 * energy.max())
 
 

@@ -55,12 +55,14 @@ def test_pure_slip_closed_form(name):
 
 
 def test_stick_slip_of_two_methods_agrees():
-    runs = {n: solve(STICK_SLIP, cycles=3, samples_per_cycle=20, solver=n, **METHODS[n]) for n in ("radau", "lsoda", "rk4")}
+    runs = {n: solve(STICK_SLIP, cycles=3, samples_per_cycle=20, solver=n, **METHODS[n])
+            for n in ("radau", "lsoda", "rk4")}
     scale = np.abs(runs["radau"].slip_speed).max()
     assert {0, 1} <= set(runs["radau"].state)
     for name in ("lsoda", "rk4"):
         np.testing.assert_allclose(runs[name].slip_speed, runs["radau"].slip_speed, atol=2e-6 * scale, err_msg=name)
-        np.testing.assert_allclose(runs[name].cycles.stick_time, runs["radau"].cycles.stick_time, rtol=1e-4, err_msg=name)
+        np.testing.assert_allclose(runs[name].cycles.stick_time, runs["radau"].cycles.stick_time, rtol=1e-4,
+                                   err_msg=name)
         np.testing.assert_allclose(runs[name].cycles.highest, runs["radau"].cycles.highest, rtol=1e-6, err_msg=name)
 
 
@@ -78,7 +80,8 @@ def test_a_duration_ends_exactly():
 
 
 def test_blow_up_is_a_status():
-    run = solve(replace(STICK_SLIP, {"friction.smoothing": 1e6, "driveline.plate_inertia": 1e-3, "driveline.damping": 100.0}),
+    run = solve(replace(STICK_SLIP,
+                        {"friction.smoothing": 1e6, "driveline.plate_inertia": 1e-3, "driveline.damping": 100.0}),
                 cycles=30, solver="rk4", step=1e-3)
     assert run.status is Status.NOT_FINITE
     assert np.all(np.isfinite(run.slip_speed))

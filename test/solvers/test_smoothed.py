@@ -37,7 +37,9 @@ def problem(values, cycles=2, state=START, **options):
 
 
 def reference(p, count, per_cycle):
-    """SciPy's Radau on the equations written out once more, restarted at every engine cycle: (count * per_cycle + 1, 4)."""
+    """SciPy's Radau on the equations written out once more, restarted at every engine cycle: (count * per_cycle + 1,
+    4).
+    """
     s = p.system
     e, pr, f, d = s.engine, s.pressure, s.friction, s.driveline
     i1, i2 = d.flywheel_inertia, d.plate_inertia
@@ -101,7 +103,8 @@ def test_starts_at_any_cycle():
 def test_tolerance_ladder_converges():
     p = problem(FIG02, cycles=10)
     finest = smoothed.solve(changed(p, rtol=1e-12)).cycles.section
-    errors = [np.abs(smoothed.solve(changed(p, rtol=rtol)).cycles.section - finest).max() for rtol in (1e-5, 1e-7, 1e-9, 1e-11)]
+    errors = [np.abs(smoothed.solve(changed(p, rtol=rtol)).cycles.section - finest).max()
+              for rtol in (1e-5, 1e-7, 1e-9, 1e-11)]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] <= 1e-9 * np.abs(finest).max()
 
@@ -132,7 +135,8 @@ def test_engine_work_is_stored_or_lost():
     d = p.system.driveline
     v, w2 = run.slip_speed, run.plate_speed
     power = run.engine_torque * (v + w2) - run.friction_torque * v - d.damping * w2**2
-    energy = 0.5 * d.flywheel_inertia * (v + w2) ** 2 + 0.5 * d.plate_inertia * w2**2 + 0.5 * d.stiffness * run.plate_angle**2
+    energy = 0.5 * d.flywheel_inertia * (v
+                                         + w2) ** 2 + 0.5 * d.plate_inertia * w2**2 + 0.5 * d.stiffness * run.plate_angle**2
     h = run.t[1] - run.t[0]
     work = h * (power.sum() - 0.5 * (power[0] + power[-1]))
     assert abs(energy[-1] - energy[0] - work) <= 1e-6 * h * np.abs(run.engine_torque * (v + w2)).sum()
@@ -171,7 +175,8 @@ def test_transitions_alternate_and_make_up_the_stick_time():
        ratio=st.floats(0.01, 2.0), frequency=st.floats(1.0, 5000.0), damping=st.sampled_from([0.0, 0.6, 10.0]),
        plate=st.floats(-6.0, 0.0), flywheel=st.floats(-3.0, 3.0), slip=st.sampled_from([0.0, 1e-3, 150.0, -150.0, 1e4]),
        torque=st.sampled_from([0.0, 300.0, -300.0]), decay=st.sampled_from([0.0, 2.0, 50.0]))
-def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency, damping, plate, flywheel, slip, torque, decay):
+def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency, damping, plate, flywheel, slip,
+                                          torque, decay):
     run = smoothed.solve(problem({
         "friction.kinetic_coefficient": kinetic, "friction.smoothing": 10.0**sigma, "friction.decay": decay,
         "pressure.mean": mean, "pressure.amplitude": min(max(mean, 1.0) * ratio, 1e7), "engine.frequency": frequency,
@@ -186,7 +191,9 @@ def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency
 
 
 def test_slip_that_dies_down_fast_feels_the_whole_exponential():
-    """From v = 8 to 0 in one or two steps exp(-alpha |v|) grows by exp(16): its series must not be cut before it converges."""
+    """From v = 8 to 0 in one or two steps exp(-alpha |v|) grows by exp(16): its series must not be cut before it
+    converges.
+    """
     p = problem({"friction.kinetic_coefficient": 0.15, "pressure.amplitude": 234375.0}, state=State(5.0, 0.0, 0.0, 0.0))
     expected = reference(p, 2, 1)
     run = smoothed.solve(p)
@@ -196,7 +203,9 @@ def test_slip_that_dies_down_fast_feels_the_whole_exponential():
 
 @pytest.mark.parametrize(("ratio", "frequency"), [(1.0, 0.12), (0.94, 0.12), (0.83, 0.12), (0.83, 0.2), (0.667, 0.2)])
 def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, frequency):
-    """Slow engine cycles of Fig. 4: some hundred steps where the stick eigenvalue of 1e6 1/s would ask for ten thousand."""
+    """Slow engine cycles of Fig. 4: some hundred steps where the stick eigenvalue of 1e6 1/s would ask for ten
+    thousand.
+    """
     values = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3 * ratio,
               "engine.frequency": frequency * math.sqrt(3000.0 / 0.02)}
     run = smoothed.solve(problem(values, cycles=40, state=State(150.0, 0.0, 0.0, 0.0)))
@@ -206,7 +215,8 @@ def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, freq
 
 @pytest.mark.parametrize("name", ["no stribeck", "fig02", "harmonics"])
 def test_a_loose_tolerance_does_not_step_through_the_layer(name):
-    """At the edge of the layer nothing of tanh is left in the series but rounding, which a loose tolerance cannot see."""
+    """At the edge of the layer nothing of tanh is left in the series but rounding, which a loose tolerance cannot see.
+    """
     p = problem(SCENES[name], cycles=4, state=State(150.0, 0.0, 0.0, 0.0))
     expected = reference(p, 4, 1)[:, :3]
     run = smoothed.solve(changed(p, rtol=1e-3))

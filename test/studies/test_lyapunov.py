@@ -12,11 +12,13 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import State, solve
 from tcc_sim.studies.lyapunov import diagnosis, largest_lyapunov_exponent
 
-BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3, "engine.frequency": 139.0}
+BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
+        "engine.frequency": 139.0}
 
 
 def test_in_stick_it_is_the_decay_of_the_stuck_oscillator() -> None:
-    system = replace(System(), {**BASE, "pressure.mean": 400e3, "engine.torque_amplitude": 20.0, "friction.smoothing": 1e6})
+    system = replace(System(),
+                     {**BASE, "pressure.mean": 400e3, "engine.torque_amplitude": 20.0, "friction.smoothing": 1e6})
     end = solve(system, cycles=40, solver="fixed_step").final
     found = largest_lyapunov_exponent(system, end, cycles=100)
     assert found.exponent == pytest.approx(-0.6 / (2.0 * 0.22), rel=1e-3)

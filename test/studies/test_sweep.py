@@ -1,4 +1,5 @@
-"""Sweeps: equal to single solves whatever the number of jobs, hysteresis, failed points, interruption and resumption."""
+"""Sweeps: equal to single solves whatever the number of jobs, hysteresis, failed points, interruption and resumption.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from tcc_sim.studies.point import settling, solve_points
 from tcc_sim.studies.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid, values_of_range
 
 KINETIC = "friction.kinetic_coefficient"
-PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0, "friction.static_coefficient": 0.3,
+PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
+         "friction.static_coefficient": 0.3,
          KINETIC: 0.3, "friction.law": "set_valued"}
 
 
@@ -121,7 +123,8 @@ def test_auto_stops_when_the_section_has_settled() -> None:
 
 
 @pytest.mark.parametrize("direction", ["cold", "down"])
-def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch, direction: str) -> None:  # type: ignore[no-untyped-def]
+def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch,
+                                                    direction: str) -> None:  # type: ignore[no-untyped-def]
     plan = Plan(cycles=30, direction=direction)
     values = [float(x) for x in np.linspace(0.26, 0.3, 9)]
     whole = sweep(system(0.36), KINETIC, values, plan)
@@ -163,8 +166,10 @@ def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:  # type: 
     assert out.read_text() == "notes\n"
 
 
-def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    words = ["sweep", "slip", "--set", "friction.law=set_valued", "--over", "engine.torque_amplitude=10:40:4", "--cycles", "6"]
+def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monkeypatch,
+                                                                  capsys) -> None:  # type: ignore[no-untyped-def]
+    words = ["sweep", "slip", "--set", "friction.law=set_valued", "--over", "engine.torque_amplitude=10:40:4",
+             "--cycles", "6"]
     assert main([*words, "--json", str(tmp_path / "a.json")]) == 0
     found = json.loads((tmp_path / "a.json").read_text())
     assert found["over"] == "engine.torque_amplitude"
@@ -200,7 +205,8 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monk
     ["--over", "friction.law=1:2:2"],
     ["--over", "rate=100:200:2"],
 ])
-def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path,
+                                              capsys) -> None:  # type: ignore[no-untyped-def]
     out = tmp_path / "out.jsonl"
     assert main(["sweep", "fig02", *words, "--out", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1

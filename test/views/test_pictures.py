@@ -58,7 +58,8 @@ def test_stick_is_shaded_where_the_clutch_sticks(tmp_path):
 def test_the_same_picture_is_the_same_file(tmp_path):
     run = trajectory_of()
     for suffix in ("png", "svg"):
-        one, two = (pictures.overview(tmp_path / f"{name}.{suffix}", run, cycles_of(run), 0, summarise(run)).read_bytes()
+        one, two = (pictures.overview(tmp_path / f"{name}.{suffix}", run, cycles_of(run), 0,
+                                      summarise(run)).read_bytes()
                     for name in "ab")
         assert one == two
 

@@ -1,4 +1,5 @@
-"""The classical fixed-step Runge-Kutta method of order 4, for contrast: it needs steps below about 2.8/(beta Ts sigma)."""
+"""The classical fixed-step Runge-Kutta method of order 4, for contrast: it needs steps below about 2.8/(beta Ts sigma).
+"""
 
 from __future__ import annotations
 

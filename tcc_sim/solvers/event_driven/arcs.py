@@ -1,8 +1,9 @@
-"""Closed-form arcs of the set-valued law: what the exact engine knows of each mode before it starts, and their evaluation.
+"""Closed-form arcs of the set-valued law: what the exact engine knows of each mode before it starts, and their
+evaluation.
 
-On an arc every signal has the form  c0 + c1 tau + sum_k Im(Z_k exp(i (w_k u + phase_k))) + A f(tau) + B g(tau),  where u is
-the time since the start of the engine cycle, tau the time since the start of the arc, and f, g the two free motions of the
-oscillator of the mode. The Z_k belong to the mode; only c0, A and B change from arc to arc.
+On an arc every signal has the form  c0 + c1 tau + sum_k Im(Z_k exp(i (w_k u + phase_k))) + A f(tau) + B g(tau),  where
+u is the time since the start of the engine cycle, tau the time since the start of the arc, and f, g the two free
+motions of the oscillator of the mode. The Z_k belong to the mode; only c0, A and B change from arc to arc.
 """
 
 from __future__ import annotations
@@ -23,14 +24,19 @@ Floats = NDArray[np.float64]
 STICK, POSITIVE, NEGATIVE, FREE = 0, 1, 2, 3
 """Rows of the tables."""
 LIGHT, HEAVY, CRITICAL = 0.0, 1.0, 2.0
-"""Kinds of damping: f, g are exp(-d tau) cos and sin of wd tau; two real exponentials; or, near critical damping where these
-two pairs lose their digits, exp(-d tau) times cos and sin(wd tau)/wd (or cosh and sinh) with g scaled to stay below 1."""
+"""Kinds of damping: f, g are exp(-d tau) cos and sin of wd tau; two real exponentials; or, near critical damping where
+these two pairs lose their digits, exp(-d tau) times cos and sin(wd tau)/wd (or cosh and sinh) with g scaled to stay
+below 1.
+"""
 RESONANT = 1e-8
-"""Relative distance kept from an undamped resonance, where sine and free motion lose their digits: the stiffness moves."""
+"""Relative distance kept from an undamped resonance, where sine and free motion lose their digits: the stiffness moves.
+"""
 
 
-# Layout of the pad, the one array of the inner loops (each further array would cost a reference count per call): three looks
-# of 3 signals (value, slope, second derivative); the largest and smallest v; evaluations and their limit; the present arc, 3
+# Layout of the pad, the one array of the inner loops (each further array would cost a reference count per call): three
+# looks
+# of 3 signals (value, slope, second derivative); the largest and smallest v; evaluations and their limit; the present
+# arc, 3
 # signals of c0, c1, A, B and A, B of their first two derivatives; and the row of Tables.modes of the present mode.
 LEFT, RIGHT, HERE, HIGHEST, LOWEST, COUNT, MOST, ARC, ROW = 0, 9, 18, 27, 28, 29, 30, 32, 56
 # Layout of a row of Tables.modes, from ROW on.
@@ -46,18 +52,21 @@ ENGINE, LOAD = 3, 5
 class Tables(NamedTuple):
     """Constants of the four modes, in flat arrays because the inner loops read nothing else; m distinct frequencies.
 
-    Slip: signal 0 is |v|. Stick: signals 0 and 1 are r Ts - lambda and r Ts + lambda, N m. Free: signal 0 is v. In every mode
-    signal 2 is theta2.
+    Slip: signal 0 is |v|. Stick: signals 0 and 1 are r Ts - lambda and r Ts + lambda, N m. Free: signal 0 is v. In
+    every mode signal 2 is theta2.
     """
 
     modes: Floats
-    """(4, 27 + 8 m). Free motion: x' as a matrix on (A, B) (4), kind of damping, decay rates that bound f and g, wd or its
-    like, factor of g, moduli of the matrix to the power 4 (4). Then c1 of signal 0; constants of the 3 signals; their free
-    part as a x + b x' of the free part x of theta2 (3 times 2); sums of |Z| and of |Z| w^4 of signals 0 and 1. Then for each
-    frequency w, its phase at the start of the present engine cycle (rad, set by the kernel), Z of the three signals."""
+    """(4, 27 + 8 m). Free motion: x' as a matrix on (A, B) (4), kind of damping, decay rates that bound f and g, wd or
+    its like, factor of g, moduli of the matrix to the power 4 (4). Then c1 of signal 0; constants of the 3 signals;
+    their free part as a x + b x' of the free part x of theta2 (3 times 2); sums of |Z| and of |Z| w^4 of signals 0 and
+    1. Then for each frequency w, its phase at the start of the present engine cycle (rad, set by the kernel), Z of the
+    three signals.
+    """
     inputs: Floats
-    """(9 + 7 m,) I1, I2, C23, K23, Tm, Tsm, Tsp, phase of the load at t = 0, index of its frequency (-1 for a constant load).
-    Then for each frequency w, w/omega, its phase as above, Z of Te and Z of Ts."""
+    """(9 + 7 m,) I1, I2, C23, K23, Tm, Tsm, Tsp, phase of the load at t = 0, index of its frequency (-1 for a constant
+    load). Then for each frequency w, w/omega, its phase as above, Z of Te and Z of Ts.
+    """
     noise: float
     """Relative rounding of the torques: that of double precision, magnified next to an undamped resonance."""
 
@@ -84,7 +93,8 @@ def tables_of(system: System, terms: Terms) -> Tables:
              for mode, sign in ((STICK, 0.0), (POSITIVE, 1.0), (NEGATIVE, -1.0), (FREE, 0.0))]
     sines = np.stack([w, turns, 0.0 * w, engine.real, engine.imag, load.real, load.imag], axis=1)
     constants = [*terms.linear, terms.mean_torque, terms.mean_load, pulsation[0], pulsation[2], float(index)]
-    return Tables(np.stack([row for row, _ in modes]), np.concatenate([constants, sines.ravel()]), max(n for _, n in modes))
+    return Tables(np.stack([row for row, _ in modes]), np.concatenate([constants, sines.ravel()]),
+                  max(n for _, n in modes))
 
 
 def _mode_row(mode: int, sign: float, terms: Terms, w: Floats, engine: NDArray[np.complex128],
@@ -205,7 +215,8 @@ def start_arc(u: float, mode: int, speed: float, angle: float, rate: float, mode
 
 @compiled
 def evaluate(tau: float, u: float, count: int, pad: Floats) -> tuple[float, float]:
-    """Value and first two derivatives of the first `count` signals at u + tau, into the look HERE; bounds of |f|, |g|."""
+    """Value and first two derivatives of the first `count` signals at u + tau, into the look HERE; bounds of |f|, |g|.
+    """
     f, g, fade, other = free_pair(tau, pad)
     for j in range(count):
         a, i = ARC + 8 * j, HERE + 3 * j

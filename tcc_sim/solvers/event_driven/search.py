@@ -1,9 +1,10 @@
-"""Finding the first event and the extremes of an arc with certainty: Hermite cubics with a bound of the fourth derivative.
+"""Finding the first event and the extremes of an arc with certainty: Hermite cubics with a bound of the fourth
+derivative.
 
-A cell [a, b] is passed only with a proof: the cubic through value and slope at its ends differs from the signal by at most
-B h^4/384, its slope by at most 0.00802 B h^3, and the linear interpolant of the second derivative by at most B h^2/8, where
-B bounds the fourth derivative. Where the proof fails, the cell is cut. End-point signs alone decide nothing, so two events
-in one cell, grazing and a start at zero are told apart.
+A cell [a, b] is passed only with a proof: the cubic through value and slope at its ends differs from the signal by at
+most B h^4/384, its slope by at most 0.00802 B h^3, and the linear interpolant of the second derivative by at most B
+h^2/8, where B bounds the fourth derivative. Where the proof fails, the cell is cut. End-point signs alone decide
+nothing, so two events in one cell, grazing and a start at zero are told apart.
 """
 
 from __future__ import annotations
@@ -109,13 +110,14 @@ def find_extreme(a: float, b: float, u: float, mode: int, pad: Floats, series: A
 
 
 @compiled
-def search(span: float, u: float, mode: int, upward: float, offset: float, tolerance: float, steepest: float, shortest: float,
+def search(span: float, u: float, mode: int, upward: float, offset: float, tolerance: float, steepest: float,
+           shortest: float,
            pad: Floats, series: Any, bend: float, size: float) -> tuple[int, float]:
     """The first event in (0, span] of the arc that starts at u; the extremes of v until then, less its ends, go to the
     pad.
 
-    Returns (signal, tau), or (NONE, span), or (EXHAUSTED, tau) where the evaluations run out. A signal that
-    starts at `tolerance` or below starts at its root, which is no event unless it falls faster than `steepest`. `mode` is
+    Returns (signal, tau), or (NONE, span), or (EXHAUSTED, tau) where the evaluations run out. A signal that starts at
+    `tolerance` or below starts at its root, which is no event unless it falls faster than `steepest`. `mode` is
     negative for a power series, whose fourth derivative is bounded by `bend`. v = upward (signal 0 + offset).
     """
     rows = 2 if mode == STICK else 1
@@ -192,7 +194,8 @@ def note(v: float, pad: Floats) -> None:
 @compiled
 def note_inside(a: float, b: float, u: float, mode: int, upward: float, offset: float, crossing: bool, pad: Floats,
                 series: Any, fourth: float, size: float) -> bool:
-    """Take in an extreme inside the cell, if it matters; False where the cell is too long to tell whether there is one."""
+    """Take in an extreme inside the cell, if it matters; False where the cell is too long to tell whether there is one.
+    """
     h = b - a
     slack = fourth * h * h * h
     e = slack * h / 384.0

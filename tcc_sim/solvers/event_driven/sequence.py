@@ -70,7 +70,8 @@ def mode_at_rest(u: float, angle: float, rate: float, ratio: float, tolerance: f
 
 @compiled
 def until_clamp(u: float, loaded: bool, inputs: Floats) -> float:
-    """Time until the pressure next meets 0, where its amplitude is above its mean: the end of the loaded or free part."""
+    """Time until the pressure next meets 0, where its amplitude is above its mean: the end of the loaded or free part.
+    """
     k = int(inputs[LOAD_INDEX])
     i = FIRST_INPUT + PER_INPUT * k
     w = inputs[i]
@@ -129,15 +130,20 @@ def record(tau: float, u: float, kind: int, mode: int, offset: float, slipped: f
 
 
 @compiled
-def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any, tables: Tables, stribeck: Any, series: Any,
-          flywheel: Any, rows: Floats, section: Floats, highest: Floats, lowest: Floats, stick_time: Floats, buffer: Floats,
+def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any, tables: Tables, stribeck: Any,
+          series: Any,
+          flywheel: Any, rows: Floats, section: Floats, highest: Floats, lowest: Floats, stick_time: Floats,
+          buffer: Floats,
           kinds: Any) -> None:
-    """March through the engine cycles from progress[5] on, until the end, a failure, or a nearly full transition buffer.
+    """March through the engine cycles from progress[5] on, until the end, a failure, or a nearly full transition
+    buffer.
 
     state : v, theta2, theta2', theta1 - theta2
-    settings : cycle, part of a cycle after the whole ones (s), torque tolerance, slip speed beyond which the law is constant,
+    settings : cycle, part of a cycle after the whole ones (s), torque tolerance, slip speed beyond which the law is
+        constant,
         tolerance of the series, scale of theta2', samples per cycle
-    progress : mode (-1: not known yet), loaded, samples filled, transitions in the buffer, failure, cycles done, evaluations,
+    progress : mode (-1: not known yet), loaded, samples filled, transitions in the buffer, failure, cycles done,
+        evaluations,
         most evaluations and events per cycle
     rows : samples (v, theta2, theta2', Tf, row of the mode, theta1)
     """

@@ -1,8 +1,9 @@
 """The exact engine of the set-valued law (6): arcs of one mode each, joined at located events.
 
-Modes: stick, positive slip, negative slip, and free while the pressure is clamped at 0. Every arc is in closed form, except
-slip with mu_k < mu_s below the slip speed where exp(-alpha |v|) vanishes in rounding: there it is a power series of order 20.
-Which mode follows is decided from the torques, never from the sign of a rounded slip speed; in stick v = 0 exactly.
+Modes: stick, positive slip, negative slip, and free while the pressure is clamped at 0. Every arc is in closed form,
+except slip with mu_k < mu_s below the slip speed where exp(-alpha |v|) vanishes in rounding: there it is a power series
+of order 20. Which mode follows is decided from the torques, never from the sign of a rounded slip speed; in stick v = 0
+exactly.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ def solve(problem: Problem) -> Trajectory:
 
     `problem.rtol` bounds the truncation of the power series where mu_k < mu_s. Transitions are the changes of mode.
 
-    Undamped resonances are solved with a stiffness moved by about 1e-8, critical damping with a frequency moved by 1e-10: the
-    closed form has no digits left there.
+    Undamped resonances are solved with a stiffness moved by about 1e-8, critical damping with a frequency moved by
+    1e-10: the closed form has no digits left there.
     """
     system, terms = problem.system, _law(terms_of(problem.system))
     cycle, whole = system.cycle, problem.whole_cycles
@@ -65,7 +66,8 @@ def solve(problem: Problem) -> Trajectory:
 
     def go_on(state: Floats, progress: NDArray[np.int64]) -> None:
         """March until the end, a failure or a full buffer."""
-        march(problem.start_cycle, whole, state, settings, progress, tables, terms.stribeck, series, flywheel, rows, section,
+        march(problem.start_cycle, whole, state, settings, progress, tables, terms.stribeck, series, flywheel, rows,
+              section,
               highest, lowest, stick_time, buffer, kinds)
 
     go_on(state.copy(), np.where(np.arange(len(progress)) == 5, whole + 1, progress))  # Compiling is not solving.
@@ -83,7 +85,8 @@ def solve(problem: Problem) -> Trajectory:
     transitions = Transitions(*(np.concatenate(parts) for parts in zip(*kept))) if kept else Transitions.none()
     states = rows[:, [0, 1, 2, 5]] if problem.flywheel_angle else rows[:, :3]
     out = assemble(problem, "event_driven", times[:filled], states, friction_torque=rows[:, 3],
-                   cycles=Cycles(section[:done + 1], highest[:done], lowest[:done], stick_time[:done]), transitions=transitions,
+                   cycles=Cycles(section[:done + 1], highest[:done], lowest[:done], stick_time[:done]),
+                   transitions=transitions,
                    status=status, detail=_detail(status, limit),
                    statistics=Statistics(steps=int(progress[6]), iterations=int(progress[6]), seconds=seconds))
     return dataclasses.replace(out, state=np.where(modes == 2, np.sign(rows[:, 0]), modes).astype(np.int8))

@@ -1,9 +1,11 @@
 """Radau IIA collocation for the layer and for stick, its stages reduced to as many scalar equations.
 
 The only nonlinearity is the friction torque f(v), and it enters through a constant vector, so the linear part is
-eliminated by hand. With a = h A (A the Runge-Kutta matrix), V, W the stage slip and plate speeds and F the friction torques,
+eliminated by hand. With a = h A (A the Runge-Kutta matrix), V, W the stage slip and plate speeds and F the friction
+torques,
 
-    (I2 + C23 a + K23 a^2) (W - w0) = a F - h c (C23 w0 + K23 theta0) - a h c K23 w0,    V + W = v0 + w0 + a (Te - F)/I1,
+    (I2 + C23 a + K23 a^2) (W - w0) = a F - h c (C23 w0 + K23 theta0) - a h c K23 w0,    V + W = v0 + w0 + a (Te -
+    F)/I1,
 
 hence V + G F = V_free with G = a/I1 + (I2 + C23 a + K23 a^2)^-1 a, solved by Newton's method.
 
@@ -115,7 +117,8 @@ def law_and_slope(v: float, sign: float, sigma: float, stribeck: Stribeck) -> tu
 
 @compiled_without_allocation
 def balance(matrix: Any, gain: Any, newton: Any, free: Any, stage: Any, sigma: float, stribeck: Stribeck) -> None:
-    """A better guess where the step is long beside 1/(beta Ts sigma): the torques G^-1 (V_free - V), and V again from them.
+    """A better guess where the step is long beside 1/(beta Ts sigma): the torques G^-1 (V_free - V), and V again from
+    them.
 
     An error of the guess shrinks by about the step over that time, however far it is beyond Newton's reach.
     """
@@ -133,13 +136,14 @@ def balance(matrix: Any, gain: Any, newton: Any, free: Any, stage: Any, sigma: f
 
 
 @compiled_without_allocation
-def solve_stages(matrix: Any, right: Any, gain: Any, newton: Any, free: Any, stage: Any, h: float, state: Any, sign: float,
+def solve_stages(matrix: Any, right: Any, gain: Any, newton: Any, free: Any, stage: Any, h: float, state: Any,
+                 sign: float,
                  linear: Linear, sigma: float, stribeck: Stribeck, accuracy: float, rate: float, stiff: bool) -> int:
     """Newton's method for the stage slip speeds: rows 0 to 5 of `stage` are V, W, theta2, F, Te, Ts.
 
-    V holds the first guess, Te and Ts are given; `stiff` improves the guess by `balance`; `rate` (s/rad) is how fast mubar'
-    changes with v. F comes out as the linear equations have it, so that momentum is kept to
-    rounding whatever the last correction was. Returns the number of iterations, negative where it did not converge.
+    V holds the first guess, Te and Ts are given; `stiff` improves the guess by `balance`; `rate` (s/rad) is how fast
+    mubar' changes with v. F comes out as the linear equations have it, so that momentum is kept to rounding whatever
+    the last correction was. Returns the number of iterations, negative where it did not converge.
     """
     n = STAGES
     v, theta, speed = state[0], state[1], state[2]

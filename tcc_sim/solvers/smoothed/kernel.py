@@ -1,4 +1,5 @@
-"""The compiled march of the smoothed engine: which method takes the next step, how long it is, and what is kept of it."""
+"""The compiled march of the smoothed engine: which method takes the next step, how long it is, and what is kept of it.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +33,21 @@ from tcc_sim.solvers.step_output import (
 
 DONE, STEP_LIMIT, STEP_TOO_SMALL, NOT_FINITE = range(4)
 CALM = 4
-"""Series steps on the slow manifold after which Radau is tried again, where its error had sent it away; doubles each time."""
+"""Series steps on the slow manifold after which Radau is tried again, where its error had sent it away; doubles each
+time.
+"""
 PATIENCE = 16
-"""Series steps of equal length, the mark of a step that stability limits, after which Radau is tried; doubles each time."""
+"""Series steps of equal length, the mark of a step that stability limits, after which Radau is tried; doubles each
+time.
+"""
 
 
 @compiled
-def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: float, period: float, frequency_ratio: float,
+def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: float, period: float,
+          frequency_ratio: float,
           step_limit: int, rtol: float, order: int, linear_order: int, per_cycle: int, samples: Any, section: Any,
-          highest: Any, lowest: Any, stick_time: Any, times: Any, before: Any, after: Any, stick_speed: float, angle: Any,
+          highest: Any, lowest: Any, stick_time: Any, times: Any, before: Any, after: Any, stick_speed: float,
+          angle: Any,
           linear: Linear, mean_torque: float, torque: tuple[float, float] | None, harmonics: Any, mean_load: float,
           pulsation: tuple[float, float, float] | None, sigma: float, stribeck: Stribeck) -> None:
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more."""
@@ -140,7 +147,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     if h != prepared:
                         radau.prepare(matrix, right, gain, h, linear)
                         prepared = h
-                    radau.fill(stage, previous, base, h / h_previous, h, tau, shift, loaded, mean_torque, torque, harmonics,
+                    radau.fill(stage, previous, base, h / h_previous, h, tau, shift, loaded, mean_torque, torque,
+                               harmonics,
                                mean_load, pulsation)
                     slope = radau.law_and_slope(v, sign, sigma, stribeck)[1]
                     bend = 0.0
@@ -148,7 +156,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         bend = stribeck[1]
                     if region == LAYER:
                         bend += sigma
-                    used = radau.solve_stages(matrix, right, gain, newton, free, stage, h, state, sign, linear, sigma, stribeck,
+                    used = radau.solve_stages(matrix, right, gain, newton, free, stage, h, state, sign, linear, sigma,
+                                              stribeck,
                                               min(0.01 * slip_tolerance, 1e-5 / sigma), bend,
                                               region == LAYER and h * beta * stage[5, 0] * slope > 20.0)
                     tally[ITERATIONS] += abs(used)
@@ -184,9 +193,11 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, -2.0 * nearly_zero,
                                                              0.1 * nearly_zero)
                         if crossing <= 1.0:
-                            crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, -nearly_zero, 0.1 * nearly_zero)
+                            crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, -nearly_zero,
+                                                                 0.1 * nearly_zero)
                     elif loaded and region != LAYER:
-                        crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, layer * (1.0 - 1e-6), 1e-7 * layer)
+                        crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, layer * (1.0 - 1e-6),
+                                                             1e-7 * layer)
                         if crossing <= 1.0:
                             crossing = polynomial.first_crossing(trial, SLIP, STAGES, 1.0, sign, layer, 1e-7 * layer)
                     if 0.0 < crossing < 1.0:
@@ -204,7 +215,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                             for j in range(STAGES):
                                 stage[6, i] += h * radau.MATRIX[i, j] * (stage[0, j] + stage[1, j])
                         radau.collocation(trial, 3, state[3], stage, 6)
-                    keeping.record(trial, STAGES, h, 1.0, tau, time, True, sign, stick_speed, tally, extent, period, per_cycle,
+                    keeping.record(trial, STAGES, h, 1.0, tau, time, True, sign, stick_speed, tally, extent, period,
+                                   per_cycle,
                            first_sample, samples, times, before, after, angle)
                     state[0] = stage[0, STAGES - 1]
                     state[1] = stage[2, STAGES - 1]
@@ -218,9 +230,11 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                     error = max(error, 1e-12)
                     h_next = h * min(5.0, 0.85 * error ** -0.2)
                     if error_accepted > 0.0:
-                        # Gustafsson's predictive controller (Hairer and Wanner, Sec. IV.8): error grows from step to step on the
+                        # Gustafsson's predictive controller (Hairer and Wanner, Sec. IV.8): error grows from step to
+                        # step on the
                         # way to breakaway.
-                        h_next = min(h_next, h * max(0.2, 0.7 * h / h_accepted * (error_accepted / (error * error)) ** 0.2))
+                        h_next = min(h_next,
+                                     h * max(0.2, 0.7 * h / h_accepted * (error_accepted / (error * error)) ** 0.2))
                     if 0.9 * h < h_next < 1.2 * h:
                         h_next = h
                     error_accepted = error
@@ -242,7 +256,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         calm = 0
                     continue
                 p = linear_order if region == SLIDING else order
-                unit, rho = taylor.expand(series, p, base_rate, state, tau, shift, region, sign, loaded, linear, mean_torque,
+                unit, rho = taylor.expand(series, p, base_rate, state, tau, shift, region, sign, loaded, linear,
+                                          mean_torque,
                                           torque, harmonics, mean_load, pulsation, sigma, stribeck)
                 if region == LAYER:
                     slip_tolerance = min(slip_tolerance, min(1e-3, 300.0 * rtol) / sigma)
@@ -252,7 +267,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                                               slip_tolerance)
                 if region == LAYER and sigma * abs(v) > 3.0:
                     # tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|) here.
-                    x = taylor.falling_length(series, p, min(x, remaining / unit), sign, (2.0, 2.0 * sigma), strength * unit,
+                    x = taylor.falling_length(series, p, min(x, remaining / unit), sign, (2.0, 2.0 * sigma),
+                                              strength * unit,
                                               slip_tolerance)
                 if not x > 0.0:
                     status = STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
@@ -275,7 +291,8 @@ def march(state: Any, tally: Any, scales: Any, first: int, count: int, tail: flo
                         full = False
                 if angle is not None:
                     taylor.add_angle(series, p, unit, state)
-                keeping.record(series, p, unit, x, tau, time, region == LAYER or not loaded, sign, stick_speed, tally, extent,
+                keeping.record(series, p, unit, x, tau, time, region == LAYER or not loaded, sign, stick_speed, tally,
+                               extent,
                        period, per_cycle, first_sample, samples, times, before, after, angle)
                 h = x * unit
                 state[0], slope = polynomial.value_and_slope(series, SLIP, p, x)

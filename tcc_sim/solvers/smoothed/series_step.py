@@ -1,8 +1,8 @@
 """Taylor series of the equations of motion about a point, with friction law (7) by recurrence.
 
 The recurrences are those of automatic differentiation (Hairer, Norsett and Wanner, Solving Ordinary Differential
-Equations I, Sec. I.8): E = exp(-alpha |v|) from E' = -alpha sgn(v) v' E, T = tanh(sigma v) from T' = sigma (1 - T^2) v',
-sines by their own recurrence. Coefficients are in scaled time x = t/H, so that none of them overflows.
+Equations I, Sec. I.8): E = exp(-alpha |v|) from E' = -alpha sgn(v) v' E, T = tanh(sigma v) from T' = sigma (1 - T^2)
+v', sines by their own recurrence. Coefficients are in scaled time x = t/H, so that none of them overflows.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ def excitation(series: Any, count: int, scale: float, tau: float, shift: float, 
 @compiled_without_allocation
 def segment_end(tau: float, end: float, shift: float, mean_load: float,
                 pulsation: tuple[float, float, float] | None) -> tuple[float, bool]:
-    """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then."""
+    """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then.
+    """
     if pulsation is None:
         return end, mean_load > 0.0
     else:
@@ -215,9 +216,10 @@ def falling_length(series: Any, order: int, x: float, sign: float, stribeck: tup
                    slip_tolerance: float) -> float:
     """A step of at most x over which the series of exp(-alpha |v|) is accurate too.
 
-    While slip dies down the coefficients of that series rise up to order z = alpha |change of v|, far beyond the last ones kept
-    where z is large, which the last two terms do not show. (Below z = order/2 they do: each is at most half of the one before.)
-    Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of the two end values of the exponential.
+    While slip dies down the coefficients of that series rise up to order z = alpha |change of v|, far beyond the last
+    ones kept where z is large, which the last two terms do not show. (Below z = order/2 they do: each is at most half
+    of the one before.) Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of the two end values of the
+    exponential.
     """
     excess, decay = stribeck
     goal = math.log(slip_tolerance) + math.lgamma(order + 2.0)

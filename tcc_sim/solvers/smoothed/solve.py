@@ -1,10 +1,10 @@
 """The fast adaptive engine for the smoothed friction law (7).
 
-Outside the layer |v| < 19/sigma tanh is exactly 1 and slip is not stiff: Taylor series of high order with variable step,
-without the exponential too where that is below rounding. Inside the layer the series hold tanh as well, as long as the
-layer's own rate beta Ts sigma does not limit the step; then (in stick) Radau IIA of order 9 takes over, its five stages
-reduced to scalar equations. Steps end at the edges of these regions, found on the step's polynomial by a search that
-cannot pass a root; section points are step ends.
+Outside the layer |v| < 19/sigma tanh is exactly 1 and slip is not stiff: Taylor series of high order with variable
+step, without the exponential too where that is below rounding. Inside the layer the series hold tanh as well, as long
+as the layer's own rate beta Ts sigma does not limit the step; then (in stick) Radau IIA of order 9 takes over, its five
+stages reduced to scalar equations. Steps end at the edges of these regions, found on the step's polynomial by a search
+that cannot pass a root; section points are step ends.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def solve(problem: Problem) -> Trajectory:
 
     Returns
     -------
-    Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states so far.
+    Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states so
+    far.
     """
     return solve_terms(problem, terms_of(problem.system))
 
@@ -86,7 +87,8 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     def march(cycles: int, rest: float, moves: Moves) -> None:
         """March on through some cycles and the rest of one."""
         marching.march(state, tally, scales, problem.start_cycle + done, cycles, rest, period,
-                       problem.system.pressure.frequency_ratio, limit, rtol, order, linear_order, problem.samples_per_cycle,
+                       problem.system.pressure.frequency_ratio, limit, rtol, order, linear_order,
+                       problem.samples_per_cycle,
                        samples, section[done:], highest[done:], lowest[done:], stick_time[done:], *moves, stick_speed,
                        True if problem.flywheel_angle else None, terms.linear, terms.mean_torque, terms.torque,
                        terms.harmonics, terms.mean_load, terms.pulsation, smoothing, terms.stribeck)
@@ -121,12 +123,14 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     else:
         reached = (problem.start_cycle + whole) * period + float(scales[5])
         filled = min(int(tally[keeping.SAMPLES]), int(np.searchsorted(sample_times, reached)))
-        t = np.append(sample_times[:filled], reached) if problem.samples_per_cycle else np.array([problem.start, reached])
+        t = np.append(sample_times[:filled],
+                      reached) if problem.samples_per_cycle else np.array([problem.start, reached])
         states = np.vstack([samples[:filled] if problem.samples_per_cycle else initial[None], state])
     changes = Transitions(*(np.concatenate([part[i] for part in found]) for i in range(3)))
     statistics = Statistics(int(tally[keeping.STEPS]), int(tally[keeping.REJECTED]), int(tally[keeping.ITERATIONS]),
                             int(tally[keeping.ITERATIONS_MAX]), radau.ITERATIONS_MAXIMUM, seconds)
-    trajectory = assemble(problem, "smoothed", t, states[:, :columns], cycles=cycles, transitions=changes, status=status,
+    trajectory = assemble(problem, "smoothed", t, states[:, :columns], cycles=cycles, transitions=changes,
+                          status=status,
                           statistics=statistics)
     return trajectory if status is not Status.NOT_FINITE else replace(trajectory, detail="the state grew without bound")
 
