@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.smoothed.solve import solve as smoothed
+from tcc_sim.solvers.smoothed import solve as smoothed
 from tcc_sim.solvers.terms import general_terms, stick_speed_of, terms_of
 from tcc_sim.trajectory import State, Status
 
