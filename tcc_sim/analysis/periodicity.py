@@ -30,6 +30,8 @@ LEAST_DECAY = 0.05
 DOUBTFUL = 0.5
 """A difference may be none in the limit where its decay leaves less than this part of it, as far as its size tells; and
 a decay whose rate falls below this part within the run may end before it is none."""
+SHRINKING = 0.02
+"""Least shrinking over the run, relative to what is left, that is looked at."""
 GROWTH = 2.0
 """Growth of a difference from a third of the run to the next, twice, that shows a motion on its way elsewhere."""
 
@@ -81,7 +83,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
             return Periodicity(period, True, _change(points, period))
         limit = _limit(points, period)
         if limit is not None:
-            found = _period_of(limit, max(tolerance, NEAR * _largest(limit - points[-period:])))
+            found = _period_of(limit, _largest(limit - points[-period:]), tolerance)
             if not found:
                 break
             return Periodicity(found, False, _change(points, found))
@@ -116,21 +118,19 @@ def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, floa
     return a, b, c
 
 
-def _remainder(a: float, b: float, c: float) -> float:
-    """The limit of sizes that shrink, from three of them, by A. C. Aitken's delta-squared process."""
-    return c - (b - c) ** 2 / ((a - b) - (b - c)) if (a - b) > (b - c) else -math.inf
-
-
 def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
     """Whether what tells a divisor from a period that repeats dies out, as far as its size tells.
 
-    A slow alternation repeats after two cycles within any tolerance that is wider than its decay.
+    A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its size
+    is that of A. C. Aitken's delta-squared process.
     """
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return False
     a, b, c = thirds
-    return c < b < a and _remainder(a, b, c) < DOUBTFUL * c
+    if not (c < b < a and a - c > SHRINKING * c):
+        return False
+    return (b - c) >= (a - b) or c - (b - c) ** 2 / ((a - b) - (b - c)) < DOUBTFUL * c
 
 
 def _grows(points: Floats, period: int, tolerance: float) -> bool:
@@ -189,12 +189,14 @@ def _decay(points: Floats, period: int) -> tuple[float, Floats, float] | None:
     return *best, -math.log(largest)
 
 
-def _period_of(limit: Floats, uncertainty: float) -> int:
-    """The smallest divisor of the length of an orbit after which it repeats; 0 where that is in doubt."""
+def _period_of(limit: Floats, left: float, tolerance: float) -> int:
+    """The smallest divisor of the length of an orbit after which it repeats; 0 where the distance left to it, of which
+    some is uncertain, leaves that in doubt.
+    """
     for shorter in _divisors(len(limit)):
         apart = _largest(np.roll(limit, -shorter, axis=0) - limit)
-        if apart <= 4.0 * uncertainty:
-            return shorter if apart <= uncertainty else 0
+        if apart <= 4.0 * max(left, tolerance):
+            return shorter if apart <= max(NEAR * left, tolerance) else 0
     return len(limit)
 
 
