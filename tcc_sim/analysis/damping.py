@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -87,7 +87,8 @@ def _integrated(system: System, section: Floats, number: int, integrals: Floats)
     terms = terms_of(system)
     falling = terms.stribeck[0] * terms.stribeck[1] if terms.stribeck is not None else 0.0
     samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / PHASE)
-    run = solve(system, cycles=1, samples_per_cycle=min(max(samples, FEWEST), MOST), start_cycle=number, state=State(*section.tolist()))
+    run = solve(system, cycles=1, samples_per_cycle=min(max(samples, FEWEST), MOST), start_cycle=number,
+                state=State(*section.tolist()))
     if run.status is not Status.DONE:
         return False
     integrals += integrals_of_arcs(run)
@@ -147,7 +148,8 @@ def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -
     def accelerations(t: Floats, v: Floats, angle: Floats, speed: Floats) -> tuple[Floats, Floats]:
         engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
         load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
-        torque = load * friction.sliding(np.abs(v) * mode, mode, terms.stribeck)
+        sliding: Any = friction.sliding
+        torque = load * sliding(np.abs(v) * mode, mode, terms.stribeck)
         slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
         return slip, plate
 

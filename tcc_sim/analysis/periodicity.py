@@ -149,12 +149,14 @@ def _limit(points: Floats, period: int) -> Floats | None:
     too, but at a rate that falls.
     """
     points = points[len(points) // 3:]
-    half = len(points) // 2
-    whole, first, second = (_decay(part, period) for part in (points, points[:half], points[half:]))
-    if whole is None or first is None or second is None:
+    whole = _decay(points, period)
+    if whole is None:
         return None
     misfit, coefficients, rate = whole
-    if misfit > MISFIT or rate * len(points) / period < LEAST_DECAY + 10.0 * misfit or second[2] < DOUBTFUL * first[2]:
+    if misfit > MISFIT or rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
+        return None
+    first, second = (_decay(part, period) for part in np.array_split(points, 2))
+    if first is None or second is None or second[2] < DOUBTFUL * first[2]:
         return None
     modes = len(coefficients)
     ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]

@@ -143,7 +143,7 @@ def _rates(v: float, angle: float, speed: float, engine: float, friction: float,
 @compiled
 def _cubic(x: float, start: float, stages: Floats) -> float:
     """The collocation polynomial of the slip speed at the part x of a step."""
-    out = start * (x - NODES[0]) * (x - NODES[1]) * (x - NODES[2]) / -(NODES[0] * NODES[1] * NODES[2])
+    out: float = start * (x - NODES[0]) * (x - NODES[1]) * (x - NODES[2]) / -(NODES[0] * NODES[1] * NODES[2])
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out += (stages[i] * x * (x - NODES[j]) * (x - NODES[k])
@@ -152,7 +152,7 @@ def _cubic(x: float, start: float, stages: Floats) -> float:
 
 
 @compiled
-def _integrate(h: float, load_time: float, start: float, stages: Floats, peak: float, terms: Terms,
+def _integrate(h: float, load_time: float, start: float, stages: Floats, peak: float, terms: Any,
                integrals: Floats) -> None:
     """Add a step's integrals, in parts that end where |v| crosses the peak of mubar: there dT/dv changes its sign."""
     a = 0.0
@@ -183,7 +183,7 @@ def _integrate(h: float, load_time: float, start: float, stages: Floats, peak: f
 
 
 @compiled
-def _stages(v: float, angle: float, speed: float, h: float, tau: float, before: float, accuracy: float, terms: Terms,
+def _stages(v: float, angle: float, speed: float, h: float, tau: float, before: float, accuracy: float, terms: Any,
             work: Floats) -> bool:
     """Newton's method on V + G F(V) = b from the guesses in work[6, :3]; whether it converged.
 
@@ -253,7 +253,7 @@ def _carry(h: float, tangent: Floats, linear: Any, work: Floats) -> None:
 
 @compiled
 def pass_cycle(state: Floats, tangent: Floats, number: int, tolerance: float, cycle: float, longest: float,
-               scales: tuple[float, float, float], peak: float, terms: Terms, work: Floats,
+               scales: tuple[float, float, float], peak: float, terms: Any, work: Floats,
                integrals: Floats | None) -> bool:
     """See `passed`."""
     v, angle, speed = state[0], state[1], state[2]

@@ -44,7 +44,7 @@ LONGEST_PERIOD = 512
 """Engine cycles of a period of motion and excitation together."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Lyapunov:
     """The largest Lyapunov exponent, 1/s.
 

@@ -78,7 +78,7 @@ def seeded_cases(count: int, seed: int) -> list[Double]:
 @pytest.mark.parametrize("seed", [2, 3])
 def test_the_stated_accuracy_holds_within_the_rule_of_the_sub_steps(seed: int) -> None:
     """Newton's method in 80 bits from the root found says how far it is; what looks far is bisected."""
-    w, a, guess, sigma, excess, decay = cases = seeded_cases(120_000, seed)
+    w, a, _, sigma, excess, decay = cases = seeded_cases(120_000, seed)
     found, count = np.array([scalar_root(x, b, g, s, (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
     assert count.max() <= ITERATION_BOUND
     long = [x.astype(np.longdouble) for x in (w, a, sigma, excess, decay)]
