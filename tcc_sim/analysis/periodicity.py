@@ -17,14 +17,16 @@ from tcc_sim.trajectory import Cycles
 MAXIMUM_PERIOD = 16
 TOLERANCE = 1e-4
 """Repetition, relative to the size of the motion, that counts as settled."""
-NEAR = 0.05
+NEAR = 0.25
 """Largest change over a period, relative to the size of the motion, at the end of a run that still settles."""
 DISTANCE = 0.1
 """Largest distance that such a run may have left to its limit, relative to the size of the motion."""
+SAME = 0.05
+"""Part of the distance left to the limit that two of its points may lie apart and still be one."""
 MODES = 3
 """Most modes of a decay: the section has three coordinates."""
-MISFIT = 0.02
-"""Largest misfit of a decay, relative to its own size."""
+MISFIT, EXACT = 0.02, 1e-3
+"""Largest misfit of a decay, relative to its own size, and one at which no further mode is looked for."""
 LEAST_DECAY = 0.05
 """Least natural logarithm of a decay over the run that tells it from a motion that goes on for ever."""
 DOUBTFUL = 0.5
@@ -149,46 +151,48 @@ def _limit(points: Floats, period: int) -> Floats | None:
     too, but at a rate that falls.
     """
     points = points[len(points) // 3:]
-    whole = _decay(points, period)
-    if whole is None:
+    thirds = _thirds(points, period, period)
+    if thirds is None or not thirds[2] < thirds[0]:
         return None
-    misfit, coefficients, rate = whole
+    misfit, coefficients, rate = math.inf, np.empty(0), 0.0
+    for modes in range(1, MODES + 1):
+        found = _decay(points, period, modes)
+        if found is not None and found[0] < 0.5 * misfit:
+            misfit, coefficients, rate = found
+        if misfit <= EXACT:
+            break
     if misfit > MISFIT or rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
         return None
-    first, second = (_decay(part, period) for part in np.array_split(points, 2))
+    modes = len(coefficients)
+    first, second = (_decay(part, period, modes) for part in np.array_split(points, 2))
     if first is None or second is None or second[2] < DOUBTFUL * first[2]:
         return None
-    modes = len(coefficients)
     ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]
     limit: Floats = (ends[-1] - np.tensordot(coefficients, ends[:-1], 1)) / (1.0 - float(coefficients.sum()))
     return limit if _largest(limit - points[-period:]) <= DISTANCE else None
 
 
-def _decay(points: Floats, period: int) -> tuple[float, Floats, float] | None:
-    """Misfit, coefficients and rate, per period, of the linear recurrence that the differences of points follow.
+def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats, float] | None:
+    """Misfit, coefficients and rate, per period, of the linear recurrence that the differences of points follow; None
+    where there are too few of them.
 
     The differences d_n = x_(n+p) - x_n of a linear map with m modes satisfy d_(n+mp) = sum_i c_i d_(n+ip), and decay as
     the powers of the roots of z^m - sum_i c_i z^i. Every equation counts relative to its own size.
     """
     difference = points[period:] - points[:-period]
-    best: tuple[float, Floats] | None = None
-    for modes in range(1, MODES + 1):
-        count = len(difference) - modes * period
-        if count < 2 * modes:
-            break
-        columns = np.stack([difference[i * period:i * period + count] for i in range(modes + 1)])
-        size = np.abs(columns).max(axis=(0, 2))
-        if not (size > 0.0).all():
-            return None
-        columns = (columns / size[None, :, None]).reshape(modes + 1, -1)
-        coefficients = np.linalg.lstsq(columns[:-1].T, columns[-1], rcond=None)[0]
-        misfit = float(np.sqrt(np.mean((columns[-1] - coefficients @ columns[:-1]) ** 2)))
-        if best is None or misfit < 0.5 * best[0]:
-            best = misfit, coefficients
-    if best is None:
+    count = len(difference) - modes * period
+    if count < 2 * modes:
         return None
-    largest = float(np.abs(np.roots([1.0, *-best[1][::-1]])).max(initial=1e-300))
-    return *best, -math.log(largest)
+    columns = np.stack([difference[i * period:i * period + count] for i in range(modes + 1)])
+    size = np.abs(columns).max(axis=(0, 2))
+    if not size.min() > 0.0:
+        return None
+    columns = (columns / size[None, :, None]).reshape(modes + 1, -1)
+    coefficients = np.linalg.lstsq(columns[:-1].T, columns[-1], rcond=None)[0]
+    misfit = columns[-1] - coefficients @ columns[:-1]
+    roots = np.roots([1.0, *-coefficients[::-1]]) if modes > 1 else coefficients
+    return (math.sqrt(float(misfit @ misfit) / len(misfit)), coefficients,
+            -math.log(float(np.abs(roots).max(initial=1e-300))))
 
 
 def _period_of(limit: Floats, left: float, tolerance: float) -> int:
@@ -198,7 +202,7 @@ def _period_of(limit: Floats, left: float, tolerance: float) -> int:
     for shorter in _divisors(len(limit)):
         apart = _largest(np.roll(limit, -shorter, axis=0) - limit)
         if apart <= 4.0 * max(left, tolerance):
-            return shorter if apart <= max(NEAR * left, tolerance) else 0
+            return shorter if apart <= max(SAME * left, tolerance) else 0
     return len(limit)
 
 
