@@ -26,7 +26,9 @@ SAME = 0.05
 MODES = 3
 """Most modes of a decay: the section has three coordinates."""
 MISFIT, EXACT = 0.02, 1e-3
-"""Largest misfit of a decay, relative to its own size, and one at which no further mode is looked for."""
+"""Largest misfit of a decay, relative to its own size, and one at which fewer modes are enough."""
+LEAST_SHRINKING = 0.95
+"""Largest part of a difference that a decay leaves over a third of the run."""
 LEAST_DECAY = 0.05
 """Least natural logarithm of a decay over the run that tells it from a motion that goes on for ever."""
 DOUBTFUL = 0.5
@@ -78,17 +80,19 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
-    for period in (np.flatnonzero(changes <= max(NEAR, tolerance)) + 1).tolist():
-        if _repeats(points, period, tolerance):
-            if _grows(points, period, tolerance) or any(_may_vanish(points, q, period) for q in _divisors(period)):
-                break
-            return Periodicity(period, True, _change(points, period))
+    candidates = (np.flatnonzero(changes <= max(NEAR, tolerance)) + 1).tolist()
+    for period in candidates:
+        if changes[period - 1] <= tolerance and _repeats(points, period, tolerance):
+            if _grows(points, period, tolerance):
+                return Periodicity(0, False, float(changes[0]))
+            if not any(_may_vanish(points, q, period) for q in _divisors(period)):
+                return Periodicity(period, True, _change(points, period))
+            break
+    for period in candidates:
         limit = _limit(points, period)
         if limit is not None:
             found = _period_of(limit, _largest(limit - points[-period:]), tolerance)
-            if not found:
-                break
-            return Periodicity(found, False, _change(points, found))
+            return Periodicity(found, False, _change(points, found or 1))
     return Periodicity(0, False, float(changes[0]))
 
 
@@ -152,16 +156,15 @@ def _limit(points: Floats, period: int) -> Floats | None:
     """
     points = points[len(points) // 3:]
     thirds = _thirds(points, period, period)
-    if thirds is None or not thirds[2] < thirds[0]:
+    if thirds is None or thirds[2] > LEAST_SHRINKING * thirds[0]:
         return None
-    misfit, coefficients, rate = math.inf, np.empty(0), 0.0
-    for modes in range(1, MODES + 1):
-        found = _decay(points, period, modes)
-        if found is not None and found[0] < 0.5 * misfit:
-            misfit, coefficients, rate = found
-        if misfit <= EXACT:
-            break
-    if misfit > MISFIT or rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
+    general = next((x for x in (_decay(points, period, m) for m in range(MODES, 0, -1)) if x is not None), None)
+    if general is None or general[0] > MISFIT:
+        return None
+    fewer = (_decay(points, period, m) for m in range(1, len(general[1])))
+    misfit, coefficients, rate = next((x for x in fewer if x is not None and x[0] <= max(EXACT, 2.0 * general[0])),
+                                      general)
+    if rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
         return None
     modes = len(coefficients)
     first, second = (_decay(part, period, modes) for part in np.array_split(points, 2))
