@@ -130,7 +130,7 @@ class Simulation:
     --------
     >>> found = simulate("slip", cycles=60)
     >>> found
-    <Simulation by smoothed: 60 cycles, period 1, settled, slip; largest |slip speed| 139.19 rad/s>
+    <Simulation by smoothed: 60 cycles, period 1, settled, slip; largest |slip speed| 166.667 rad/s>
     >>> found.summary.period, found.confirmed
     (1, True)
     """
