@@ -12,11 +12,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from tcc_sim.analysis.tangent import passed
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.tangent import passed
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 

@@ -96,6 +96,13 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     return Periodicity(0, False, float(changes[0]))
 
 
+def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLERANCE) -> bool:
+    """Whether the section of the cycles that follow stays within `tolerance` of the last period of those before."""
+    last = cycles.section[len(cycles.section) - period:]
+    apart = (further.section - last[(np.arange(len(further.section)) - 1) % period]) / _sizes(cycles)
+    return bool(np.abs(apart).max() <= tolerance)
+
+
 def _repeats(points: Floats, period: int, tolerance: float) -> bool:
     """Whether points a period apart stay together over the last quarter of the run, and at least three periods."""
     repeats = max(3, len(points) // 4 // period)
@@ -220,10 +227,18 @@ def _scaled(cycles: Cycles) -> Floats:
         points = points[int(np.flatnonzero(~finite)[-1]) + 1:]
     if not len(points):
         return points
-    speed = max(_largest(cycles.highest[first:]), _largest(cycles.lowest[first:]), _largest(points[:, [0, 2]]))
-    angle = max(_largest(points[:, 1]), 1e-6 * speed)
-    scaled: Floats = points / np.array([speed or 1.0, angle or 1.0, speed or 1.0])
+    scaled: Floats = points / _sizes(cycles[first:] if first else cycles, points)
     return scaled
+
+
+def _sizes(cycles: Cycles, points: Floats | None = None) -> Floats:
+    """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the largest
+    angle on the section.
+    """
+    points = cycles.section if points is None else points
+    speed = max(_largest(cycles.highest), _largest(cycles.lowest), _largest(points[:, [0, 2]]))
+    angle = max(_largest(points[:, 1]), 1e-6 * speed)
+    return np.array([speed or 1.0, angle or 1.0, speed or 1.0])
 
 
 def _largest(x: Floats) -> float:

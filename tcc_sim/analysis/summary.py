@@ -5,7 +5,7 @@ them.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ PASSING = 5e-3
 """
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, slots=True)
 class Summary:
     """What the kept cycles come to; the fields are the JSON keys of `simulate` and `analyse`.
 
@@ -68,7 +68,7 @@ class Summary:
     def columns(self) -> dict[str, list[Any]]:
         """The fields less the section as a table of one row, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it.
         """
-        return {key: [value] for key, value in vars(self).items() if key != "section"}
+        return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name != "section"}
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON values; a number that is not finite becomes null."""

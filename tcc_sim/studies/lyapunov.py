@@ -3,7 +3,7 @@
 A periodic motion of period N has the exponent log |mu|/(N T) of its largest Floquet multiplier mu, the largest
 eigenvalue of the product of the tangent maps over a period. Any other has the mean growth of a tangent vector that is
 renormalised at the end of every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). It is the same
-whatever the norm; this one is the energy of the linear part. The tangent is that of `analysis.tangent`.
+whatever the norm; this one is the energy of the linear part. The tangent is that of `solvers.tangent`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.tangent import longest_step, pass_cycle, passed, scales_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers.compiled import compiled
+from tcc_sim.solvers.tangent import longest_step, pass_cycle, passed, scales_of
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats, State
 

@@ -32,7 +32,7 @@ class Point:
     value : of the key
     summary : maxima, period, regime, with its section left to `section`; None where the solver failed
     section : (n, 2) array, plate angle (rad) and slip speed (rad/s)
-    confirmed : whether the section has settled and has the same period after further cycles
+    confirmed : whether the section has settled and further cycles stay on it
     status : sentence of the solver
     theta2 : (n,) array, plate angle on the section over the last cycles, oldest first; rad
     damping, lyapunov : where asked for

@@ -14,7 +14,7 @@ import numpy as np
 
 from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, stays
 from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
@@ -121,7 +121,7 @@ class Simulation:
 
     trajectory : what the solver gave; with discard "auto" its last block
     summary : maxima, section, period, regime; None where the solver failed
-    confirmed : whether the section has settled and has the same period after further cycles
+    confirmed : whether the section has settled and further cycles stay on it
     angles : (n,) array, plate angle on the section over the last cycles, oldest first, rad; `Plan.section_points`
     damping, lyapunov : where asked for
     end : where a run goes on from; the start itself where the solver failed
@@ -152,7 +152,7 @@ class Simulation:
     def status(self) -> str:
         """How the solver ended, in a sentence."""
         run = self.trajectory
-        return f"{run.status.value}{'; ' if run.detail else ''}{run.detail}"
+        return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
 
     def raise_for_status(self) -> Simulation:
         """This simulation; InputError where the solver refused the case, NumericalFailure where it stopped early."""
@@ -314,5 +314,4 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: 
     further = _solve(system, plan, end, cycles=max(10, 2 * summary.period))
     if further.status is not Status.DONE or further.cycles is None:
         return False
-    again = periodicity(concatenated([kept, further.cycles]))
-    return again.settled and again.period == summary.period
+    return stays(kept, further.cycles, summary.period)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.tangent import longest_step, passed, scales_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
+from tcc_sim.solvers.tangent import longest_step, passed, scales_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.studies.lyapunov import diagnosis, floquet_exponent, largest_lyapunov_exponent, mapped, tangent_growth
 

@@ -59,6 +59,24 @@ def test_a_decaying_spiral_near_a_resonance_has_the_period_of_its_limit() -> Non
     assert (record["period"], record["settled"], record["confirmed"]) == (1, False, False)
 
 
+@pytest.mark.parametrize(("amplitude", "ratio", "kinetic", "frequency", "period"), [
+    (56250.0, 0.5, 0.3, 193.64916731037084, 2), (56250.0, 2.0 / 3.0, 0.3, 193.64916731037084, 3),
+    (56250.0, 4.0 / 3.0, 0.3, 193.64916731037084, 3), (112500.0, 1.0, 0.225, 140.0232440551912, 1)])
+def test_motions_of_the_paper_that_settle_slowly_have_the_period_of_2000_cycles(
+        amplitude: float, ratio: float, kinetic: float, frequency: float, period: int) -> None:
+    """Figs. 10, 11 and 18. Those with mu_k = mu_s have that of the load, as the paper says of omega_f = (M/N) omega."""
+    scene = load_scene("fig02").with_values({
+        "pressure.mean": 225e3, "pressure.amplitude": amplitude, "pressure.frequency_ratio": ratio,
+        "friction.kinetic_coefficient": kinetic, "engine.frequency": frequency})
+    late = simulate(scene, cycles=2000, discard=1800)
+    assert late.summary is not None
+    assert (late.summary.period, late.confirmed) == (period, True)
+    early = simulate(scene)
+    assert early.summary is not None
+    assert early.summary.period in (0, period)
+    assert not early.confirmed or early.summary.settled
+
+
 def test_a_slow_alternation_is_not_taken_for_twice_the_period() -> None:
     """Fig. 14, psi = 0 at omega/omega_n = 0.2577: after 2000 cycles it still settles to period two."""
     scene = load_scene("fig02").with_values({
