@@ -20,4 +20,5 @@ from tcc_sim.model.sines import Sines, common_cycles, engine_series, load_series
 
 __all__ = ["PureSlip", "Sines", "StickLimits", "StickMargin", "common_cycles", "constant_load_limits", "damped_pair",
            "engine_series", "equivalent_torque", "interface_gain", "interface_phase", "interface_torque",
-           "load_series", "plate_angle", "pure_slip", "regime_boundary", "slip_torque", "stick_limits", "stick_margin", "stick_phase"]
+           "load_series", "plate_angle", "pure_slip", "regime_boundary", "slip_torque", "stick_limits",
+           "stick_margin", "stick_phase"]
