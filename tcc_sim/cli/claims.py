@@ -53,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
         judge(jobs=arguments.jobs, progress=True, each=show)
         pressures = table(Evidence(TOLERANCE, arguments.jobs, progress=True))
         for found in pressures["rows"]:
-            print(f"mean pressure {found['pressure'] / 1e3:g} kPa: {found['count']} of {len(found['fits'])} numbers of the text")
+            print(f"mean pressure {found['pressure'] / 1e3:g} kPa: {found['count']} of {len(found['fits'])} numbers "
+                  f"of the text")
         if arguments.errata is not None:
             with draft(arguments.errata) as part:
                 part.write_text(errata_page())

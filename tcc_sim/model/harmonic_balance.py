@@ -6,8 +6,8 @@ the friction coefficient have a mean, and the load is Ts(t) of (5b):
     v = a0 + sum a_n cos(n w t) + b_n sin(n w t),  w = omega/N                                     (30)
     Tf = [Tsm + Tsp sin(omega_f t + psi)] [c0 + sum c_n cos(n w t) + d_n sin(n w t)]               (31)
 
-The mean of (32) is then Tf's, which must be Tm: c0 Tsm + (Tsp/2)(c_M sin psi + d_M cos psi) = Tm. Without c0 the product
-with the load's sine is all that is left, and |d_M| <= (4/pi) mu_s/mu_k: at most (2/pi) (mu_s/mu_k) Tsp.
+The mean of (32) is then Tf's, which must be Tm: c0 Tsm + (Tsp/2)(c_M sin psi + d_M cos psi) = Tm. Without c0 the
+product with the load's sine is all that is left, and |d_M| <= (4/pi) mu_s/mu_k: at most (2/pi) (mu_s/mu_k) Tsp.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def series(coefficients: Floats, base: float, t: Floats) -> Floats:
 
 
 def mean_friction_torque(system: System, coefficient: Floats, period: int, *, printed: bool = False) -> float:
-    """The mean of (31), N m: c0 Tsm and what the load's sine has in common with the coefficient; printed, without c0."""
+    """The mean of (31), N m: c0 Tsm and what the load's sine shares with the coefficient; printed, without c0."""
     count, load = len(coefficient) // 2, load_series(system)
     mean = 0.0 if printed else float(coefficient[0]) * load.mean
     for frequency, amplitude, phase in zip(load.frequency, load.amplitude, load.phase):
@@ -151,4 +151,5 @@ def _newton(slip: Floats, basis: Floats, project: Floats, linear: Floats, drive:
         slip, rest = slip - step, further
     if float(np.abs(rest).max()) <= 1e-8 * size:
         return slip, float(np.abs(rest).max())
-    raise NumericalFailure(f"harmonic balance at sigma = {sigma:g} s/rad: a remainder of {np.abs(rest).max():.3g} N m is left")
+    raise NumericalFailure(f"harmonic balance at sigma = {sigma:g} s/rad: a remainder of {np.abs(rest).max():.3g} N "
+                           f"m is left")

@@ -163,7 +163,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
         resonance the pressure excites exactly.
     """
     if system.friction_ratio != 1.0:
-        raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in closed form "
+        raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in "
+                         f"closed form "
                          f"needs it equal to friction.static_coefficient, {system.friction.static_coefficient:g}")
     torque, load = engine_series(system), load_series(system)
     if load.swing() > load.mean:
@@ -173,7 +174,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     def compliance(omega: float) -> complex:
         plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
         if plate == 0.0:
-            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no steady state")
+            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no "
+                             f"steady state")
         return sign / plate
 
     plate = load.through(compliance)
@@ -202,11 +204,12 @@ def equivalent_torque(system: System, direction: int = 1) -> Sines:
 
 
 def slip_torque(system: System, direction: int = 1) -> Sines:
-    """The torque that drives the steady slip, N m: I1 v' = Te - [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] Ts.
+    """The torque that drives the steady slip, N m.
 
-    It is (29a) with the plate's motion eliminated by (12b). At low frequency the factor of Ts is 1 and the amplitude
-    |Tp - Tsp exp(i psi)|; it turns its sign near omega_sn, so a load in phase with the torque damps the slip below
-    omega_sn and drives it above: the reversal of Figs. 8, 10, 11 and 13.
+    I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w: (29a) with the plate's
+    motion eliminated by (12b). At low frequency the factor of Ts is 1 and the amplitude |Tp - Tsp exp(i psi)|; it turns
+    its sign near omega_sn, so a load in phase with the torque damps the slip below omega_sn and drives it above: the
+    reversal of Figs. 8, 10, 11 and 13.
 
     Raises
     ------
@@ -219,7 +222,8 @@ def slip_torque(system: System, direction: int = 1) -> Sines:
         spring = complex(d.stiffness, d.damping * omega)
         plate = spring - d.plate_inertia * omega**2
         if plate == 0.0:
-            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no steady state")
+            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no "
+                             f"steady state")
         return (spring - (d.flywheel_inertia + d.plate_inertia) * omega**2) / plate
 
     return engine_series(system).plus(load_series(system).through(share), -sign)

@@ -12,7 +12,8 @@ from tcc_sim.paper.evidence import DEPENDS, Evidence, Finding
 
 Judge = Callable[[Evidence], Finding]
 CLAIMS: tuple[Judge, ...] = (*claims_model.CLAIMS, *claims_constant_load.CLAIMS, *claims_varying_load.CLAIMS,
-                             *claims_interaction.CLAIMS, claims_model.series_balance, *claims_varying_load.SERIES_CLAIMS)
+                             *claims_interaction.CLAIMS, claims_model.series_balance,
+                             *claims_varying_load.SERIES_CLAIMS)
 """Every claim in the order of the paper's figures; the series (30) to (35) last."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -73,12 +74,14 @@ def peaks_move(evidence: Evidence) -> Finding:
                     for row in places]
             if None not in near:
                 values[f"{what} near {mark:.3f} for mu_k/mu_s = 0.83, 0.75, 0.667"] = near
-                rising.append(all(b > a for a, b in zip(near, near[1:])))  # type: ignore[operator]
+                rising.append(all(b > a for a, b in pairwise(near)))  # type: ignore[operator]
     return Finding("4", "the super-harmonic peaks shift up in frequency as mu_k falls",
-                   f"the peak and the jump nearest each named ratio (within {NEAR:g}, where all three mu_k have one) rise with "
+                   f"the peak and the jump nearest each named ratio (within {NEAR:g}, where all three mu_k have one) "
+                   f"rise with "
                    "every fall of mu_k", values,
                    judged(bool(rising) and all(rising), any(rising)),
-                   "" if rising and all(rising) else "they do not: the jumps that end the peaks move down or to and fro")
+                   "" if rising and all(rising) else "they do not: the jumps that end the peaks move down or to and "
+                                                     "fro")
 
 
 def prominent_maxima(axis: Floats, values: Floats, reach: int = 5) -> list[float]:
@@ -109,15 +112,18 @@ def transition_by_smoothing(evidence: Evidence) -> Finding:
                    "with the set-valued law it moves by less than half as far, from mu_k = mu_s to 0.667 mu_s",
                    {"last slip from (13)": values, "end of pure stick by (10), any mu_k": limit},
                    judged(moved[1] < 0.5 * moved[0]),
-                   "" if moved[1] < 0.5 * moved[0] else "the set-valued law moves it as far. Stick ends at one ratio for every "
-                   "mu_k, by (10); above it stick and stick-slip coexist, and (13) leads to stick-slip the farther the smaller mu_k")
+                   "" if moved[1] < 0.5 * moved[0] else "the set-valued law moves it as far. Stick ends at one ratio "
+                                                        "for every "
+                   "mu_k, by (10); above it stick and stick-slip coexist, and (13) leads to stick-slip the farther "
+                   "the smaller mu_k")
 
 
 def last_slips(evidence: Evidence, law: str) -> dict[str, float]:
     """Highest slipping ratio from (13) for every mu_k/mu_s."""
     rows = [{**with_kinetic(r), "friction.law": law} for r in FRICTION_RATIOS]
     upper = np.round(np.arange(0.38, 0.5201, 0.002), 6)
-    return {f"{r:g}": float(slips_at(s).max(initial=0.0)) for r, s in zip(FRICTION_RATIOS, evidence.curves(rows, upper))}
+    return {f"{r:g}": float(slips_at(s).max(initial=0.0))
+            for r, s in zip(FRICTION_RATIOS, evidence.curves(rows, upper))}
 
 
 def stick_limits(evidence: Evidence) -> Finding:
@@ -169,7 +175,8 @@ def doubling_to_chaos(evidence: Evidence) -> Finding:
               "diagnosis": diagnoses}
     chaotic = "chaotic" in diagnoses.values()
     return Finding("4", "near 0.20 the period-two motions become quasi-periodic or chaotic as mu_k falls further",
-                   "0.002 above the jump period 2 at 0.83 mu_s, and at a smaller mu_k no period and a Lyapunov exponent whose "
+                   "0.002 above the jump period 2 at 0.83 mu_s, and at a smaller mu_k no period and a Lyapunov "
+                   "exponent whose "
                    "confidence interval is above 0, or a narrow one around 0", values,
                    judged(int(found[-1]) == 2 and (chaotic or "quasi-periodic" in diagnoses.values()), len(none) > 0))
 
@@ -193,8 +200,10 @@ def damping_crosses(evidence: Evidence) -> Finding:
                    "(21) crosses -0.6 somewhere in 0.08 to 0.30, and the period changes within 0.005 of every crossing",
                    values,
                    judged(bool(at["printed"]) and hit["printed"] == len(at["printed"])),
-                   "as printed, weighted with v^2, (21) stays near 0: the falling slope lives at small |v|, where v^2 is small. "
-                   "The time mean of the negative slope has the printed order, and is below -0.6 over nearly all of the range")
+                   "as printed, weighted with v^2, (21) stays near 0: the falling slope lives at small |v|, where "
+                   "v^2 is small. "
+                   "The time mean of the negative slope has the printed order, and is below -0.6 over nearly all of "
+                   "the range")
 
 
 def _crossings(values: np.ndarray, axis: np.ndarray) -> list[float]:
@@ -277,5 +286,5 @@ def three_motions(evidence: Evidence) -> Finding:
 
 
 CLAIMS = (smooth_when_equal, super_harmonic_jumps, peaks_move, stick_transition, transition_by_smoothing, stick_limits,
-          jump_doubles_period, doubling_to_chaos, damping_crosses, period_one_near_unity, period_two_from, aperiodic_from,
-          three_motions)
+          jump_doubles_period, doubling_to_chaos, damping_crosses, period_one_near_unity, period_two_from,
+          aperiodic_from, three_motions)

@@ -51,7 +51,8 @@ def jump_to_chaos(evidence: Evidence) -> Finding:
         verdicts.append(((below["period"] or 0) > 0, any(a["lyapunov"]["diagnosis"] == "chaotic" for a in above),
                          any(a["period"] == 0 for a in above)))
     return Finding("14", "psi = 0: at a jump near 0.35 the periodic motion becomes chaotic",
-                   f"a jump within {NEAR:g} of 0.35, periodic 0.005 below it, and within 0.02 above it a Lyapunov exponent whose "
+                   f"a jump within {NEAR:g} of 0.35, periodic 0.005 below it, and within 0.02 above it a Lyapunov "
+                   f"exponent whose "
                    "confidence interval is above 0", values,
                    judged(bool(jumps) and any(a and b for a, b, _ in verdicts), any(a and c for a, _, c in verdicts)),
                    "" if jumps else "the steep rise, a jump to the eye, is continuous: a cascade of period doublings")
@@ -72,7 +73,8 @@ def phase_pi_is_smooth(evidence: Evidence) -> Finding:
     jumps = [round(x, 4) for x, _ in evidence.jumps(rows(14)[2], AXIS)]
     share = float((found == 1).mean())
     smooth = share == 1.0 and not jumps
-    return Finding("14", "psi = pi: peaks are smooth and there are no bifurcations", "period 1 at every frequency, no jump",
+    return Finding("14", "psi = pi: peaks are smooth and there are no bifurcations", "period 1 at every frequency, "
+                                                                                     "no jump",
                    {"part with period 1": share, "periods": sorted({int(p) for p in found}), "jumps": jumps},
                    judged(smooth, share > 0.5),
                    "" if smooth else "period two and others appear at the super-harmonic peaks")
@@ -94,8 +96,10 @@ def severity_follows_abruptness(evidence: Evidence) -> Finding:
     ranks = [ranked(np.concatenate(x)) for x in (severity, abruptness, amplitude)]
     abrupt, large = correlation(ranks[0], ranks[1]), correlation(ranks[0], ranks[2])
     return Finding("14", "the severity of bifurcations follows the abruptness of jumps more than the amplitude of slip",
-                   "Spearman's rank correlation of the period (aperiodic: highest) with the change of the maximum to the next "
-                   "ratio above 0 and larger than that with the maximum itself, over the slipping ratios of the three curves",
+                   "Spearman's rank correlation of the period (aperiodic: highest) with the change of the maximum to "
+                   "the next "
+                   "ratio above 0 and larger than that with the maximum itself, over the slipping ratios of the "
+                   "three curves",
                    {"with the change": abrupt, "with the maximum": large}, judged(abrupt > 0.0 and abrupt > large))
 
 
@@ -156,11 +160,13 @@ def mismatch_with_falling_law(evidence: Evidence) -> Finding:
     low = best(maxima(evidence, 17), 1, LOWER)
     more = [b > a for a, b in zip(shares["11"], shares["17"])]
     return Finding("17", "the effects of negative damping and of mismatched frequencies are clearly evident together",
-                   "every curve leaves the period of (35) at more of its slipping ratios than that of Fig. 11, and omega_f = omega "
+                   "every curve leaves the period of (35) at more of its slipping ratios than that of Fig. 11, and "
+                   "omega_f = omega "
                    f"has the lowest maximum at {NEARLY_ALL:g} of the ratios to 0.25",
                    {"part off the period of (35), omega_f = 2/3, 1, 4/3 omega": shares, "best at low frequency": low},
                    judged(all(more) and low >= NEARLY_ALL, all(more) or low >= NEARLY_ALL),
-                   "" if all(more) and low >= NEARLY_ALL else "the falling law's part is: doublings and aperiodic motions; "
+                   "" if all(more) and low >= NEARLY_ALL else "the falling law's part is: doublings and aperiodic "
+                                                              "motions; "
                    "attenuation at low frequency has exceptions at the super-harmonic peaks")
 
 
@@ -171,7 +177,8 @@ def amplitude_makes_stick(evidence: Evidence) -> Finding:
     stuck = [share_where(sticks(s), low) for s in sweeps]
     wild = [share_where(evidence.periods(s) != 1, low) for s in sweeps]
     return Finding("18", "larger Tsp: aperiodic motions at low frequency become pure stick",
-                   "to 0.12 the part in pure stick never falls with Tsp and ends at 1, from motions other than period 1",
+                   "to 0.12 the part in pure stick never falls with Tsp and ends at 1, from motions other than "
+                   "period 1",
                    {"pure stick for Tsp/Tsm = 0, 0.125, 0.25, 0.5": stuck, "not period 1": wild},
                    judged(stuck == sorted(stuck) and stuck[-1] == 1.0 and wild[0] > 0.0, stuck[-1] > stuck[0]))
 
@@ -203,4 +210,5 @@ def amplitude_aperiodic(evidence: Evidence) -> Finding:
 
 CLAIMS = (phase_with_falling_law, phase_reversed, stick_below_015, jump_to_chaos, severity_follows_abruptness,
           phase_pi_is_smooth, more_with_steeper_law, same_frequency_suppresses, half_frequency_jumps,
-          half_frequency_aperiodic, mismatch_with_falling_law, amplitude_makes_stick, amplitude_jumps, amplitude_aperiodic)
+          half_frequency_aperiodic, mismatch_with_falling_law, amplitude_makes_stick, amplitude_jumps,
+          amplitude_aperiodic)

@@ -179,7 +179,8 @@ def amplitude_attenuates(evidence: Evidence) -> Finding:
     rising = (np.diff(found, axis=0) >= -0.05).all(axis=0)
     low, high = share_where(falling, moving & (AXIS <= 0.27)), share_where(rising, moving & HIGH)
     return Finding("13", "larger Tsp attenuates more at low and less at high frequency",
-                   f"maxima fall with every Tsp at {NEARLY_ALL:g} of the ratios to 0.27, and rise at as many from 0.31 to 0.45",
+                   f"maxima fall with every Tsp at {NEARLY_ALL:g} of the ratios to 0.27, and rise at as many from "
+                   f"0.31 to 0.45",
                    {"falling at low": low, "rising at high": high},
                    judged(low >= NEARLY_ALL and high >= NEARLY_ALL, low >= 0.8 and high >= 0.8))
 
@@ -210,13 +211,16 @@ def period_for_any(evidence: Evidence) -> Finding:
     periods = sorted({int(p) for p in evidence.periods(found)[~sticks(found)]})
     wrong = [pair for pair, p in common.items() if p != int(pair.split("/")[1])]
     return Finding("(35)", "the period is N whether or not M and N have a common factor, and whatever mu_k",
-                   "period N for 2/4, 2/2 and 4/6 at 150 rad/s, and period 1 at every slipping ratio for 1/1 and 0.75 mu_s",
+                   "period N for 2/4, 2/2 and 4/6 at 150 rad/s, and period 1 at every slipping ratio for 1/1 and "
+                   "0.75 mu_s",
                    {"with a common factor": common, "periods for 1/1, mu_k = 0.75 mu_s": periods},
                    judged(not wrong and periods == [1]),
-                   "in lowest terms N is 2, 1 and 3; a falling friction law brings doublings and aperiodic motions of its own")
+                   "in lowest terms N is 2, 1 and 3; a falling friction law brings doublings and aperiodic motions "
+                   "of its own")
 
 
 CLAIMS = (phase_attenuates, phase_bifurcations, phase_jumps, stick_below_018, delay, actuation_periods,
-          actuation_attenuates, actuation_reversed, actuation_bifurcations, amplitude_attenuates, amplitude_bifurcations)
+          actuation_attenuates, actuation_reversed, actuation_bifurcations, amplitude_attenuates,
+          amplitude_bifurcations)
 SERIES_CLAIMS = (period_is_denominator, period_for_any)
 """Those about (35), which stand last."""

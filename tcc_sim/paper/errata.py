@@ -52,7 +52,8 @@ ERRATA: tuple[Erratum, ...] = (
             "before there is a steady state", "model.pure_slip", numbers.slip_condition),
     Erratum("(17a), (18)", "terms Tsm 2 zeta/(K23 omega_n), Tsm (2 zeta^2 - 1)/(K23 omega_d)",
             "v = Omega_e + Tp/(I1 omega) (1 - cos(omega t)) - Tsm/(I2 omega_d) exp(-zeta omega_n t) sin(omega_d t)",
-            "the printed terms are an angle times a time: those of the integral of theta2, where its derivative belongs. "
+            "the printed terms are an angle times a time: those of the integral of theta2, where its derivative "
+            "belongs. "
             "(18) has no such term at all", "model.pure_slip", numbers.transient),
     Erratum("(21)", "Cf equates the cyclic energy dissipation", "that is Cf = int T v dt/int v^2 dt, above 0 always",
             "(21) weights the slope dT/dv with v^2; T is not (dT/dv) v, so it is another quantity, not an energy",
@@ -66,8 +67,10 @@ ERRATA: tuple[Erratum, ...] = (
             "[1 + I1/I2] Tsm, and sin(omega_f t + psi)", "(2a) with Tf = Ts", "model.pure_slip"),
     Erratum("(29b), Fig. 13", "a larger Tsp lowers Teq, which lowers slip",
             "I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w",
-            "|Tp - (1 + I1/I2) Tsp| rises with Tsp while slip falls. The left side of (29a) holds Ts too, by (12b): I1 (v' + "
-            "theta2'') = Te - Ts. With the plate's motion eliminated the amplitude at low frequency is |Tp - Tsp exp(i psi)|",
+            "|Tp - (1 + I1/I2) Tsp| rises with Tsp while slip falls. The left side of (29a) holds Ts too, by (12b): "
+            "I1 (v' + "
+            "theta2'') = Te - Ts. With the plate's motion eliminated the amplitude at low frequency is |Tp - Tsp "
+            "exp(i psi)|",
             "model.pure_slip", numbers.driving_torques),
     Erratum("(29b), Fig. 8", "psi changes the reduction of Teq; the time delay reverses it at high frequency",
             "the factor of Ts above turns its sign at omega_sn", "Teq of (29b) orders psi = 0, pi/2, pi alike at every "
@@ -79,7 +82,8 @@ ERRATA: tuple[Erratum, ...] = (
     Erratum("(31)", "[Tm + Tp sin(omega t/N)]", "[Tsm + Tsp sin(M omega t/N + psi)]", "the first factor is Ts of (5b)",
             "model.harmonic_balance"),
     Erratum("(35)", "v = N whether M and N are commensurable or not", "v = N for M/N in lowest terms and mu_k = mu_s",
-            "2/4 is 1/2: period two. For mu_k < mu_s the motion doubles or loses its period by itself: the claims on (35) "
+            "2/4 is 1/2: period two. For mu_k < mu_s the motion doubles or loses its period by itself: the claims on "
+            "(35) "
             "have the periods", "paper.claims_varying_load"),
     Erratum("Section 5, Fig. 4", "the transition moves with mu_k because the law is smoothed",
             "stick and stick-slip coexist, and (13) leads to the latter",

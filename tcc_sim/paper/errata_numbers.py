@@ -87,7 +87,8 @@ def roots() -> dict[str, Any]:
 
     def roots(damping: float) -> list[complex]:
         i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
-        return [complex(x) for x in np.roots([i1 * i2, i1 * (c + damping) + i2 * damping, i1 * k + damping * c, damping * k])]
+        return [complex(x) for x in np.roots([i1 * i2, i1 * (c + damping) + i2 * damping, i1 * k + damping * c,
+                                              damping * k])]
 
     def pair(damping: float) -> float:
         return max(x.real for x in roots(damping) if abs(x.imag) > 1.0)

@@ -5,6 +5,7 @@ The text's numbers that depend on it, each worked out at several pressures by th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +24,7 @@ PRESSURES = (200e3, 210e3, 220e3, 225e3, 230e3, 240e3, 250e3, 260e3)
 
 @dataclass(frozen=True)
 class Number:
-    """A number of the text: where it stands, what it is, and how it comes out at a mean pressure (with whether it fits)."""
+    """A number of the text: where it stands, what it is, and what a mean pressure makes of it, with whether it fits."""
 
     figure: str
     text: str
@@ -102,7 +103,7 @@ def _three_periods(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
 def _halves(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     """Fig. 9: part of the way slipped in the first half cycle."""
     shares = [first_half(evidence.last_cycles(_at(pressure, s.values), 2, 500)) for s in FIGURES[9].series]
-    return [round(x, 3) for x in shares], min(shares[:2]) > 0.8 and max(shares[2:]) < 0.2
+    return [None if math.isnan(x) else round(x, 3) for x in shares], min(shares[:2]) > 0.8 and max(shares[2:]) < 0.2
 
 
 NUMBERS = (
@@ -112,5 +113,6 @@ NUMBERS = (
     Number("6", "period two from 0.92, followed upward", _period_two),
     Number("6", "aperiodic from about 0.7, from (13)", _aperiodic),
     Number("7", "periods 1, 2, none at 0.94, 0.74, 0.64", _three_periods),
-    Number("9", "part slipped in the first half cycle at 0.15, 0.18, 0.37, 0.40: above 0.8 twice, below 0.2 twice", _halves),
+    Number("9", "part slipped in the first half cycle at 0.15, 0.18, 0.37, 0.40: above 0.8 twice, below 0.2 twice",
+           _halves),
 )

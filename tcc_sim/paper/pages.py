@@ -11,13 +11,17 @@ from tcc_sim.paper.mean_pressure import best
 
 
 def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, complete: bool = True) -> str:
-    """The table of claims, the table of mean pressures where there is one, and every claim with criterion and numbers."""
+    """The table of claims, that of mean pressures where there is one, and every claim with criterion and numbers."""
     rows = [v.as_json() for v in verdicts]
     lines = ["# The paper's claims", "",
-             "Written by `tcc-sim claims --markdown FILE`. Duan and Singh's claims about Figs. 2 to 18, judged by criteria in",
-             f"code (`tcc_sim/paper/claims_*.py`) at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}. The paper does not",
-             "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A motion that",
-             f"the paper's 150 cycles leave before its section repeats goes on for {LATER} more before it counts as aperiodic.", "",
+             "Written by `tcc-sim claims --markdown FILE`. Duan and Singh's claims about Figs. 2 to 18, judged by "
+             "criteria in",
+             f"code (`tcc_sim/paper/claims_*.py`) at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}. The "
+             f"paper does not",
+             "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A "
+             "motion that",
+             f"the paper's 150 cycles leave before its section repeats goes on for {LATER} more before it counts as "
+             f"aperiodic.", "",
              "| Fig. | claim | verdict |", "|---|---|---|"]
     lines += [f"| {r['figure']} | {escape(r['claim'])} | {r['verdict']} |" for r in rows]
     lines += ["", f"- {tally(verdicts)}."]
@@ -50,15 +54,18 @@ def pressure_table(found: dict[str, Any]) -> list[str]:
 def pressure_sentence(found: dict[str, Any]) -> str:
     """Which pressures agree with most."""
     most = max(row["count"] for row in found["rows"])
-    names = " and ".join(f"{p / 1e3:g}" for p in best(found))
-    return f"{names} kPa agree{'s' if len(best(found)) == 1 else ''} with {most} of the {len(found['numbers'])} numbers, the most"
+    names = [f"{p / 1e3:g}" for p in best(found)]
+    agree = "agrees" if len(names) == 1 else "agree"
+    return f"{', '.join(names)} kPa {agree} with {most} of the {len(found['numbers'])} numbers, the most"
 
 
 def errata_page() -> str:
     """Every erratum with the numbers that show it, what is right as printed, and what the paper leaves open."""
     lines = ["# The paper's errata", "",
-             "Written by `tcc-sim claims --errata FILE` from the list in `tcc_sim/paper/errata.py`. Each was derived again; the",
-             "numbers are computed for Table 1 with mu_s N R = 540 N m where nothing else is said. Ratios are omega/omega_n.", "",
+             "Written by `tcc-sim claims --errata FILE` from the list in `tcc_sim/paper/errata.py`. Each was derived "
+             "again; the",
+             "numbers are computed for Table 1 with mu_s N R = 540 N m where nothing else is said. Ratios are "
+             "omega/omega_n.", "",
              "| where | printed | right | in the code |", "|---|---|---|---|"]
     lines += [f"| {escape(e.where)} | {escape(e.printed)} | {escape(e.right)} | {f'`{e.code}`' if e.code else ''} |"
               for e in ERRATA]
