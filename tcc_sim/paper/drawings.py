@@ -39,6 +39,9 @@ def draw(data: Data, stem: Path) -> None:
                        fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
+        for axis in drawn.axes:
+            # A tick label in mathematical typesetting takes ten times as long and looks the same.
+            axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
 
 
