@@ -121,7 +121,7 @@ def transition_by_smoothing(evidence: Evidence) -> Finding:
 def last_slips(evidence: Evidence, law: str) -> dict[str, float]:
     """Highest slipping ratio from (13) for every mu_k/mu_s."""
     rows = [{**with_kinetic(r), "friction.law": law} for r in FRICTION_RATIOS]
-    upper = np.round(np.arange(0.38, 0.5201, 0.002), 6)
+    upper = np.round(np.concatenate([np.arange(0.38, 0.48, 0.002), np.arange(0.48, 0.7, 0.005)]), 6)
     return {f"{r:g}": float(slips_at(s).max(initial=0.0))
             for r, s in zip(FRICTION_RATIOS, evidence.curves(rows, upper))}
 
