@@ -53,8 +53,15 @@ def classical_differs(evidence: Evidence) -> Finding:
     differing = [d > ALIKE for d in differences.values()]
     return Finding("2", "classical fixed-step RK4 differs from them", f"rms difference above {ALIKE:g} of the maximum",
                    differences, DEPENDS if any(differing) and not all(differing) else judged(all(differing)),
-                   "the step is not printed: within the stability limit (some 1.6 us) RK4 agrees, beyond it stick "
-                   "rings")
+                   f"the step is not printed: within the stability limit, "
+                   f"{stability_limit(paper_system(FIG02)) * 1e6:.2g} "
+                   "us, RK4 agrees, beyond it stick rings")
+
+
+def stability_limit(system: System) -> float:
+    """The longest step of RK4 in stick, s: 2.785 (Hairer and Wanner, IV.2) over the rate beta Ts r sigma."""
+    rate = system.inverse_inertia * (system.saturation_mean + system.saturation_amplitude)
+    return 2.785 / (rate * system.friction_ratio * system.friction.smoothing)
 
 
 @lru_cache(maxsize=4)

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, plain
+from tcc_sim.model import closed_form
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
 from tcc_sim.paper.claims_constant_load import NEAR
 from tcc_sim.paper.evidence import (
     Evidence,
@@ -42,6 +43,12 @@ def best(found: Floats, curve: int, where: np.ndarray, *, worst: bool = False) -
     others = np.delete(found, curve, axis=0)
     ordered = found[curve] >= others.max(axis=0) - 0.05 if worst else found[curve] <= others.min(axis=0) + 0.05
     return share_where(ordered, where & (found.max(axis=0) > 0.1))
+
+
+def exceptions(found: Floats, curve: int, where: np.ndarray) -> list[float]:
+    """The frequency ratios at which one curve is not the lowest of all."""
+    others = np.delete(found, curve, axis=0)
+    return [float(x) for x in AXIS[where & (found[curve] > others.min(axis=0) + 0.05)]]
 
 
 def _every_period(evidence: Evidence, number: int) -> dict[str, list[int]]:
@@ -96,11 +103,12 @@ def pure_stick_below(evidence: Evidence, number: int, place: float) -> Finding:
     """Pure stick for psi = 0 at low frequency."""
     ends = {law: _first_slip(evidence, number, 0, law) for law in ("smoothed", "set_valued")}
     near = [x is not None and abs(x - place) <= NEAR for x in ends.values()]
+    lower = closed_form.stick_limits(paper_system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
+    limit = None if lower is None else lower / OMEGA_N
     return Finding(str(number), f"psi = 0: pure stick below {place:g}",
-                   f"lowest slipping ratio within {NEAR:g} of {place:g}",
-                   ends, judged(all(near), any(near)),
-                   "" if all(near)
-                   else "where stick and stick-slip coexist, single frequencies keep slipping from (13)")
+                   f"lowest slipping ratio from (13) within {NEAR:g} of {place:g} with either law",
+                   {**ends, "(10), whatever mu_k": limit}, judged(all(near), any(near)),
+                   "between the lowest slip and the end of pure stick by (10) motions of both kinds exist")
 
 
 def stick_below_018(evidence: Evidence) -> Finding:

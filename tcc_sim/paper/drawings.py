@@ -150,7 +150,11 @@ def _paint_map(drawn: Any, data: Data) -> None:
     known = len(maxima.lines)
     _legend_of_marks(maxima, curves)
     if maxima.lines[known:]:
-        maxima.legend(handles=maxima.lines[known:], loc="upper left", bbox_to_anchor=(-0.02, -0.1), fontsize=6.5)
+        from matplotlib.transforms import ScaledTranslation
+
+        below = maxima.transAxes + ScaledTranslation(-0.1, -0.36, drawn.dpi_scale_trans)
+        maxima.legend(handles=maxima.lines[known:], loc="upper left", bbox_to_anchor=(0.0, 0.0), bbox_transform=below,
+                      fontsize=6.5)
 
 
 def _top(x: list[float], curves: list[Data]) -> float:

@@ -263,14 +263,14 @@ SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
 
 
 STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
-    (r"law (7), $\sigma = 50$ s/rad", {}), (r"law (7), $\sigma = 1000$ s/rad", {"friction.smoothing": 1000.0}),
-    ("law (6), set-valued", {"friction.law": "set_valued"}))
+    (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
+    ("(6)", {"friction.law": "set_valued"}))
 STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
 
 
 def _solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 2: one or two cycles by each solver from a state of law (7)'s steady motion, and each law's own from (13)."""
+    """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
     system = paper_system(row.series[0].values)
     begin = QUICK_STEADY_CYCLES if manner.quick else STEADY_CYCLES
     steady = []

@@ -105,7 +105,7 @@ def paint_actuation(drawn: Any, data: Data) -> None:
 
 
 def paint_solvers(drawn: Any, data: Data) -> None:
-    """Fig. 2: slip speed by every solver from one state, where they part, and the steady state of each law from (13)."""
+    """Fig. 2: slip speed by every solver from one state, where they part, and where each law settles from (13)."""
     whole, close, steady = drawn.subplots(3, 1)
     looks: dict[str, dict[str, Any]] = {
         "smoothed": {"color": style.SKY, "linewidth": 3.0}, "rk45": {"color": style.INK, "linewidth": 1.0},
@@ -131,8 +131,8 @@ def paint_solvers(drawn: Any, data: Data) -> None:
     whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
                  title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
     _paint_steady(steady, data)
-    style.panel_titles((whole, close, steady), ["from one state", "leaving stick",
-                                                f"steady state of each law from (13), after {data['steady_cycles']} cycles"])
+    after = f"steady state of each law from (13), after {data['steady_cycles']} cycles"
+    style.panel_titles((whole, close, steady), ["from one state", "leaving stick", after])
 
 
 def _paint_steady(axis: Any, data: Data) -> None:
@@ -144,7 +144,7 @@ def _paint_steady(axis: Any, data: Data) -> None:
         axis.plot(row["t"], row["slip_speed"], label=f"{row['label']}: period {row['period']}, "
                   f"{row['max_slip_speed']:.2f} rad/s", **look)
     axis.set_xlim(0.0, data["steady"][0]["t"][-1])
-    axis.set_ylim(top=1.45 * max(row["max_slip_speed"] for row in data["steady"]))
+    axis.set_ylim(top=1.4 * max(row["max_slip_speed"] for row in data["steady"]))
     axis.set_ylabel(SLIP)
     axis.set_xlabel(CYCLES)
-    axis.legend(loc="upper right", ncols=3, fontsize=6.8)
+    axis.legend(loc="upper center", ncols=3, fontsize=6.5)

@@ -34,21 +34,21 @@ class Given(Evidence):
         super().__init__(1e-9, 1)
         self.at, self.leaps, self.diagnosis, self.rests = at, jumps, lyapunov, steady
 
-    def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore[no-untyped-def]
+    def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
         unit = OMEGA_N if over == "engine.frequency" else STATIC
         keys = tuple(min(float(x) * unit, STATIC) if unit == STATIC else float(x) * unit for x in axis)
         return [Sweep(Curve(paper_system(row), over, keys), Plan(direction=direction),
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
 
-    def motion(self, row, *, lyapunov=False):  # type: ignore[no-untyped-def]
+    def motion(self, row, *, lyapunov=False):  # type: ignore
         x = float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N
         found = self.at(row, x, "cold")
         return {**found, "lyapunov": {"low": 0.0, "exponent": 0.0, "high": 1.0, "diagnosis": self.diagnosis}}
 
-    def jumps(self, row, axis):  # type: ignore[no-untyped-def]
+    def jumps(self, row, axis):  # type: ignore
         return [(x, 10.0) for x in self.leaps(row)]
 
-    def steady(self, row):  # type: ignore[no-untyped-def]
+    def steady(self, row):  # type: ignore
         assert self.rests is not None
         return self.rests(row)
 
@@ -263,14 +263,14 @@ def test_a_verdict_follows_what_it_is_given(claim: Any, given: Given, verdict: s
 @pytest.mark.parametrize(("cf", "changes", "verdict"), [
     (lambda x: -1.2 * x / 0.4, True, CONFIRMED), (lambda x: -1.2 * x / 0.4, False, NOT_CONFIRMED),
     (lambda x: 0.0, True, NOT_CONFIRMED)])
-def test_a_crossing_counts_with_a_change_of_period_only(cf, changes, verdict, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_a_crossing_counts_with_a_change_of_period_only(cf, changes, verdict, monkeypatch) -> None:  # type: ignore
     monkeypatch.setattr(constant, "_other_readings", dict)
     assert constant.damping_crosses(Given(dampings(cf, changes))).verdict == verdict
 
 
-@pytest.mark.parametrize(("shares", "verdict"), [((1.0, 0.9, 0.1, 0.0), CONFIRMED), ((1.0, 0.7, 0.1, 0.0), NOT_CONFIRMED),
-                                                 ((1.0, 0.9, 0.3, 0.0), NOT_CONFIRMED)])
-def test_the_delay_is_judged_by_the_half_cycles(shares, verdict, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize(("shares", "verdict"), [
+    ((1.0, 0.9, 0.1, 0.0), CONFIRMED), ((1.0, 0.7, 0.1, 0.0), NOT_CONFIRMED), ((1.0, 0.9, 0.3, 0.0), NOT_CONFIRMED)])
+def test_the_delay_is_judged_by_the_half_cycles(shares, verdict, monkeypatch) -> None:  # type: ignore
     places = {f"{float(s.values['engine.frequency']):.6f}": x for s, x in zip(FIGURES[9].series, shares)}
     monkeypatch.setattr(varying, "first_half", lambda key: places[key])
     given = Given()
@@ -281,22 +281,24 @@ def test_the_delay_is_judged_by_the_half_cycles(shares, verdict, monkeypatch) ->
 @pytest.mark.parametrize(("differences", "period", "largest", "verdict"), [
     (0.01, 1, 36.3, CONFIRMED), (0.01, 2, 36.3, DEPENDS), (0.01, 1, 63.7, DEPENDS), (0.2, 1, 36.3, NOT_CONFIRMED)])
 def test_solvers_agree_where_their_steady_states_do(differences, period, largest, verdict,
-                                                    monkeypatch) -> None:  # type: ignore[no-untyped-def]
+                                                    monkeypatch) -> None:  # type: ignore
     monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: differences for name, *_ in chosen})
     given = Given(steady=lambda row: {"period": period, "max_slip_speed": largest, "settled": True}
                   if law_of(row) == "set_valued" else {"period": 1, "max_slip_speed": 36.3, "settled": True})
     assert model.solvers_agree(given).verdict == verdict
 
 
-@pytest.mark.parametrize(("sizes", "verdict"), [((0.0, 0.2), DEPENDS), ((0.2, 0.2), CONFIRMED), ((0.0, 0.0), NOT_CONFIRMED)])
-def test_the_classical_method_differs_at_some_steps(sizes, verdict, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize(("sizes", "verdict"), [
+    ((0.0, 0.2), DEPENDS), ((0.2, 0.2), CONFIRMED), ((0.0, 0.0), NOT_CONFIRMED)])
+def test_the_classical_method_differs_at_some_steps(sizes, verdict, monkeypatch) -> None:  # type: ignore
     monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: sizes[float(name.split()[2]) > 3e-5]
                                                                     for name, *_ in chosen})
     assert model.classical_differs(Given()).verdict == verdict
 
 
-@pytest.mark.parametrize(("name", "claim"), [("peak_of", model.maximum_falls), ("least_slope", model.slope_turns_negative)])
-def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize(("name", "claim"), [
+    ("peak_of", model.maximum_falls), ("least_slope", model.slope_turns_negative)])
+def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -> None:  # type: ignore
     seen: list[float] = []
 
     def flat(system: Any) -> float:
@@ -307,7 +309,7 @@ def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -
     assert {0.8, 0.75, 0.677} <= set(seen) <= {1.0, 0.8, 0.75, 0.677}
 
 
-def test_pure_slip_is_held_against_the_solution(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_pure_slip_is_held_against_the_solution(monkeypatch) -> None:  # type: ignore
     from tcc_sim.model.closed_form import pure_slip
     t = np.linspace(0.0, 1.0, 1001)
     v = pure_slip(paper_system(model.PURE_SLIP)).slip_speed(t)
@@ -330,7 +332,7 @@ def test_every_claim_has_a_case_that_flips_it() -> None:
     assert set(claims.CLAIMS) == set(verdicts) | apart
 
 
-def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ignore
     """Law (6) in Fig. 2: no period after 150 cycles from (13), period two once it has settled."""
     row = {**model.FIG02, "friction.law": "set_valued"}
     kept = Evidence(1e-9, 1)
