@@ -130,7 +130,7 @@ _FIG02: dict[str, Value] = {**_kinetic(0.8), "pressure.mean": 500.0 / (0.24 * 0.
 
 FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(2, "The same stick-slip motion by five solvers, and where each friction law settles",
-                r"$\omega = \omega_f = 150$ rad/s, $T_m = 300$, $T_p = 250$, $T_{sm} = 500$, $T_{sp} = 0.2T_{sm}$ N m, " 
+                r"$\omega = \omega_f = 150$ rad/s, $T_m = 300$, $T_p = 250$, $T_{sm} = 500$, $T_{sp} = 0.2T_{sm}$ N m, "
                 r"$\psi = 0$, $\mu_k = 0.8\mu_s$," "\n"
                 r"$\Omega_e = 150$ rad/s; (a) and (b) start from the steady state of law (7) with $\sigma = 50$ s/rad",
                 "solvers", (Series("", _FIG02),)),
