@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.parameters import System
+from tcc_sim.output.closed_forms import closed_forms
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
 from tcc_sim.solvers.fixed_step import Stepper, advance
@@ -36,7 +37,7 @@ def explain(scene: Scene) -> dict[str, Any]:
     A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type
     of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s`, their `ratio`, and per sub-step of the first tick
     `own_calls` and `general_calls` of sine, exponential and hyperbolic tangent (None where the real-time solver does
-    not apply: the set-valued law).
+    not apply: the set-valued law); `closed_forms`: pure slip and pure stick as `closed_forms` gives them.
     """
     terms = terms_of(scene.system)
     held, left_out = held_and_left_out(terms)
@@ -50,6 +51,7 @@ def explain(scene: Scene) -> dict[str, Any]:
         "topics": {"held": needed, "left_out": [row.name for row in TOPICS if row.name not in needed]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
         "step": {**_cost(scene), **looked["calls"]} if terms.smoothing is not None else None,
+        "closed_forms": closed_forms(scene.system),
     }
 
 
