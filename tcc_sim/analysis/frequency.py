@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcc_sim.analysis.continuity import Break, Continuity, Stamps
+from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats
 
 OPENING = 1 << 14
@@ -39,16 +39,16 @@ class FrequencyFinder:
     """
 
     def __init__(self) -> None:
-        self._continuity = Continuity()
+        self._continuity = StampCounter()
         self._best: _Run | None = None
         self._run = _Run()
 
-    def feed(self, stamp_ns: Stamps, engine_torque: Floats) -> None:
-        """Take the next batch: stamps in ns, torques in N m."""
+    def feed(self, stamp_ns: Stamps, engine_torque: Floats, run: int = 0) -> None:
+        """Take the next batch: stamps in ns, torques in N m, and the number of its run where that is known."""
         finite = np.isfinite(engine_torque)
         stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
-        for piece, preceded in self._continuity.pieces(stamp_ns):
-            if preceded is Break.RUN:
+        for piece, preceded in self._continuity.pieces(stamp_ns, run):
+            if preceded.begins_a_run:
                 self._settle()
             elif preceded is Break.GAP:
                 self._run.interrupt()

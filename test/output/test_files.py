@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,13 @@ def special(folder: Path) -> dict[str, Path]:
     server.bind(str(folder / "socket"))
     server.close()
     return {name: folder / name for name in ("pipe", "link", "dangling", "folder", "socket")} | {"device": Path("/dev/null")}
+
+
+def written(path: Path, meanwhile: Callable[[], object]) -> None:
+    """Write a file, and have something happen before it is done."""
+    with draft(path) as part:
+        part.write_text("new")
+        meanwhile()
 
 
 @pytest.mark.parametrize("force", [False, True])
@@ -58,14 +66,12 @@ def test_the_command_leaves_a_device_alone(tmp_path: Path, capsys: pytest.Captur
 def test_a_link_put_in_the_way_is_neither_followed_nor_replaced(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("secret")
     path = tmp_path / "run.json"
-    with pytest.raises(InputError, match="symbolic link"), draft(path) as part:
-        part.write_text("new")
-        path.symlink_to(tmp_path / "secret")
+    with pytest.raises(InputError, match="symbolic link"):
+        written(path, lambda: path.symlink_to(tmp_path / "secret"))
     assert (tmp_path / "secret").read_text() == "secret"
     path.unlink()
-    with pytest.raises(InputError, match="appeared"), draft(path) as part:
-        part.write_text("new")
-        path.write_text("of somebody else")
+    with pytest.raises(InputError, match="appeared"):
+        written(path, lambda: path.write_text("of somebody else"))
     assert path.read_text() == "of somebody else"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "secret"]
 
@@ -96,9 +102,8 @@ def test_the_mode_is_that_of_any_new_file(tmp_path: Path) -> None:
 def test_what_fails_leaves_nothing_and_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
     path.write_text("old")
-    with pytest.raises(ZeroDivisionError), draft(path) as part:
-        part.write_text("half")
-        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError):
+        written(path, lambda: 1 / 0)
     assert path.read_text() == "old"
     write_json(path, {"a": 1})
     assert path.read_text() == '{\n "a": 1\n}\n'
