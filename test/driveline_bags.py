@@ -76,10 +76,10 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
     writer = BagWriter(directory, scene.text() if scene is not None else None, **options)
     wished = writer.channel("/target_slip_speed", FLOAT64) if targets else 0
     pressed = not math.isnan(rows[-1][-1])
+    joints, applied = {}, {}
     for first, who in publishers or [(0, "")]:
-        joints = {**(joints if first else {}), first: writer.channel("/joint_states", JOINT_STATE, publisher=who)}
-        applied = {**(applied if first else {}), first: writer.channel("/applied_pressure", FLUID_PRESSURE, publisher=who)
-                   if pressed else 0}
+        joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)
+        applied[first] = writer.channel("/applied_pressure", FLUID_PRESSURE, publisher=who) if pressed else 0
     for number, (stamp, *columns, pressure) in enumerate(rows):
         log, owner = clock(number), max(first for first in joints if first <= number)
         for text in (text for row, text in said if row == number):

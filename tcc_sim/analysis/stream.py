@@ -172,8 +172,8 @@ class CycleStream:
             return []
         rows = np.concatenate(self._waiting, axis=1)
         if (rows[0, -1] - rows[0, 0]) / self.cycle > rows.shape[1]:
-            raise InputError(f"{rows.shape[1]} stamps lie {rows[0, -1] - rows[0, 0]:.3g} s apart and an engine cycle takes "
-                             f"{self.cycle:.3g} s: there must be at least one for each cycle")
+            raise InputError(f"{rows.shape[1]} stamps lie {rows[0, -1] - rows[0, 0]:.3g} s apart and an engine cycle "
+                             f"takes {self.cycle:.3g} s: there must be at least one for each cycle")
         t, slip_speed, plate_angle, plate_speed, engine, friction = rows
         slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
         cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, cycle=self.cycle,

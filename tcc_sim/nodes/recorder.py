@@ -66,7 +66,8 @@ class Recorder:
                                       f"{', '.join(PARAMETERS)}")
         sync = _amount(node, "fsync_period", 0.0, 3600.0,
                        "a power cut loses at most this much and one drain, s; 0 leaves it to the operating system")
-        duration = _amount(node, "max_bag_duration", 3600.0, 1e9, "s of recording in one file before the next; 0 for no limit")
+        duration = _amount(node, "max_bag_duration", 3600.0, 1e9,
+                           "s of recording in one file before the next; 0 for no limit")
         size = _amount(node, "max_bag_size", 0, 1e18, "bytes of one file before the next; 0 for no limit")
         self.flush_period = float(period)
         self.fsync_period = sync
@@ -88,7 +89,8 @@ class Recorder:
         self.unsent: dict[str, int] = {}
         """Messages by topic that their publisher counted and could not send, from whoever hears of it."""
         self._told: dict[str, dict[str, int]] = {}
-        self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0, result=self._part_result)
+        self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
+                             result=self._part_result)
 
     def spin(self) -> None:
         """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
@@ -194,7 +196,8 @@ class Recorder:
         self.bag.close(self._part_result())
         found = {key: sum(counts.values()) for key, counts in self._figures().items()}
         unsent = f", {found['unsent']} never sent" if "unsent" in found else ""
-        return f"recorded {found['messages']} messages in {one_line(str(self.bag.directory))}, {found['lost']} lost{unsent}"
+        where = one_line(str(self.bag.directory))
+        return f"recorded {found['messages']} messages in {where}, {found['lost']} lost{unsent}"
 
     def _figures(self) -> dict[str, dict[str, int]]:
         """Messages, and those that are missing, by topic."""
@@ -279,8 +282,8 @@ def record() -> int:
     except (OSError, RecordingError) as error:
         recorder.bag.abandon()
         reason = error.strerror if isinstance(error, OSError) else error
-        sys.stderr.write(f"recorder: {one_line(f'{recorder.bag.path} cannot be written: {reason}')}; what is in it stays "
-                         "readable\n")
+        sys.stderr.write(f"recorder: {one_line(f'{recorder.bag.path} cannot be written: {reason}')}; "
+                         "what is in it stays readable\n")
         return 1
     return 0
 

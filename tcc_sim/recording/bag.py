@@ -164,8 +164,8 @@ def _make(directory: Path) -> list[Path]:
     try:
         longest = os.pathconf(next(folder for folder in directory.absolute().parents if folder.is_dir()), "PC_NAME_MAX")
         if len(os.fsencode(directory.resolve().name + _PART)) > longest:
-            raise RecordingError(f"the name {directory.name} is too long: {longest - len(_PART)} bytes are allowed, since the "
-                                 "files in it are named after it")
+            raise RecordingError(f"the name {directory.name} is too long: {longest - len(_PART)} bytes are allowed, "
+                                 "since the files in it are named after it")
         missing = [folder for folder in directory.absolute().parents if not folder.exists()]
         made: list[Path] = []
         try:

@@ -25,8 +25,8 @@ _VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "en
 class JointStates:
     """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles
     (rad), speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one
-    message of it is missing. `run` counts how often simulation time has started again within the recording, `began` says
-    how this run came to start.
+    message of it is missing. `run` counts how often simulation time has started again within the recording, `began`
+    says how this run came to start.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -93,7 +93,8 @@ def _rows(data: NDArray[np.uint8], messages: Messages, channels: list[int], expe
     refused = len(right_length) - len(offset)
     if not len(offset):
         nothing = np.empty(0, np.int64)
-        return Heads(nothing.astype(np.uint16), nothing, nothing, nothing), np.empty((0, len(expected)), np.uint8), refused
+        heads = Heads(nothing.astype(np.uint16), nothing, nothing, nothing)
+        return heads, np.empty((0, len(expected)), np.uint8), refused
     rows = sliding_window_view(data, len(expected))[offset + 22]
     wrong = ((rows != expected) & fixed).any(axis=1)
     if wrong.any():

@@ -76,7 +76,7 @@ class _Output:
 
 @dataclass(frozen=True)
 class Topic:
-    """A channel as it was announced: fully resolved name, message type, quality of service, publisher ("": not said)."""
+    """A channel as it was announced: fully resolved name, message type, quality of service, publisher (or empty)."""
 
     name: str
     type: str

@@ -103,7 +103,8 @@ class Run:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
         self.targets, self._began = [], Break.START
-        pressure, target = (_beside(self.joint_states_topic, name) for name in ("applied_pressure", "target_slip_speed"))
+        pressure = _beside(self.joint_states_topic, "applied_pressure")
+        target = _beside(self.joint_states_topic, "target_slip_speed")
         join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
         refused: Counter[str] = Counter()
         for path in self.paths:
@@ -146,7 +147,8 @@ class Run:
             if (not self.targets or self.targets[-1][1] != value) and len(self.targets) < MOST_TARGETS:
                 self.targets.append((sent if sent > 0 else received, value))
 
-    def _runs(self, batch: JointStates, publisher: NDArray[np.int64], numbers: NDArray[np.int64]) -> Iterator[JointStates]:
+    def _runs(self, batch: JointStates, publisher: NDArray[np.int64],
+              numbers: NDArray[np.int64]) -> Iterator[JointStates]:
         """The batch, parted where simulation time starts again, without repeated stamps and what came too late."""
         run, kept = self.stamps.runs - 1, np.zeros(len(batch), dtype=np.bool_)
         starts = [0]
@@ -188,7 +190,8 @@ class Run:
         if unchecked:
             self.warnings.append("some messages carry no checksum: damage in them would go unnoticed")
         if (nameless := set(seen) - set(contents.channels)):
-            self.warnings.append(f"{sum(seen[c] for c in nameless)} messages belong to channels whose description is lost")
+            count = sum(seen[channel] for channel in nameless)
+            self.warnings.append(f"{count} messages belong to channels whose description is lost")
         short = sum(max(0, count - seen[channel]) for channel, count in contents.expected.items()) if complete else 0
         if short:
             self.warnings.append(f"{short} of {sum(contents.expected.values())} messages could not be read")
@@ -214,16 +217,16 @@ class Run:
                     self.warnings.append(f"{min(count, _LARGEST_COUNT)} messages of {one_line(topic)} {what}")
         again = stamps.resets + stamps.restarts
         if again:
-            self.warnings.append(f"simulation time started again {again} times ({stamps.resets} resets, {stamps.restarts} "
-                                 "restarts): these are separate runs")
+            self.warnings.append(f"simulation time started again {again} times ({stamps.resets} resets, "
+                                 f"{stamps.restarts} restarts): these are separate runs")
         if stamps.repeated:
             self.warnings.append(f"{stamps.repeated} repeated stamps were left out")
         if stamps.late:
             self.warnings.append(f"{stamps.late} messages of {self.joint_states_topic} were left out: they come from a "
                                  "publisher that another one had taken over from; several drivelines ran at once")
         if stamps.mixed:
-            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth {stamps.returns} times "
-                                 "between two runs; several publishers are mixed, and nothing tells them apart")
+            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth {stamps.returns} "
+                                 "times between two runs; several publishers are mixed, and nothing tells them apart")
 
 
 def open_run(path: Path | str, topic: str | None = None) -> Run:

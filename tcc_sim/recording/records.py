@@ -83,8 +83,8 @@ class Expansion:
             There is not enough left.
         """
         if count > self.left:
-            raise DamagedChunk(f"with it the recording would unpack to more than {self.limit} bytes, the most allowed for "
-                               "a file of its size")
+            raise DamagedChunk(f"with it the recording would unpack to more than {self.limit} bytes, the most allowed "
+                               "for a file of its size")
         self.left -= count
 
 
@@ -273,7 +273,7 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
         return None
     offset = starts.astype(np.int64)
     heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_MESSAGE_HEAD)[:, 0]
-    if not (heads["opcode"] == MESSAGE).all() or not (heads["length"] <= size).all() or not (heads["length"] >= 22).all():
+    if not ((heads["opcode"] == MESSAGE) & (heads["length"] >= 22) & (heads["length"] <= size)).all():
         return None
     length = heads["length"].astype(np.int64)
     ends = offset + _RECORD.size + length

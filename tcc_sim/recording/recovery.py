@@ -105,7 +105,8 @@ class _Copy:
         key = (channel.topic, channel.type, channel.publisher)
         if key not in self.known:
             schema = Definition(channel.schema.text, channel.metadata.get("topic_type_hash", ""))
-            self.known[key] = bag.channel(channel.topic, channel.type, self._offered(channel), schema, channel.publisher)
+            self.known[key] = bag.channel(channel.topic, channel.type, self._offered(channel), schema,
+                                          channel.publisher)
         return self.known[key]
 
     def _offered(self, channel: Channel) -> list[dict[str, Any]]:

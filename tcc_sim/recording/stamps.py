@@ -67,10 +67,10 @@ class StampCounter:
     """Cuts batches of stamps, which come in the order of recording, into pieces without gaps, and counts what it finds.
 
     A stamp more than one and a half ticks after the last is a gap; one equal to the last is left out (nothing moves
-    while the driveline is paused). Simulation time starts anew, and a run begins, where a stamp falls back (a reset) and
-    where another publisher takes over (a restart). Publishers are told apart by who they are; where a recording does not
-    say that, a stamp that falls back belongs to another one if the number that its publisher gave it falls back too.
-    Each run has a tick of its own.
+    while the driveline is paused). Simulation time starts anew, and a run begins, where a stamp falls back (a reset)
+    and where another publisher takes over (a restart). Publishers are told apart by who they are; where a recording
+    does not say that, a stamp that falls back belongs to another one if the number that its publisher gave it falls
+    back too. Each run has a tick of its own.
     """
 
     messages: int = 0

@@ -220,8 +220,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         averages = damping_of_cycles(system, kept, begin, summary.period) if damping else None
         warnings = list(run.warnings)
         if len({record.parameters for record in run.scenes}) > 1:
-            warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures above the segments are worked out "
-                            "with the first")
+            warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures above the segments are worked "
+                            "out with the first")
         if len(run.scenes) > MOST_SCENES:
             warnings.append(f"only the first {MOST_SCENES} scenes are followed")
         told = segments.finish(summary.solver, summary.elapsed_s)

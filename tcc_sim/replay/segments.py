@@ -51,17 +51,20 @@ class Segment:
     def as_json(self) -> dict[str, Any]:
         """An entry of `segments` of `analyse --json`."""
         figures = self.summary.as_json() if self.summary is not None else {f.name: None for f in fields(Summary)}
-        found = {"start": self.start, "end": self.end, "began_by": self.began_by, "changes": dict(self.changes), **figures}
+        found = {"start": self.start, "end": self.end, "began_by": self.began_by, "changes": dict(self.changes)}
+        found |= figures
         return found | ({"tracking": self.tracking.as_json()} if self.tracking is not None else {})
 
     def rows(self, number: int) -> list[tuple[str, str]]:
         """The segment for a terminal."""
         what = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
-        out = [(f"segment {number}", f"{self.start:.6g} to {self.end:.6g} s, {self.began_by}{f': {what}' if what else ''}")]
+        when = f"{self.start:.6g} to {self.end:.6g} s"
+        out = [(f"segment {number}", f"{when}, {self.began_by}{f': {what}' if what else ''}")]
         if self.summary is not None:
             s = self.summary
             period = f"period {s.period}" if s.period else "no period"
-            out.append(("", f"largest |slip speed| {s.max_slip_speed:.6g} rad/s, {s.regime}, {period}, {s.cycles} cycles"))
+            out.append(("", f"largest |slip speed| {s.max_slip_speed:.6g} rad/s, {s.regime}, {period}, "
+                            f"{s.cycles} cycles"))
         else:
             out.append(("", "no whole engine cycle that is kept"))
         if self.tracking is not None:
@@ -129,8 +132,9 @@ class SegmentLog:
         before, target = dict(values_of(self._scene.system)), self._target
         while self._places and self._places[0].index <= self._index + row:
             self._use(self._scenes[self._places.popleft().scene])
-        while self._heard < len(self._recording.targets) and self._recording.targets[self._heard][0] <= int(batch.sent_ns[row]):
-            self._target = self._recording.targets[self._heard][1]
+        targets = self._recording.targets
+        while self._heard < len(targets) and targets[self._heard][0] <= int(batch.sent_ns[row]):
+            self._target = targets[self._heard][1]
             self._heard += 1
         changes: dict[str, object] = {key: value for key, value in values_of(self._scene.system)
                                       if value != before[key]}
@@ -205,4 +209,5 @@ class SegmentLog:
             means = now.means.means()
             dropped = default_discard(len(means)) if self._discard is None else self._discard
             judged = tracking(now.target, means, now.stream.cycle, dropped)
-        self.segments.append(Segment(now.start_ns * 1e-9, now.end_ns * 1e-9, now.began_by, now.changes, summary, judged))
+        self.segments.append(Segment(now.start_ns * 1e-9, now.end_ns * 1e-9, now.began_by, now.changes, summary,
+                                     judged))

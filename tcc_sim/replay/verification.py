@@ -53,8 +53,10 @@ class Verification:
     def sentence(self) -> str:
         """The result for people."""
         if self.verified:
-            how = "to the last bit" if self.exact == self.compared else f"within {STEP_TOLERANCE:g} (exactly for {self.exact})"
-            return f"verified: {self.compared} messages agree {how} with their solution from the recording alone{self.detail}"
+            how = "to the last bit" if self.exact == self.compared else (
+                f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
+            return (f"verified: {self.compared} messages agree {how} with their solution from the recording alone"
+                    f"{self.detail}")
         return f"not verified: {self.detail}"
 
 
@@ -125,12 +127,12 @@ class Verifier:
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
         if self._leapt:
-            detail = (f"; the states after {self._leapt} gaps are not reached by solving through them, which is allowed to "
-                      f"take {self._work_limit} sub-steps")
+            detail = (f"; the states after {self._leapt} gaps are not reached by solving through them, which is "
+                      f"allowed to take {self._work_limit} sub-steps")
         if self._first is not None:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
-                      f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another version or "
-                      "machine)")
+                      f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another "
+                      "version or machine)")
         return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
@@ -150,8 +152,8 @@ class Verifier:
             self._take(batch, 0)
 
     def _take_over(self, index: int, stamp_ns: int) -> bool:
-        """Go on to the last scene that holds from the state with this index on, or from an earlier one, and leads to the
-        state of `stamp_ns`; whether there was one.
+        """Go on to the last scene that holds from the state with this index on, or from an earlier one, and leads to
+        the state of `stamp_ns`; whether there was one.
         """
         latest = None
         while self._places and self._places[0].index <= index and (
@@ -227,8 +229,8 @@ class Verifier:
             self._work -= cost
             return True
         if ticks == 1:
-            raise InputError(f"solving it again takes more than {self._work_limit} sub-steps, the most allowed for a recording "
-                             "of its size")
+            raise InputError(f"solving it again takes more than {self._work_limit} sub-steps, the most allowed for a "
+                             "recording of its size")
         self._leapt += 1
         return False
 

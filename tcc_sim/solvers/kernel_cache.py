@@ -196,7 +196,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
         """Keep compiled code."""
-        if directory() is None or any(not lifted.can_cache for lifted in data.lifted) or data.library.has_dynamic_globals:
+        fixed = all(lifted.can_cache for lifted in data.lifted) and not data.library.has_dynamic_globals
+        if directory() is None or not fixed:
             return
         key = self._index_key(sig, data.codegen)
         try:

@@ -28,7 +28,8 @@ def special(folder: Path) -> dict[str, Path]:
     server = socket.socket(socket.AF_UNIX)
     server.bind(str(folder / "socket"))
     server.close()
-    return {name: folder / name for name in ("pipe", "link", "dangling", "folder", "socket")} | {"device": Path("/dev/null")}
+    names = ("pipe", "link", "dangling", "folder", "socket")
+    return {name: folder / name for name in names} | {"device": Path("/dev/null")}
 
 
 def written(path: Path, meanwhile: Callable[[], object]) -> None:

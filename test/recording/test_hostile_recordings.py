@@ -193,9 +193,9 @@ def test_searching_on_after_damage_takes_time_in_proportion(tmp_path: Path, monk
     assert read < 60 * path.stat().st_size
 
 
-VALUES = [[], [1, 2], 3, "text", None, 1.5, True, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}}, {"lost": {"/x": 1e999}},
-          {"lost": {"/x": 10**30}}, {"solver": 5}, {"solver": ["x"]}, "[" * 5000, "NaN", "{", '{"lost": NaN}', "9" * 5000,
-          {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
+VALUES = [[], [1, 2], 3, "text", None, 1.5, True, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}},
+          {"lost": {"/x": 1e999}}, {"lost": {"/x": 10**30}}, {"solver": 5}, {"solver": ["x"]}, "[" * 5000, "NaN", "{",
+          '{"lost": NaN}', "9" * 5000, {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
 
 
 @pytest.mark.parametrize("name", [RESULT_RECORD, RECOVERY_RECORD])
@@ -238,7 +238,8 @@ def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path
     assert run.stamps.resets > 500
 
 
-def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path,
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
     from tcc_sim.recording import recovery
 
     parsed = []

@@ -117,7 +117,7 @@ def test_results_of_the_parts_are_added(tmp_path):
 
 
 def test_killed_while_it_writes_a_later_part_and_a_part_that_is_gone(tmp_path, capsys):
-    path, rows = split(tmp_path, max_duration=0.3, cut=True)
+    path, _ = split(tmp_path, max_duration=0.3, cut=True)
     run = open_run(path)
     assert len(np.concatenate([batch.stamp_ns for batch in run.batches()])) == 1000
     assert not run.complete
@@ -132,8 +132,13 @@ def test_killed_while_it_writes_a_later_part_and_a_part_that_is_gone(tmp_path, c
 
 def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
     synced, real = [], os.fsync
-    monkeypatch.setattr(os, "fsync", lambda number: (synced.append(os.readlink(f"/proc/self/fd/{number}")), real(number)))
-    path, _ = split(tmp_path, max_duration=0.3)
+
+    def sync(number):
+        synced.append(os.readlink(f"/proc/self/fd/{number}"))
+        real(number)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    split(tmp_path, max_duration=0.3)
     assert synced == []
     writer = BagWriter(tmp_path / "safe", max_duration=0.3, sync=True)
     joints = writer.channel("/joint_states", JOINT_STATE)

@@ -41,7 +41,7 @@ def test_a_restart_is_known_by_its_publisher_though_its_stamps_are_later(tmp_pat
     run = open_run(path)
     batches = list(run.batches())
     assert (run.stamps.restarts, run.stamps.resets, run.lost_messages) == (1, 0, 0)
-    assert [b.began for b in batches if b.run == 1][0] is Break.RESTART
+    assert {b.began for b in batches if b.run == 1} == {Break.RESTART}
     assert sum(len(b) for b in batches if b.run == 1) == 240
 
 
@@ -63,7 +63,8 @@ def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
 
 
 def test_pressures_follow_their_own_publisher(tmp_path):
-    rows = [(stamp, *rest[:-1], 1e5 + n) for n, (stamp, *rest) in enumerate(ticked(COMMANDS, 300, pressure=lambda k: 2e5))]
+    solved = ticked(COMMANDS, 300, pressure=lambda k: 2e5)
+    rows = [(stamp, *rest[:-1], 1e5 + n) for n, (stamp, *rest) in enumerate(solved)]
     path = bag(tmp_path / "run", rows[:150] + rows[200:], COMMANDS, publishers=[(0, "a1"), (150, "b2")])
     run = open_run(path)
     found = np.concatenate([batch.applied_pressure for batch in run.batches()])

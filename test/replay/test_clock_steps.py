@@ -36,7 +36,7 @@ def test_after_a_step_of_the_clock_every_state_is_followed_to_the_last_bit(tmp_p
 
 
 def test_a_change_of_the_second_run_is_not_taken_for_one_of_the_first(tmp_path):
-    """The clock is set back by more than the first run took, so that it says nothing of which run a scene belongs to."""
+    """The clock is set back by more than the first run took: it does not say which run a scene belongs to."""
     said = []
     first = ticked(FIG02, 500)
     second = ticked(FIG02, 400, changes=[(150, {"engine.mean_torque": 250.0}, False)], said=said)
@@ -64,7 +64,8 @@ def record(stamp, said, general=False):
 
 
 def test_places_of_scenes():
-    records = [record(None, 5), record(3 * TICK, 1025), record(0, 2005), record(2 * TICK, 2016), record(99 * TICK, 2030)]
+    records = [record(None, 5), record(3 * TICK, 1025), record(0, 2005), record(2 * TICK, 2016),
+               record(99 * TICK, 2030)]
     found = ScenePlaces(records)
     found.feed(states(0, [0, 1], [1000, 1010]))
     found.feed(states(0, [2, 3, 4], [1020, 1030, 1040]))

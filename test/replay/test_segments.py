@@ -20,8 +20,8 @@ LOAD = 300.0
 def steady(seconds, speed, omega=150.0):
     """Steady pure slip, (17a) put right, from `speed` upwards."""
     swing = 250.0 / (0.2 * omega)
-    return by_hand(seconds, lambda t: speed + swing * (1.0 - np.cos(omega * t)), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
-                   lambda t: 300.0 + 250.0 * np.sin(omega * t), lambda t: LOAD + 0.0 * t)
+    return by_hand(seconds, lambda t: speed + swing * (1.0 - np.cos(omega * t)), lambda t: LOAD / 3000.0,
+                   lambda t: 0.0 * t, lambda t: 300.0 + 250.0 * np.sin(omega * t), lambda t: LOAD + 0.0 * t)
 
 
 def shifted(rows, ticks):
@@ -29,8 +29,8 @@ def shifted(rows, ticks):
 
 
 def said_at(row, stamp, **values):
-    return row, holding_from(SLIP.with_values({key.replace("__", "."): v for key, v in values.items()}).text(), stamp * TICK,
-                             False)
+    scene = SLIP.with_values({key.replace("__", "."): value for key, value in values.items()})
+    return row, holding_from(scene.text(), stamp * TICK, False)
 
 
 def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):
@@ -38,7 +38,8 @@ def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):
     (segment,) = found.json()["segments"]
     assert (segment["start"], segment["end"], segment["began_by"], segment["changes"]) == (0.0, 3.0, "start", {})
     whole = found.json()
-    assert {key: segment[key] for key in segment if key in whole} == {key: whole[key] for key in segment if key in whole}
+    shared = set(segment) & set(whole)
+    assert {key: segment[key] for key in shared} == {key: whole[key] for key in shared}
     assert "tracking" not in segment
     assert not any("segment 1" in line for line in found.lines())
 

@@ -78,8 +78,9 @@ def test_the_second_process_finds_what_the_first_compiled(cache, tmp_path, capsy
 
 
 @pytest.mark.parametrize(("old", "new", "found", "value"), [
-    ("GAIN = 2.0", "GAIN = 5.0", 0, 16.0), ("GAIN * x", "GAIN * x * x", 0, 19.0), ("UNUSED = 1.0", "UNUSED = 9.0", 1, 7.0),
-    ("x + 1.0", "x + 9.0", 1, 7.0), ("times the gain", "by the gain\n    and more lines", 1, 7.0),
+    ("GAIN = 2.0", "GAIN = 5.0", 0, 16.0), ("GAIN * x", "GAIN * x * x", 0, 19.0),
+    ("UNUSED = 1.0", "UNUSED = 9.0", 1, 7.0), ("x + 1.0", "x + 9.0", 1, 7.0),
+    ("times the gain", "by the gain\n    and more lines", 1, 7.0),
     ("'''A module", "# a comment\n'''A module", 1, 7.0)])
 def test_what_a_kernel_reaches_counts_and_nothing_else(cache, tmp_path, old, new, found, value):
     modules(tmp_path, name=f"edited_{tmp_path.name}")(3.0)
@@ -96,7 +97,8 @@ def test_kernels_of_the_engines_do_not_reach_each_other():
     def functions(dispatcher):
         return {f.__module__ for f in Reach(dispatcher.py_func)._seen.values() if hasattr(f, "__code__")}
 
-    march = next(value for value in vars(kernel).values() if hasattr(value, "py_func") and value.__module__ == kernel.__name__)
+    march = next(value for value in vars(kernel).values()
+                 if hasattr(value, "py_func") and value.__module__ == kernel.__name__)
     assert kernel.__name__ in functions(march)
     assert "tcc_sim.solvers.polynomial" in functions(march)
     assert not any("comparison" in name or "event_driven" in name or "fixed_step" in name for name in functions(march))
@@ -238,7 +240,7 @@ def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
         "tcc-sim: kernels are compiled without a cache: ~/.cache: Could not determine home directory.\n")
 
 
-def test_what_takes_long_to_compile_is_announced_once_and_only_where_it_is_compiled(cache, tmp_path, monkeypatch, capsys):
+def test_what_takes_long_to_compile_is_announced_once_and_only_then(cache, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(kernel_cache, "SECONDS_PER_BYTE", 1.0)
     kernel = modules(tmp_path, name="announced")
     kernel(3.0)
