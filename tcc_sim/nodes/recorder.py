@@ -56,21 +56,26 @@ class Recorder:
         names = _parameter(node, "topics", [row.name for row in TOPICS], "topics to record")
         period = _parameter(node, "flush_period", 0.25,
                             "a kill loses at most this much and one drain, s; above 0 to 10")
+        sync = _parameter(node, "fsync_period", 0.0,
+                          "a power cut loses at most this much and one drain, s; 0 leaves it to the operating system")
+        duration = _parameter(node, "max_bag_duration", 3600.0,
+                              "a file of the bag that holds this much, s, is followed by another; 0 for no limit")
+        size = _parameter(node, "max_bag_size", 0,
+                          "a file of the bag that has this many bytes is followed by another; 0 for no limit")
         if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period <= 10.0:
             raise InputError(f"flush_period is {period!r} s; it must be a number above 0 to 10 s")
         if not isinstance(names,
                           list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
             raise InputError(f"topics is {names!r}; it must be a list of topic names")
+        for name, value, most in (("fsync_period", sync, 3600.0), ("max_bag_duration", duration, 1e9),
+                                  ("max_bag_size", size, 1e18)):
+            if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= most:
+                raise InputError(f"{name} is {value!r}; it must be a number from 0 to {most:g}")
         for name in unknown_parameters(node):
             node.get_logger().warning(f"parameter {name} is unknown and has no effect; there are "
                                       f"{', '.join(PARAMETERS)}")
-        sync = _amount(node, "fsync_period", 0.0, 3600.0,
-                       "a power cut loses at most this much and one drain, s; 0 leaves it to the operating system")
-        duration = _amount(node, "max_bag_duration", 3600.0, 1e9,
-                           "s of recording in one file before the next; 0 for no limit")
-        size = _amount(node, "max_bag_size", 0, 1e18, "bytes of one file before the next; 0 for no limit")
         self.flush_period = float(period)
-        self.fsync_period = sync
+        self.fsync_period = float(sync)
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
         known = {node.resolve_topic_name(row.name): row.type for row in TOPICS}
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
@@ -250,14 +255,6 @@ def _parameter(node: Node, name: str, default: Any, description: str) -> Any:
     """Declare a read-only parameter that takes any type, so that a wrong one gets a clear line, and give its value."""
     descriptor = ParameterDescriptor(description=description, read_only=True, dynamic_typing=True)
     return node.declare_parameter(name, default, descriptor).value
-
-
-def _amount(node: Node, name: str, default: float, most: float, description: str) -> float:
-    """Declare a parameter that is a number from 0 to `most` and give its value."""
-    value = _parameter(node, name, default, description)
-    if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= most:
-        raise InputError(f"{name} is {value!r}; it must be a number from 0 to {most:g}")
-    return float(value)
 
 
 def _default_name() -> str:
