@@ -105,6 +105,8 @@ class CycleStream:
         self.continuity = StampCounter()
         self.not_finite = 0
         self.runs: list[RunCycles] = []
+        self.numbers: dict[int, int] = {}
+        """Which of `runs` has the batches of a run, by the number that these were fed with."""
         self._system = system
         self._stick_speed = stick_speed_of(terms_of(system))
         self._waiting: list[Floats] = []
@@ -131,6 +133,7 @@ class CycleStream:
         found: list[Piece] = []
         for piece, preceded in self.continuity.pieces(stamp_ns, run):
             if preceded.begins_a_run:
+                self.numbers[run] = len(self.runs)
                 self.runs.append(RunCycles())
             if preceded is not Break.NOTHING:
                 self._waiting = []
@@ -150,15 +153,16 @@ class CycleStream:
         number = max(range(len(self.runs)), key=lambda k: (self.runs[k].observed(), k))
         return number, self.runs[number]
 
-    def summary(self, discard: int | None = None, tolerance: float = RECORDING_TOLERANCE) -> Summary:
-        """The summary of the longest run.
+    def summary(self, discard: int | None = None, tolerance: float = RECORDING_TOLERANCE,
+                number: int | None = None) -> Summary:
+        """The summary of the longest run, or of the one with this number.
 
         Raises
         ------
         InputError
             No whole cycle, or none left after `discard`.
         """
-        run = self.longest()[1]
+        run = self.longest()[1] if number is None else self.runs[number]
         cycles, first, dropped = run.kept(discard)
         return replace(summarise_cycles(cycles, self.cycle, first=first, tolerance=tolerance), cycles=run.observed(),
                        discarded=dropped)

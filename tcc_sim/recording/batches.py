@@ -96,7 +96,8 @@ def _rows(data: NDArray[np.uint8], messages: Messages, channels: list[int], expe
         heads = Heads(nothing.astype(np.uint16), nothing, nothing, nothing)
         return heads, np.empty((0, len(expected)), np.uint8), refused
     rows = sliding_window_view(data, len(expected))[offset + 22]
-    wrong = ((rows != expected) & fixed).any(axis=1)
+    mask = np.where(fixed, np.uint8(0xFF), np.uint8(0))
+    wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
     if wrong.any():
         rows, offset, refused = rows[~wrong], offset[~wrong], refused + int(wrong.sum())
     head = sliding_window_view(data, _HEAD.itemsize)[offset].view(_HEAD)[:, 0]

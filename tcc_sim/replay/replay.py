@@ -195,7 +195,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     verifier, pace = Verifier(run.scenes, places, own, run.size) if verify else None, Pace()
     with ExitStack() as stack:
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
-        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, discard)
+        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, stream,
+                              discard)
         for batch in _watched(run, "reading", stack, progress):
             slip_speed = batch.flywheel_speed - batch.plate_speed
             state = modes_of(slip_speed, tail.stick_speed)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -82,6 +83,7 @@ class _Open:
     began_by: str
     changes: dict[str, object]
     stream: CycleStream
+    run: int | None
     start_ns: int
     end_ns: int = 0
     means: CycleMeans | None = None
@@ -97,16 +99,19 @@ class SegmentLog:
     scenes, places : all that the recording holds, and from which state on they hold
     frequency : of the engine torque, rad/s, for every segment; None takes each scene's own
     run : the recording, for its targets, which become known while it is read
+    stream : the whole recording's, which has each batch before this: where every segment is a run, its cycles serve
     discard : engine cycles dropped from each segment; None for the default
     """
 
     def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], frequency: float | None,
-                 run: Run, discard: int | None) -> None:
+                 run: Run, stream: CycleStream, discard: int | None) -> None:
         self.segments: list[Segment] = []
         self.count = 0
         self._scene, self._scenes, self._frequency, self._discard = scene, scenes, frequency, discard
         self._places = deque(place for place in places if place.scene)
         self._recording, self._heard = run, 0
+        controlled = any(name.rpartition("/")[2] == TARGET for name in run.topics)
+        self._shared = None if self._places or controlled else stream
         self._target: float | None = None
         self._index, self._run = 0, -1
         self._open: _Open | None = None
@@ -160,10 +165,12 @@ class SegmentLog:
         self.count += 1
         if self.count > MOST_SEGMENTS:
             return None
+        if self._shared is not None:
+            return _Open(began_by, changes, self._shared, self._run, stamp_ns)
         system = self._scene.system
         if self._frequency is not None:
             system = replace(system, engine=replace(system.engine, frequency=self._frequency))
-        return _Open(began_by, changes, CycleStream(system), stamp_ns)
+        return _Open(began_by, changes, CycleStream(system), None, stamp_ns)
 
     def _next_cut(self, batch: JointStates, row: int) -> int:
         """The next state at which something may have changed."""
@@ -182,8 +189,9 @@ class SegmentLog:
         now = self._open
         if now is None:
             return
-        now.stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
-                        batch.friction_torque)
+        if now.run is None:
+            now.stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
+                            batch.friction_torque)
         if now.means is not None:
             stamps, tick = batch.stamp_ns[np.isfinite(slip_speed)], now.stream.continuity.tick
             slip_speed = slip_speed[np.isfinite(slip_speed)]
@@ -200,10 +208,11 @@ class SegmentLog:
         now, self._open = self._open, None
         if now is None:
             return
-        try:
-            summary: Summary | None = now.stream.summary(self._discard)
-        except InputError:
-            summary = None
+        summary: Summary | None = None
+        if now.run is None or now.run in now.stream.numbers:
+            with suppress(InputError):
+                number = now.stream.numbers[now.run] if now.run is not None else None
+                summary = now.stream.summary(self._discard, number=number)
         judged = None
         if now.means is not None:
             means = now.means.means()

@@ -129,3 +129,10 @@ def test_verification_and_segments_agree_on_where_parameters_changed(tmp_path):
     assert found.verification.verified
     assert [(s.began_by, round(s.start * 1e3), dict(s.changes)) for s in found.segments] == [
         ("start", 0, {}), ("parameters", 700, {"engine.mean_torque": 250.0}), ("reset", 0, {})]
+
+
+def test_a_run_of_nothing_but_nan_has_no_figures_and_takes_none_from_another(tmp_path):
+    nothing = [(stamp, *[math.nan] * 6, math.nan) for stamp, *_ in steady(0.3, 1.0)]
+    found = replay(bag(tmp_path / "run", [*steady(1.0, 150.0), *nothing, *steady(0.5, 90.0)], SLIP), discard=0)
+    assert [s.summary is None for s in found.segments] == [False, True, False]
+    assert found.segments[2].summary.min_slip_speed == pytest.approx(90.0, abs=0.2)
