@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
@@ -194,12 +196,13 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     places = _places(run, progress)
     verifier, pace = Verifier(run.scenes, places, own, run.size) if verify else None, Pace()
     with ExitStack() as stack:
+        stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
         segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, stream,
                               discard)
         for batch in _watched(run, "reading", stack, progress):
             slip_speed = batch.flywheel_speed - batch.plate_speed
-            state = modes_of(slip_speed, tail.stick_speed)
+            state = modes_of(np.nan_to_num(slip_speed), tail.stick_speed)
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                                  batch.friction_torque, batch.run)
             segments.feed(batch, slip_speed)

@@ -131,6 +131,7 @@ def test_verification_and_segments_agree_on_where_parameters_changed(tmp_path):
         ("start", 0, {}), ("parameters", 700, {"engine.mean_torque": 250.0}), ("reset", 0, {})]
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_run_of_nothing_but_nan_has_no_figures_and_takes_none_from_another(tmp_path):
     nothing = [(stamp, *[math.nan] * 6, math.nan) for stamp, *_ in steady(0.3, 1.0)]
     found = replay(bag(tmp_path / "run", [*steady(1.0, 150.0), *nothing, *steady(0.5, 90.0)], SLIP), discard=0)
