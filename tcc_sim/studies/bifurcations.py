@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.studies.continuation import Height, Point, correct, point_at
+from tcc_sim.studies.continuation import Heights, Point, correct, point_at
 from tcc_sim.studies.event_borders import border_residual, differ, kind_of_change
-from tcc_sim.studies.maps import Floats
+from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import Orbit, orbit_at
 from tcc_sim.studies.shooting import Shooting
 
@@ -86,7 +86,7 @@ class Chord:
 
     a: Station
     b: Station
-    height: Height | None = None
+    heights: Heights | None = None
 
     def at(self, part: float) -> Station | None:
         """The station at `part` (0 to 1) of the chord; None where the corrector fails."""
@@ -97,11 +97,10 @@ class Chord:
             return self.b if part == 1.0 else self.a
         guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
         extra = None
-        if self.height is not None:
-            scale = self.a.shooting.map.height_scale
-            low, high = self.a.orbit.seen.largest / scale, self.b.orbit.seen.largest / scale
+        if self.heights is not None:
+            low, high = (np.array(s.orbit.seen.heights) / self.a.shooting.map.height_scale for s in (self.a, self.b))
             guess = p.z + part * chord
-            extra = self.height, (high - low) / length, low + part * (high - low)
+            extra = self.heights, (high - low) / length, low + part * (high - low)
         found = correct(self.a.shooting, guess, chord / length, extra)
         if found is None:
             return None
@@ -193,12 +192,46 @@ def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
         tests.append(("branch_point", lambda s: s.point.sign,
                       lambda s: float(np.linalg.svd(s.point.found.jacobian, compute_uv=False)[-1])))
     for kind, test, residual in tests:
-        station = chord.root(test)
+        station = branch_point(chord) if kind == "branch_point" else chord.root(test)
         if station is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(station))):
             continue
         out.append(Bifurcation(kind, station, max(residual(station), station.orbit.residual)))
     along = chord.b.point.z - chord.a.point.z
     return sorted(out, key=lambda f: float(along @ f.station.point.z))
+
+
+def branch_point(chord: Chord) -> Station | None:
+    """The point where two branches cross, by Newton on a regular system that holds it; None where there is none.
+
+    G + beta w = 0, J^T w = 0, w . w = 1 (G. Moore, The numerical treatment of non-trivial bifurcation points, Numer.
+    Funct. Anal. Optim. 2, 1980); the derivative of J^T w is taken by differences.
+    """
+    near = chord.root(lambda s: s.point.sign)
+    if near is None:
+        return None
+    shooting, z, found = near.shooting, near.point.z, near.point.found
+    w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.point.z) - 1
+    try:
+        for _ in range(12):
+            matrix, side = np.zeros((2 * d + 2, 2 * d + 2)), np.zeros(2 * d + 2)
+            matrix[:d, :d + 1], matrix[:d, -1] = found.jacobian, w
+            matrix[:d, d + 1:-1] = beta * np.eye(d)
+            matrix[d:-1, d + 1:-1], matrix[-1, d + 1:-1] = found.jacobian.T, 2.0 * w
+            for k in range(d + 1):
+                step = np.zeros(d + 1)
+                step[k] = 1e-6
+                matrix[d:-1, k] = (shooting.linearise(z + step).jacobian - found.jacobian).T @ w / 1e-6
+            side[:d], side[d:-1], side[-1] = found.residual + beta * w, found.jacobian.T @ w, w @ w - 1.0
+            change = np.linalg.solve(matrix, -side)
+            z, w, beta = z + change[:d + 1], w + change[d + 1:-1], beta + float(change[-1])
+            found = shooting.linearise(z)
+            if np.abs(change).max() < 1e-9:
+                break
+        if np.linalg.norm(z - near.point.z) > 1e-2 or abs(beta) > 1e-6:
+            return near
+        return station_at(shooting, point_at(z, found, near.point.tangent))
+    except FAILURES:
+        return near
 
 
 def _from_circle(station: Station) -> float:

@@ -18,21 +18,20 @@ from tcc_sim.studies.bifurcations import (
     station_at,
     with_branch,
 )
-from tcc_sim.studies.continuation import Height, Point, Stride, advance, correct, null_direction, point_at, tangent_of
+from tcc_sim.studies.continuation import Heights, Point, Stride, advance, correct, null_direction, point_at, tangent_of
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
-from tcc_sim.studies.orbits import SAME, Orbit, shifts
+from tcc_sim.studies.orbits import SAME, Orbit, minimal_period, shifts
 from tcc_sim.studies.shooting import GROWTH, Shooting
 
 MOST_POINTS = 3000
-STEEP = 3.0
-"""Climb in the largest size per step in the unknowns above which the size joins the arclength's coordinates."""
+STEEP_START = 1e-3
+"""First step with the largest sizes among the arclength's coordinates."""
 HEIGHT_STEP = 1e-7
+COLLAPSE = 1e-6
+"""Distance from a branch point within which a branch of a shorter period is met."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
-
-Sign = Callable[[Station], float]
-
 
 @dataclass
 class Branch:
@@ -63,13 +62,12 @@ class Course:
     name : of the parameter, for sentences
     most : points in one direction
     tick : called with every point
-    stop : a test that ends the walk where it changes sign, and the sentence for that
+    detect : whether bifurcations are looked for
     """
 
     name: str
     most: int = MOST_POINTS
     tick: Callable[[Station], None] | None = None
-    stop: tuple[Sign, str] | None = None
     detect: bool = True
 
 
@@ -82,6 +80,7 @@ class Walk:
     bifurcations: list[Bifurcation] = field(default_factory=list)
     sentence: str = ""
     closed: bool = False
+    done: bool = False
     stride: Stride = field(default_factory=Stride)
     steep: bool = False
     _ends: list[tuple[Floats, Floats]] = field(default_factory=list)
@@ -92,7 +91,7 @@ class Walk:
         self.sentence = f"interrupted at {self._where(first)}"
         self._ends = returning(first)
         before: tuple[Point, float] | None = None
-        while not self.closed:
+        while not self.done:
             here = self.stations[-1]
             self.sentence = f"interrupted at {self._where(here)}"
             if len(self.stations) > self.course.most:
@@ -103,14 +102,9 @@ class Walk:
                 self._take(edge)
                 self.sentence = f"{self.course.name} reached {edge.value:.9g}, the end of the range"
                 break
-            height = height_of(here.shooting) if self.steep else None
             length = self.stride.length
-            try:
-                moved = advance(here.shooting, here.point, before, self.stride, height)
-                new = station_at(here.shooting, moved[0]) if moved is not None else None
-            except FAILURES:
-                moved, new = None, None
-            if moved is None or new is None:
+            new = self._onward(here, before)
+            if new is None:
                 if not self._turn_at_border(here):
                     self.sentence = f"no further point was found beyond {self._where(here)}"
                     break
@@ -119,16 +113,28 @@ class Walk:
             if not 0.0 <= new.point.z[here.shooting.size] <= 1.0:
                 self.stride.length = 0.5 * length
                 continue
-            climb = abs(new.orbit.seen.largest - here.orbit.seen.largest) / here.shooting.map.height_scale
-            self.steep = climb > STEEP * moved[1]
             self._take(new)
-            before = (here.point, moved[1]) if self.stations[-2] is here else None
-            if self._stopped(here, new) or self._in_family():
+            before = here.point, float(np.linalg.norm(new.point.z - here.point.z))
+            if self.done or self._in_family():
                 break
             recut = self._recut(self.stations[-1])
             if recut is not None:
                 self.stations[-1], before = recut, None
         return self
+
+    def _onward(self, here: Station, before: tuple[Point, float] | None) -> Station | None:
+        """The next station; where single steps in the unknowns fail, with the largest sizes as further coordinates."""
+        for self.steep in (False, True):
+            if self.steep:
+                self.stride.length = STEEP_START
+            try:
+                moved = advance(here.shooting, here.point, before, self.stride,
+                                heights_of(here.shooting) if self.steep else None)
+                if moved is not None:
+                    return station_at(here.shooting, moved[0])
+            except FAILURES:
+                continue
+        return None
 
     def _where(self, station: Station) -> str:
         """The parameter of a station in words."""
@@ -137,15 +143,28 @@ class Walk:
     def _take(self, new: Station) -> None:
         """Append a station, with the bifurcations on the way to it; look whether the branch has closed."""
         here = self.stations[-1]
-        if self.course.detect:
-            self.bifurcations += between(here, new, self.steep)
+        found = between(here, new, self.steep) if self.course.detect else []
+        shorter = next((f for f in found if f.kind == "branch_point" and self._collapsed(f.station)), None)
+        if shorter is not None:
+            along = new.point.z - here.point.z
+            found = [f for f in found if float(along @ (f.station.point.z - shorter.station.point.z)) < -COLLAPSE]
+            new, self.done = shorter.station, True
+            self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
+        self.bifurcations += found
         if self.course.tick is not None:
             self.course.tick(new)
-        if len(self.stations) > 3 and self._returned(here, new):
-            self.closed = True
+        if len(self.stations) > 3 and not self.done and self._returned(here, new):
+            self.closed = self.done = True
             self.sentence = f"closed: back at its first point, {self._where(self.stations[0])}"
-            new = replace(self.stations[0], point=self.stations[0].point)
+            new = self.stations[0]
         self.stations.append(new)
+
+    @staticmethod
+    def _collapsed(station: Station) -> bool:
+        """Whether the orbit repeats after fewer cycles than its branch's period (within what a branch point allows)."""
+        shooting = station.shooting
+        return minimal_period(shooting.map, station.orbit.section, station.orbit.values, shooting.period,
+                              100.0 * COLLAPSE) < shooting.period
 
     def _edge(self, here: Station) -> Station | None:
         """The station at the end of the range where the next step would pass it; the step is shortened until one is
@@ -192,16 +211,6 @@ class Walk:
                         if np.linalg.norm(at - z) <= max(0.02 * float(np.linalg.norm(step)), SAME):
                             return True
         return False
-
-    def _stopped(self, here: Station, new: Station) -> bool:
-        """Whether the course's own end was passed."""
-        if self.course.stop is None or len(self.stations) < 4:
-            return False
-        test, sentence = self.course.stop
-        if test(here) * test(new) > 0.0:
-            return False
-        self.sentence = sentence.format(value=f"{self.course.name} = {new.value:.9g}")
-        return True
 
     def _in_family(self) -> bool:
         """Whether the last two points belong to motions with a multiplier of exactly 1 at one parameter."""
@@ -267,7 +276,7 @@ def between(a: Station, b: Station, steep: bool = False) -> list[Bifurcation]:
     """The bifurcations between two neighbouring stations, in order."""
     if a.shooting is not b.shooting and a.shooting != b.shooting:
         return []
-    chord = Chord(a, b, height_of(a.shooting) if steep else None)
+    chord = Chord(a, b, heights_of(a.shooting) if steep else None)
     if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(chord)
     out: list[Bifurcation] = []
@@ -289,7 +298,7 @@ def returning(first: Station) -> list[tuple[Floats, Floats]]:
     z, t = first.point.z, first.point.tangent
     x, values = first.shooting.nodes(z)[0], first.shooting.values(z)
     out = [(np.concatenate([z[:n], z[size:]]), np.concatenate([t[:n], t[size:]]))]
-    width = np.array([w.high - w.low for w in first.shooting.windows])
+    width = np.array([w.width(float(u)) for w, u in zip(first.shooting.windows, z[size:])])
     for k, point in enumerate(shifts(of, x, values, first.shooting.period)[1:], 1):
         image = of.evaluate(x, values, 0, k * of.forcing_period)
         along = (image.jacobian @ (t[:n] * scales) + image.by_parameter @ (width * t[size:])) / scales
@@ -298,23 +307,25 @@ def returning(first: Station) -> list[tuple[Floats, Floats]]:
     return out
 
 
-def height_of(shooting: Shooting) -> Height:
-    """The largest size as a coordinate, with its gradient by differences (it only tilts the corrector's plane)."""
+def heights_of(shooting: Shooting) -> Heights:
+    """The largest sizes per cycle as coordinates, with gradients by differences (they only tilt the corrector's plane).
+    """
     scale, period, size = shooting.map.height_scale, shooting.period, shooting.size
     n = shooting.map.dimension
 
-    def height(z: Floats) -> tuple[float, Floats]:
-        def largest(at: Floats) -> float:
-            return shooting.map.observe(shooting.nodes(at)[0], shooting.values(at), 0, period).largest / scale
+    def heights(z: Floats) -> tuple[Floats, Floats]:
+        def largest(at: Floats) -> Floats:
+            return np.array(shooting.map.observe(shooting.nodes(at)[0], shooting.values(at), 0, period).heights) / scale
 
-        base, gradient = largest(z), np.zeros(len(z))
+        base = largest(z)
+        gradient = np.zeros((len(base), len(z)))
         for k in [*range(n), *range(size, len(z))]:
             step = np.zeros(len(z))
             step[k] = HEIGHT_STEP if not (k == size and z[k] > 0.5) else -HEIGHT_STEP
-            gradient[k] = (largest(z + step) - base) / step[k]
+            gradient[:, k] = (largest(z + step) - base) / step[k]
         return base, gradient
 
-    return height
+    return heights
 
 
 def follow(first: Station, course: Course, origin: Any, number: int, *, both: bool = True, began: str = "") -> Branch:

@@ -23,8 +23,9 @@ ITERATIONS = 8
 NOISE = 1e-5
 """Newton steps below this may stop shrinking where rounding is amplified; the residual then decides."""
 
-Height = Callable[[Floats], tuple[float, Floats]]
-"""A further coordinate of the arclength at a point, with its gradient by the unknowns, both in natural sizes."""
+NO_CLIMB = np.empty(0)
+Heights = Callable[[Floats], tuple[Floats, Floats]]
+"""Further coordinates (k,) of the arclength at a point, with their gradients (k, d + 1), in natural sizes."""
 
 
 class Equations(Protocol):
@@ -44,21 +45,24 @@ class Point(NamedTuple):
 
 
 class Corrected(NamedTuple):
-    """What the corrector came to: a solution, how far it went from its guess, and the tangent's direction."""
+    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the further
+    coordinates, where there are any), and how these climb along the tangent.
+    """
 
     z: Floats
     found: Linearised
     tangent: Floats
     distance: float
+    climb: Floats
 
 
-def correct(equations: Equations, guess: Floats, row: Floats, height: tuple[Height, float, float] | None = None,
+def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Heights, Floats, Floats] | None = None,
             tolerance: float = TOLERANCE) -> Corrected | None:
     """Newton from `guess` to the solution with row . (z - guess) = 0; None where it does not converge.
 
-    height : a further coordinate, its weight in the plane's equation, and its value at the guess
+    heights : further coordinates, their weights in the plane's equation, and their values at the guess
     """
-    z, last = guess.copy(), np.inf
+    z, last, climb, away = guess.copy(), np.inf, NO_CLIMB, 0.0
     size = len(guess)
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     for _ in range(ITERATIONS):
@@ -67,10 +71,11 @@ def correct(equations: Equations, guess: Floats, row: Floats, height: tuple[Heig
             matrix[:-1], matrix[-1] = found.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
             sides[-1, 1] = 1.0
-            if height is not None:
-                high, gradient = height[0](z)
-                matrix[-1] += height[1] * gradient
-                sides[-1, 0] -= height[1] * (high - height[2])
+            if heights is not None:
+                high, gradient = heights[0](z)
+                matrix[-1] += heights[1] @ gradient
+                sides[-1, 0] -= float(heights[1] @ (high - heights[2]))
+                away = float(np.linalg.norm(high - heights[2]))
             solved = np.linalg.solve(matrix, sides)
         except FAILURES:
             return None
@@ -81,8 +86,10 @@ def correct(equations: Equations, guess: Floats, row: Floats, height: tuple[Heig
         z = z + step
         settled = length <= tolerance or (length <= NOISE and float(np.abs(found.residual).max()) <= ROUNDING)
         if settled:
-            tangent = solved[:, 1]
-            return Corrected(z, found, tangent / float(np.linalg.norm(tangent)), float(np.linalg.norm(z - guess)))
+            tangent = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
+            if heights is not None:
+                climb = gradient @ tangent
+            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb)
         if length > last:
             return None
         last = length
@@ -135,37 +142,36 @@ class Stride:
 
 
 def advance(equations: Equations, here: Point, before: tuple[Point, float] | None, stride: Stride,
-            height: Height | None = None) -> tuple[Point, float] | None:
+            heights: Heights | None = None) -> tuple[Point, float] | None:
     """The next point along the curve and the length of its step; None where no step is short enough.
 
     before : the point before `here` and the step between them, for the curvature
-    height : a further coordinate of the arclength, where the curve climbs much more in it than in the unknowns
+    heights : further coordinates of the arclength, where the curve climbs much more in them than in the unknowns
     """
-    climb = None
-    if height is not None:
+    climb = NO_CLIMB
+    high = NO_CLIMB
+    if heights is not None:
         try:
-            high, gradient = height(here.z)
+            high, gradient = heights(here.z)
         except FAILURES:
             return None
-        climb = high, float(gradient @ here.tangent)
-    curved = before is not None and climb is None
+        climb = gradient @ here.tangent
+    reach = float(np.sqrt(1.0 + climb @ climb))
+    curved = before is not None and heights is None
     while stride.length >= stride.smallest:
-        length = stride.length
+        length = stride.length / reach
         guess = here.z + length * here.tangent
-        extra = None
-        if climb is not None and height is not None:
-            length = stride.length / float(np.hypot(1.0, climb[1]))
-            guess = here.z + length * here.tangent
-            extra = height, climb[1], climb[0] + length * climb[1]
-        elif curved and before is not None:
+        if curved and before is not None:
             guess = guess + 0.5 * length**2 / before[1] * (here.tangent - before[0].tangent)
+        extra = None if heights is None else (heights, climb, high + length * climb)
         found = correct(equations, guess, here.tangent, extra)
         if found is not None:
-            tangent = found.tangent if float(found.tangent @ here.tangent) > 0.0 else -found.tangent
+            along = float(found.tangent @ here.tangent + found.climb @ climb)
+            tangent = found.tangent if along > 0.0 else -found.tangent
             new = point_at(found.z, found.found, tangent)
-            turned = float(tangent @ here.tangent) < stride.turn
+            turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
             jumped = new.sign != here.sign and stride.length > stride.branching
-            if found.distance <= stride.farthest * length and not turned and not jumped:
+            if found.distance <= stride.farthest * stride.length and not turned and not jumped:
                 stride.length = stride.after(found.distance)
                 return new, float(np.linalg.norm(new.z - here.z))
         stride.length *= 0.5

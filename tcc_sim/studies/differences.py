@@ -7,7 +7,7 @@ leaves some 1e-9 in a multiplier.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,10 @@ STEPS = np.array([1e-4, 1e-6, 1e-4])
 """Steps of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 PARAMETER_STEP = 3e-6
 """Step of a key, relative to its value."""
+FINER = 0.03
+"""Factor of a finer step."""
+BEND = 1e-4
+"""Second difference over the first above which a step is made finer."""
 
 
 class Differences(NamedTuple):
@@ -67,34 +71,51 @@ def stroboscopic_map(system: System, state: Floats, cycles: int, *, start_cycle:
     derivative = np.zeros((3, 3))
     stuck = system.friction.law == "set_valued" and state[0] == 0.0 and events[0] == "S"
     for k in range(1 if stuck else 0, 3):
-        step = np.zeros(3)
-        step[k] = STEPS[k]
-        derivative[:, k] = (end(system, state + step) - end(system, state - step)) / (2.0 * STEPS[k])
+        def moved(sign: float, finer: float, k: int = k) -> Floats:
+            step = np.zeros(3)
+            step[k] = sign * finer * STEPS[k]
+            return end(system, state + step)
+
+        derivative[:, k] = _central(moved, value) / STEPS[k]
     by_parameter = np.zeros((3, len(parameters)))
     present = dict(values_of(system))
     for k, key in enumerate(parameters):
         at = present[key]
         assert isinstance(at, float)
-        by_parameter[:, k] = _by_key(system, key, at, lambda of: end(of, state), value)
+        h = PARAMETER_STEP * (abs(at) if at != 0.0 else 1.0)
+
+        def turned(sign: float, finer: float, key: str = key, at: float = at, h: float = h) -> Floats:
+            return end(replace(system, {key: at + sign * finer * h}), state)
+
+        by_parameter[:, k] = _central(turned, value) / h
     return Differences(value, derivative, by_parameter, events)
 
 
-def _by_key(system: System, key: str, at: float, end: object, value: Floats) -> Floats:
-    """The derivative of the end state by one key, one-sided of second order at the end of the key's range."""
-    assert callable(end)
-    h = PARAMETER_STEP * (abs(at) if at != 0.0 else 1.0)
-    sides: list[Floats | None] = []
-    for sign in (1.0, -1.0):
-        try:
-            sides.append(end(replace(system, {key: at + sign * h})))
-        except InputError:
-            sides.append(None)
-    up, down = sides
-    if up is not None and down is not None:
-        return (up - down) / (2.0 * h)
-    sign, near = (1.0, up) if up is not None else (-1.0, down)
-    if near is None:
-        raise InputError(f"{key} is {at:g}; it has no room to vary")
-    far = end(replace(system, {key: at + 2.0 * sign * h}))
-    out: Floats = sign * (4.0 * near - far - 3.0 * value) / (2.0 * h)
+def _central(at: Callable[[float, float], Floats], value: Floats) -> Floats:
+    """The derivative of `at` by its first argument at 0, where it is `value`; the second one scales the step.
+
+    It is one-sided of second order at the end of a key's range. Where the map bends the step is made finer: the second
+    difference over the first, squared, is the relative truncation.
+    """
+    out = np.zeros_like(value)
+    for finer in (1.0, FINER, FINER**2):
+        sides: list[Floats | None] = []
+        for sign in (1.0, -1.0):
+            try:
+                sides.append(at(sign, finer))
+            except InputError:
+                sides.append(None)
+        up, down = sides
+        if up is None and down is None:
+            continue
+        if up is None or down is None:
+            sign, near = (1.0, up) if up is not None else (-1.0, down)
+            assert near is not None
+            far = at(2.0 * sign, finer)
+            first, second = sign * (4.0 * near - far - 3.0 * value), far - 2.0 * near + value
+        else:
+            first, second = up - down, up - 2.0 * value + down
+        out = first / (2.0 * finer)
+        if np.abs(second / STEPS).max() <= BEND * np.abs(first / STEPS).max():
+            break
     return out

@@ -74,9 +74,10 @@ class DrivelineMap:
         solved = self.solved(x, values, first, cycles)
         kept, moves = solved.cycles, solved.transitions
         assert kept is not None
-        largest = max(float(kept.highest.max()), -float(kept.lowest.min()))
-        return Observation(largest, float(kept.stick_time.sum()) / (cycles * solved.cycle),
-                           differences.event_sequence(moves.before, moves.after, int(solved.state[0])))
+        heights = np.maximum(kept.highest, -kept.lowest)
+        return Observation(float(heights.max()), float(kept.stick_time.sum()) / (cycles * solved.cycle),
+                           differences.event_sequence(moves.before, moves.after, int(solved.state[0])),
+                           tuple(heights.tolist()))
 
     def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
         """The trajectory itself."""

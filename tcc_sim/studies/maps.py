@@ -36,11 +36,13 @@ class Observation(NamedTuple):
     largest : the largest size of the motion (for the driveline |slip speed|, rad/s)
     stick_fraction : 0 to 1
     events : the sequence of modes, such as "S+S"; empty for a map without
+    heights : the largest size in each cycle, which can change much where the section hardly moves
     """
 
     largest: float
     stick_fraction: float
     events: str
+    heights: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class ParameterMap(Protocol):
 
     dimension : number of states n
     scales : (n,) natural sizes of the states, in which distances are measured
-    height_scale : natural size of `Observation.largest`
+    height_scale : natural size of `Observation.largest` and of the heights
     forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
     piecewise : whether the event sequence changes the map (set-valued friction)
 

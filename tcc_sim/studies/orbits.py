@@ -139,11 +139,11 @@ def shifts(of: ParameterMap, x: Floats, values: Values, period: int) -> list[Flo
     return points
 
 
-def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int) -> int:
-    """The smallest number of cycles after which a closed orbit of `period` cycles repeats."""
+def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = SAME) -> int:
+    """The smallest number of cycles after which a closed orbit of `period` cycles repeats, to `same` natural sizes."""
     points = shifts(of, x, values, period)
     for k in range(1, len(points)):
-        if len(points) % k == 0 and np.abs((points[k] - x) / of.scales).max() < SAME:
+        if len(points) % k == 0 and np.abs((points[k] - x) / of.scales).max() < same:
             return k * of.forcing_period
     return period
 

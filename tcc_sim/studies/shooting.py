@@ -21,18 +21,25 @@ GROWTH = 1e5
 
 @dataclass(frozen=True)
 class Window:
-    """The range of one free parameter."""
+    """The range of one free parameter; `inverse` takes the reciprocal as the coordinate, 0 at infinity and 1 at `low`."""
 
     low: float
     high: float
+    inverse: bool = False
 
     def value(self, scaled: float) -> float:
         """The parameter at 0 (low) to 1 (high)."""
+        if self.inverse:
+            return self.low / scaled
         return self.low + scaled * (self.high - self.low)
 
     def scaled(self, value: float) -> float:
         """0 at low to 1 at high."""
-        return (value - self.low) / (self.high - self.low)
+        return self.low / value if self.inverse else (value - self.low) / (self.high - self.low)
+
+    def width(self, scaled: float) -> float:
+        """Change of the parameter per unit of the scaled one."""
+        return -self.low / scaled**2 if self.inverse else self.high - self.low
 
 
 class Linearised(NamedTuple):
@@ -89,7 +96,7 @@ class Shooting:
         """Residual and derivative at `z`; raises what the map raises."""
         n, size, scales = self.map.dimension, self.size, self.map.scales
         values, nodes = self.values(z), self.nodes(z)
-        widths = np.array([w.high - w.low for w in self.windows])
+        widths = np.array([w.width(float(u)) for w, u in zip(self.windows, z[size:])])
         if len(self.segments) == 1:
             image = self.map.evaluate(nodes[0], values, 0, self.period)
             jacobian = np.empty((n, n + len(widths)))
