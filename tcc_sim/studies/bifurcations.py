@@ -23,6 +23,8 @@ from tcc_sim.studies.shooting import Shooting
 
 ROOT_TOLERANCE = 1e-13
 """Width of the bracket, relative to the step, at which a root counts as found."""
+WORST = 1e-2
+"""Residual above which a change of sign is one of rounding, not of a bifurcation."""
 COMPLEX = 1e-6
 """Argument above which a pair of multipliers is complex and not real."""
 
@@ -195,7 +197,9 @@ def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
         station = branch_point(chord) if kind == "branch_point" else chord.root(test)
         if station is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(station))):
             continue
-        out.append(Bifurcation(kind, station, max(residual(station), station.orbit.residual)))
+        left = max(residual(station), station.orbit.residual)
+        if left < WORST:
+            out.append(Bifurcation(kind, station, left))
     along = chord.b.point.z - chord.a.point.z
     return sorted(out, key=lambda f: float(along @ f.station.point.z))
 

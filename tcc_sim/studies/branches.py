@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,15 +22,13 @@ from tcc_sim.studies.bifurcations import (
 from tcc_sim.studies.continuation import Heights, Point, Stride, advance, correct, null_direction, point_at, tangent_of
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
-from tcc_sim.studies.orbits import SAME, Orbit, minimal_period, shifts
+from tcc_sim.studies.orbits import SAME, Orbit, shifts
 from tcc_sim.studies.shooting import GROWTH, Shooting
 
 MOST_POINTS = 3000
 STEEP_START = 1e-3
 """First step with the largest sizes among the arclength's coordinates."""
 HEIGHT_STEP = 1e-7
-COLLAPSE = 1e-6
-"""Distance from a branch point within which a branch of a shorter period is met."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
@@ -144,11 +143,10 @@ class Walk:
         """Append a station, with the bifurcations on the way to it; look whether the branch has closed."""
         here = self.stations[-1]
         found = between(here, new, self.steep) if self.course.detect else []
-        shorter = next((f for f in found if f.kind == "branch_point" and self._collapsed(f.station)), None)
+        shorter = self._collapse(here, new) if here.point.sign != new.point.sign else None
         if shorter is not None:
-            along = new.point.z - here.point.z
-            found = [f for f in found if float(along @ (f.station.point.z - shorter.station.point.z)) < -COLLAPSE]
-            new, self.done = shorter.station, True
+            found = [f for f in found if f.kind not in ("branch_point", "fold")]
+            new, self.done = shorter, True
             self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
         self.bifurcations += found
         if self.course.tick is not None:
@@ -159,12 +157,23 @@ class Walk:
             new = self.stations[0]
         self.stations.append(new)
 
-    @staticmethod
-    def _collapsed(station: Station) -> bool:
-        """Whether the orbit repeats after fewer cycles than its branch's period (within what a branch point allows)."""
-        shooting = station.shooting
-        return minimal_period(shooting.map, station.orbit.section, station.orbit.values, shooting.period,
-                              100.0 * COLLAPSE) < shooting.period
+    def _collapse(self, here: Station, new: Station) -> Station | None:
+        """The station between two at which the orbit is one of a shorter period; None where there is none."""
+        shooting = here.shooting
+        of, period = shooting.map, shooting.period
+        for shorter in range(of.forcing_period, period, of.forcing_period):
+            if period % shorter:
+                continue
+
+            def apart(station: Station, cycles: int = shorter) -> Floats:
+                x = station.orbit.section
+                out: Floats = (of.evaluate(x, station.orbit.values, 0, cycles).value - x) / of.scales
+                return out
+
+            one, two = apart(here), apart(new)
+            if float(one @ two) < -0.8 * float(np.linalg.norm(one) * np.linalg.norm(two)):
+                return Chord(here, new).root(partial(_along, one, apart)) or here
+        return None
 
     def _edge(self, here: Station) -> Station | None:
         """The station at the end of the range where the next step would pass it; the step is shortened until one is
@@ -270,6 +279,11 @@ class Walk:
     def _events_at(shooting: Shooting, z: Floats) -> str:
         """The event sequence of one period from a point near an orbit."""
         return shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events
+
+
+def _along(direction: Floats, measure: Callable[[Station], Floats], station: Station) -> float:
+    """A measure of a station along a direction."""
+    return float(direction @ measure(station))
 
 
 def between(a: Station, b: Station, steep: bool = False) -> list[Bifurcation]:
