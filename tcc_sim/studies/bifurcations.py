@@ -210,9 +210,7 @@ def branch_point(chord: Chord) -> Station | None:
     G + beta w = 0, J^T w = 0, w . w = 1 (G. Moore, The numerical treatment of non-trivial bifurcation points, Numer.
     Funct. Anal. Optim. 2, 1980); the derivative of J^T w is taken by differences.
     """
-    near = chord.root(lambda s: s.point.sign)
-    if near is None:
-        return None
+    near = chord.b
     shooting, z, found = near.shooting, near.point.z, near.point.found
     w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.point.z) - 1
     try:
@@ -232,10 +230,10 @@ def branch_point(chord: Chord) -> Station | None:
             if np.abs(change).max() < 1e-9:
                 break
         if np.linalg.norm(z - near.point.z) > 1e-2 or abs(beta) > 1e-6:
-            return near
+            return None
         return station_at(shooting, point_at(z, found, near.point.tangent))
     except FAILURES:
-        return near
+        return None
 
 
 def _from_circle(station: Station) -> float:

@@ -342,10 +342,12 @@ def heights_of(shooting: Shooting) -> Heights:
     return heights
 
 
-def follow(first: Station, course: Course, origin: Any, number: int, *, both: bool = True, began: str = "") -> Branch:
+def follow(first: Station, course: Course, origin: Any, number: int, *, both: bool = True, began: str = "",
+           keep: list[Branch] | None = None) -> Branch:
     """The branch through `first`, both ways, or only along its tangent.
 
     began : the sentence for the end it starts at, where only one way is followed
+    keep : takes the branch, what there is of it after Ctrl-C too
     """
     branch = Branch(first.orbit.period, origin, [first], (began, ""))
     walks: list[Walk] = []
@@ -364,6 +366,8 @@ def follow(first: Station, course: Course, origin: Any, number: int, *, both: bo
                                for f in (w.bifurcations[::-1] if w is backward else w.bifurcations)]
         branch.closed = forward.closed
         ahead = forward.sentence
+        if keep is not None:
+            keep.append(branch)
         branch.ended = (ahead if forward.closed else backward.sentence if backward is not None else began or ahead, ahead)
     return branch
 

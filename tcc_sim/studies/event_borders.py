@@ -20,29 +20,35 @@ def ring(events: str) -> str:
     return min(events[k:] + events[:k] for k in range(len(events))) if events else events
 
 
-def _reduced(longer: str, pattern: str, by: str, shorter: str) -> bool:
-    """Whether replacing `pattern` by `by` on the ring `longer`, once or more, gives the ring `shorter`."""
+RULES: dict[str, tuple[tuple[str, str], ...]] = {
+    "adding_sliding": (("S+S", "S"), ("S-S", "S")),
+    "grazing_sliding": (("+S+", "+"), ("-S-", "-"), ("+-+", "+"), ("-+-", "-")),
+    "crossing_sliding": (("+S-", "+-"), ("-S+", "-+")),
+    "switching_sliding": (("+-S", "+S"), ("-+S", "-S")),
+}
+"""Per kind, which part of the longer sequence becomes which of the shorter one."""
+
+
+def _reduced(longer: str, rules: tuple[tuple[str, str], ...], shorter: str) -> bool:
+    """Whether replacing parts of the ring `longer`, once or more, gives the ring `shorter`."""
     found = {longer}
     for _ in range(REPEATS):
-        following = set()
-        for text in found:
-            for k in range(len(text)):
-                turned = text[k:] + text[:k]
-                if len(turned) >= len(pattern) - 1 and (turned * 2).startswith(pattern):
-                    following.add(ring(by + turned[len(pattern):] if len(turned) >= len(pattern) else by[0]))
-        if shorter in following:
+        found = {new for text in found for pattern, by in rules for new in _replaced(text, pattern, by)}
+        if shorter in found:
             return True
-        found = following
     return False
 
 
-RULES: tuple[tuple[str, str, str], ...] = (
-    ("S+S", "S", "adding_sliding"), ("S-S", "S", "adding_sliding"),
-    ("+S+", "+", "grazing_sliding"), ("-S-", "-", "grazing_sliding"),
-    ("+-+", "+", "grazing_sliding"), ("-+-", "-", "grazing_sliding"),
-    ("+S-", "+-", "crossing_sliding"), ("-S+", "-+", "crossing_sliding"),
-    ("+-S", "+S", "switching_sliding"), ("-+S", "-S", "switching_sliding"),
-)
+def _replaced(text: str, pattern: str, by: str) -> set[str]:
+    """The rings that come of replacing `pattern` by `by` at each of its places on the ring `text`."""
+    out = set()
+    for k in range(len(text)):
+        turned = text[k:] + text[:k]
+        if turned.startswith(pattern):
+            out.add(ring(by + turned[len(pattern):]))
+        elif len(turned) == len(pattern) - 1 and turned + turned[0] == pattern:
+            out.add(by[0])
+    return out
 
 
 def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> str:
@@ -54,8 +60,8 @@ def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> st
     longer, shorter = (one, two) if len(one) >= len(two) else (two, one)
     if shorter == "S":
         return "stick_border"
-    for pattern, by, kind in RULES:
-        if _reduced(longer, pattern, by, shorter):
+    for kind, rules in RULES.items():
+        if _reduced(longer, rules, shorter):
             return kind
     grazing, arrival = min(m.grazing for m in near), min(m.arrival for m in near)
     stick = min(abs(m.stick) for m in near)

@@ -166,7 +166,7 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None]
     first = first_station(shooting, z)
     _refuse_family(first, map_.system_at((start,)))
     course = Course(plan.over, tick=tick)
-    out.branches.append(follow(first, course, "start", 0))
+    follow(first, course, "start", 0, keep=out.branches)
     if plan.switch:
         switch(out.branches, course, plan.switch)
     for value in plan.at:

@@ -64,9 +64,8 @@ def switch(branches: list[Branch], course: Course, depth: int) -> None:
                     continue
                 origin = {"kind": found.kind, "value": found.value, "branch": number}
                 child = follow(first, course, origin, len(branches), both=False,
-                               began=f"began in the period doubling at {course.name} = {found.value:.9g}")
+                               began=f"began in the period doubling at {course.name} = {found.value:.9g}", keep=branches)
                 reached += [window.scaled(s.value) for s in child.stations[-1:]]
-                branches.append(child)
                 following.append((len(branches) - 1, child))
         generation = following
 

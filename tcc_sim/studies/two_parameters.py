@@ -55,13 +55,17 @@ class Defining:
 
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting
+        self.b = self.c = np.empty(0)
         self.border(shooting.linearise(z))
 
     def border(self, found: Linearised) -> None:
-        """Take the borders from the singular vectors at a point, the best there."""
+        """Take the borders from the singular vectors at a point, the best there; their signs stay."""
         scales = self.shooting.map.scales
         left, _, right = np.linalg.svd(singular(self.kind, found.monodromy / scales[:, None] * scales))
-        self.b, self.c = left[:, -1], right[-1]
+        b, c = left[:, -1], right[-1]
+        keep = len(self.b) == len(b)
+        self.b = -b if keep and float(b @ self.b) < 0.0 else b
+        self.c = -c if keep and float(c @ self.c) < 0.0 else c
 
     def test(self, found: Linearised) -> float:
         """g of the bordered system."""
