@@ -19,13 +19,14 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is followed, what is looked for, and where the results go."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key that is followed, and its range")
+    parser.add_argument("--over", metavar="KEY=START:STOP", required=True,
+                        help="scene key that is followed, and its range")
     parser.add_argument("--period", metavar="N", type=int,
                         help="engine cycles of the motion to begin with (default: those of the settled motion)")
     parser.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
                         help="give the motions at exactly this value of the key, on every branch")
     parser.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
-                        help="follow the branches of doubled period too, DEPTH doublings deep (1 where no DEPTH is given)")
+                        help="follow the branches of doubled period too, DEPTH doublings deep (1 where it is not given)")
     parser.add_argument("--second", metavar="KEY=START:STOP",
                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key too")
     parser.add_argument("--limit", action="store_true",
@@ -62,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         interrupted = True
     if arguments.json is not None:
-        write_json(arguments.json, {"format": "tcc_sim.continue/1", "version": __version__,
-                                    "scene": {k: list(v) if isinstance(v, tuple) else v for k, v in values_of(scene.system)},
+        keys = {k: list(v) if isinstance(v, tuple) else v for k, v in values_of(scene.system)}
+        write_json(arguments.json, {"format": "tcc_sim.continue/1", "version": __version__, "scene": keys,
                                     "command": sys.argv[1:], **found.as_json()})
     if arguments.plot is not None and found.branches:
         from tcc_sim.views.branch_diagram import branch_diagram
@@ -90,8 +91,8 @@ def _print(found: Motions) -> None:
         if found.plan.limit:
             value = found.limits.get(index)
             limit = "  of the smoothing" if value is None else f"  limit {value:.9g}"
-        print(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  max slip {item.station.orbit.seen.largest:.8g} rad/s  "
-              f"residual {item.residual:.1e}{limit}")
+        print(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
+              f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
         print(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
               f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")

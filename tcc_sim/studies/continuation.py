@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -76,7 +76,7 @@ def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Hei
                 matrix[-1] += heights[1] @ gradient
                 sides[-1, 0] -= float(heights[1] @ (high - heights[2]))
                 away = float(np.linalg.norm(high - heights[2]))
-            solved = np.linalg.solve(matrix, sides)
+            solved: Any = np.linalg.solve(matrix, sides)
         except FAILURES:
             return None
         step = solved[:, 0]
@@ -86,7 +86,7 @@ def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Hei
         z = z + step
         settled = length <= tolerance or (length <= NOISE and float(np.abs(found.residual).max()) <= ROUNDING)
         if settled:
-            tangent = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
+            tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
             if heights is not None:
                 climb = gradient @ tangent
             return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb)
@@ -98,10 +98,9 @@ def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Hei
 
 def tangent_of(found: Linearised, along: Floats) -> Floats:
     """The unit tangent of the curve on the side of `along`."""
-    matrix = np.vstack([found.jacobian, along])
     side = np.zeros(len(along))
     side[-1] = 1.0
-    t = np.linalg.solve(matrix, side)
+    t: Any = np.linalg.solve(np.vstack([found.jacobian, along]), side)
     out: Floats = t / float(np.linalg.norm(t))
     return out
 

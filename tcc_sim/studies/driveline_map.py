@@ -50,8 +50,8 @@ class DrivelineMap:
         self.piecewise = system.friction.law == "set_valued"
         self.forcing_period = common_cycles(system)
         if self.forcing_period == 0:
-            raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need a ratio "
-                             "of whole numbers up to 1000")
+            raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
+                             "a ratio of whole numbers up to 1000")
         self._made: tuple[Values, System] | None = None
 
     def system_at(self, values: Values) -> System:
@@ -127,8 +127,8 @@ def _check_key(system: System, key: str) -> None:
     if key == "friction.smoothing" and system.friction.law == "set_valued":
         raise InputError("friction.smoothing has no effect with friction.law set_valued")
     if key == "pressure.frequency_ratio" and system.saturation_amplitude > 0.0:
-        raise InputError("pressure.frequency_ratio cannot be followed: between ratios of whole numbers the excitation is "
-                         "not periodic")
+        raise InputError("pressure.frequency_ratio cannot be followed: between ratios of whole numbers the excitation "
+                         "is not periodic")
 
 
 def _smallest_dip(size: Floats, within: Any) -> float:

@@ -17,7 +17,7 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.solvers import solve
 from tcc_sim.studies.bifurcations import Bifurcation, Station
-from tcc_sim.studies.branches import Branch, Course, first_station, follow
+from tcc_sim.studies.branches import Branch, first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.orbits import find_orbit
@@ -25,6 +25,7 @@ from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.smoothing_limit import limit_of
 from tcc_sim.studies.switching import orbits_at, switch
 from tcc_sim.studies.two_parameters import KINDS, Curve, bifurcation_curve, border_curve
+from tcc_sim.studies.walk import Course
 
 SETTLING = 300
 LONGEST_PERIOD = 16
@@ -61,20 +62,21 @@ class Plan:
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
-            raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; it must be increasing or decreasing")
+            raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
         if self.period is not None and not 1 <= self.period <= LONGEST_PERIOD:
             raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_PERIOD} engine cycles")
         if not 0 <= self.switch <= DEEPEST_SWITCH:
             raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
         for value in self.at:
             if not self.low <= value <= self.high:
-                raise InputError(f"--at is {value:g}; it must be within the range of --over, {self.low:g} to {self.high:g}")
+                raise InputError(f"--at is {value:g}; it must be within the range of --over, {self.low:g} to "
+                                 f"{self.high:g}")
         if self.second is not None:
             key, low, high = self.second
             if key == self.over:
                 raise InputError(f"--second is {key}, the key of --over; it must be another one")
             if not low < high:
-                raise InputError(f"--second has a range from {low:g} to {high:g}; it must be increasing or decreasing")
+                raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
 
 
 @dataclass
@@ -137,8 +139,8 @@ def check(system: System, plan: Plan) -> DrivelineMap:
     if plan.limit and plan.over == "friction.smoothing":
         raise InputError("--limit follows friction.smoothing itself; --over must be another key")
     if plan.period is not None and plan.period % found.forcing_period:
-        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine cycles, and "
-                         "the period must be a multiple of that")
+        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine cycles, "
+                         "and the period must be a multiple of that")
     return found
 
 
@@ -209,7 +211,8 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
         if z is not None:
             return shooting, z
     named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-    raise NumericalFailure(f"no periodic motion {named} was found from the settled one at this value; try another --period")
+    raise NumericalFailure(f"no periodic motion {named} was found from the settled one at this value; "
+                           "try another --period")
 
 
 def _shorter(map_: DrivelineMap, window: Window, value: float, period: int, guesses: list[Floats]) -> list[Floats]:
@@ -233,8 +236,8 @@ def _refuse_family(first: Station, system: System) -> None:
     """Raise InputError where the motion is one of infinitely many in pure slip."""
     events = first.orbit.seen.events
     if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
-        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm ({system.engine.mean_torque:g} N m): a "
-                         "family of motions with a multiplier of exactly 1, through which no single branch leads")
+        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm ({system.engine.mean_torque:g} N m): "
+                         "a family of motions with a multiplier of exactly 1, through which no single branch leads")
 
 
 def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:

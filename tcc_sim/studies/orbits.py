@@ -88,7 +88,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
         found = shooting.linearise(z)
         for _ in range(iterations):
             step = np.linalg.solve(found.jacobian[:, :size], -found.residual)
-            turn = sum(_slope(z[:size] - k[:size], step) for k in known)
+            turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
                 step = step / (1.0 - turn)
             length = float(np.abs(step).max())
@@ -124,7 +124,7 @@ def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:
     return out
 
 
-def _slope(away: Floats, step: Floats) -> float:
+def _slope(away: Any, step: Any) -> float:
     """Derivative of the logarithm of 1 + 1/|away|^2 along `step`."""
     square = max(float(away @ away), 1e-300)
     return -2.0 * float(away @ step) / (square * (square + 1.0))
@@ -148,7 +148,8 @@ def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, sam
     return period
 
 
-def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats], known: Sequence[Floats] = ()) -> Floats | None:
+def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats],
+               known: Sequence[Floats] = ()) -> Floats | None:
     """The scaled unknowns of an orbit with exactly the period of `shooting` from the first guess that leads to one.
 
     guesses : states (n,) at phase 0

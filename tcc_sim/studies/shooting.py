@@ -21,7 +21,7 @@ GROWTH = 1e5
 
 @dataclass(frozen=True)
 class Window:
-    """The range of one free parameter; `inverse` takes the reciprocal as the coordinate, 0 at infinity and 1 at `low`."""
+    """The range of one free parameter; `inverse` takes the reciprocal as coordinate, 0 at infinity and 1 at `low`."""
 
     low: float
     high: float
@@ -69,8 +69,8 @@ class Shooting:
             A period in which the excitation does not repeat.
         """
         if period < 1 or period % of.forcing_period:
-            raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after which the "
-                             "excitation repeats")
+            raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after which "
+                             "the excitation repeats")
         return Shooting(of, period, windows, (period,))
 
     @property

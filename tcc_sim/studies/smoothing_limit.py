@@ -18,7 +18,7 @@ from tcc_sim.studies.two_parameters import Defining, still_complex, trace
 SMOOTHEST = 1e-3
 """Smoothing of the scene over that at which the curve ends."""
 NEAR = 0.02
-"""Distance, relative to the range, of the set-valued bifurcation from the extrapolated one at which they are the same."""
+"""Distance of the set-valued bifurcation from the extrapolated one, relative to the range, at which they are the same."""
 
 
 def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMap, window: Window,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, station_at
-from tcc_sim.studies.branches import Branch, Course, follow
+from tcc_sim.studies.branches import Branch, follow
 from tcc_sim.studies.continuation import correct, point_at
 from tcc_sim.studies.maps import FAILURES
 from tcc_sim.studies.orbits import Orbit, minimal_period
 from tcc_sim.studies.shooting import Shooting
+from tcc_sim.studies.walk import Course
 
 AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4)
 """Distances from the doubling, in natural sizes, at which its branch is looked for."""
@@ -64,7 +67,8 @@ def switch(branches: list[Branch], course: Course, depth: int) -> None:
                     continue
                 origin = {"kind": found.kind, "value": found.value, "branch": number}
                 child = follow(first, course, origin, len(branches), both=False,
-                               began=f"began in the period doubling at {course.name} = {found.value:.9g}", keep=branches)
+                               began=f"began in the period doubling at {course.name} = {found.value:.9g}",
+                               keep=branches)
                 reached += [window.scaled(s.value) for s in child.stations[-1:]]
                 following.append((len(branches) - 1, child))
         generation = following
@@ -74,7 +78,7 @@ def orbits_at(branch: Branch, value: float) -> list[Orbit]:
     """The orbits of a branch at exactly this value of its parameter, one for every crossing."""
     out: list[Orbit] = []
     stations = branch.stations
-    for a, b in zip(stations, stations[1:]):
+    for a, b in pairwise(stations):
         if a.value == value:
             out.append(a.orbit)
         elif (a.value - value) * (b.value - value) < 0.0:

@@ -168,7 +168,8 @@ def still_complex(point: Point) -> bool:
     return bool(np.any((np.abs(m.imag) > 1e-9) & (np.abs(np.abs(m) - 1.0) < 1e-3)))
 
 
-def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window], second: float) -> Curve | None:
+def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window],
+                      second: float) -> Curve | None:
     """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
 
     of : the map with both parameters free

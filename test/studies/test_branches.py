@@ -1,4 +1,4 @@
-"""Branches of textbook maps: folds, doublings, Neimark-Sacker, branch points, closed branches, switching, two parameters."""
+"""Branches of textbook maps: folds, doublings, Neimark-Sacker, branch points, closed branches, switching, curves."""
 
 import math
 
@@ -7,16 +7,18 @@ import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
 from tcc_sim.studies.bifurcations import Bifurcation
-from tcc_sim.studies.branches import Branch, Course, first_station, follow
+from tcc_sim.studies.branches import Branch, first_station, follow
 from tcc_sim.studies.orbits import find_orbit
 from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.switching import orbits_at, switch
 from tcc_sim.studies.two_parameters import bialternate, bifurcation_curve
+from tcc_sim.studies.walk import Course
 
 COURSE = Course("p")
 
 
-def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float], period: int = 1) -> Branch:
+def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float],
+              period: int = 1) -> Branch:
     shooting = Shooting.single(TextbookMap(step, dimension), period, Window(low, high))
     z = find_orbit(shooting, (value,), [np.array(guess)])
     assert z is not None
@@ -125,7 +127,8 @@ def test_the_bialternate_product_has_the_products_of_pairs() -> None:
     m = np.array([[0.3, 1.0, 0.2], [-0.7, 0.1, 0.4], [0.0, 0.5, -0.9]])
     values = np.linalg.eigvals(m)
     pairs = [values[i] * values[j] for i in range(3) for j in range(i)]
-    assert np.sort_complex(np.linalg.eigvals(bialternate(m))) == pytest.approx(np.sort_complex(np.array(pairs)), abs=1e-12)
+    found = np.sort_complex(np.linalg.eigvals(bialternate(m)))
+    assert found == pytest.approx(np.sort_complex(np.array(pairs)), abs=1e-12)
 
 
 def test_ctrl_c_keeps_the_branch() -> None:

@@ -38,7 +38,7 @@ def test_the_smallest_margin_decides_where_several_events_change() -> None:
 
 
 class DenHartog:
-    """x'' + x = cos(beta t) - s sgn x' at phase 0 of the drive; slip only, arcs in closed form, saltation where x' turns."""
+    """x'' + x = cos(beta t) - s sgn x' at phase 0 of the drive; slip only, closed form, saltation where x' turns."""
 
     dimension, height_scale, forcing_period, piecewise = 2, 1.0, 1, True
     scales = np.ones(2)
@@ -68,7 +68,8 @@ class DenHartog:
                     low, stop = (low, middle) if sign * self.arc(t, x, sign, s, middle)[1] < 0.0 else (middle, stop)
             c, d = math.cos(stop - t), math.sin(stop - t)
             turn = np.array([[c, d], [-d, c]])
-            x, m, by = self.arc(t, x, sign, s, stop), turn @ m, turn @ by + sign * (np.array([c, -d]) - np.array([1.0, 0.0]))
+            by = turn @ by + sign * (np.array([c, -d]) - np.array([1.0, 0.0]))
+            x, m = self.arc(t, x, sign, s, stop), turn @ m
             t = stop
             if crossed:
                 pull = math.cos(self.beta * t) - x[0]

@@ -58,7 +58,8 @@ def test_segments_of_one_cycle_give_the_same_orbit() -> None:
     assert parts.segments == (1, 1, 1, 1)
     found = parts.linearise(fine)
     assert np.abs(found.residual).max() < 1e-12
-    assert multipliers_of(found.monodromy)[0] == pytest.approx(multipliers_of(whole.linearise(z).monodromy)[0], abs=1e-10)
+    expected = multipliers_of(whole.linearise(z).monodromy)[0]
+    assert multipliers_of(found.monodromy)[0] == pytest.approx(expected, abs=1e-10)
     again = newton(parts, fine + np.array([1e-3, 0.0, -1e-3, 0.0, 0.0]))
     assert again == pytest.approx(fine, abs=1e-10)
 
