@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.shooting import Linearised
 
 TOLERANCE = 1e-9
-ROUNDING = 1e-12
 ITERATIONS = 8
 NOISE = 1e-5
 """Newton steps below this may stop shrinking where rounding is amplified; the residual then decides."""
@@ -29,7 +28,9 @@ Heights = Callable[[Floats], tuple[Floats, Floats]]
 
 
 class Equations(Protocol):
-    """d equations in d + 1 scaled unknowns."""
+    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking."""
+
+    rounding: ClassVar[float]
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and Jacobian."""
@@ -84,7 +85,7 @@ def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Hei
         if not length < 10.0:
             return None
         z = z + step
-        settled = length <= tolerance or (length <= NOISE and float(np.abs(found.residual).max()) <= ROUNDING)
+        settled = length <= tolerance or (length <= NOISE and float(np.abs(found.residual).max()) <= equations.rounding)
         if settled:
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
             if heights is not None:

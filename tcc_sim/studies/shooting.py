@@ -8,7 +8,7 @@ Problems, SIAM 1995, Section 4.3.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -58,6 +58,8 @@ class Shooting:
     period: int
     windows: tuple[Window, ...]
     segments: tuple[int, ...]
+
+    rounding: ClassVar[float] = 1e-12
 
     @staticmethod
     def single(of: ParameterMap, period: int, *windows: Window) -> Shooting:

@@ -17,6 +17,8 @@ from tcc_sim.studies.two_parameters import Defining, still_complex, trace
 
 SMOOTHEST = 1e-3
 """Smoothing of the scene over that at which the curve ends."""
+CLOSE = 1e-8
+"""Last Newton step, in natural sizes, at which the set-valued bifurcation counts as found."""
 NEAR = 0.02
 """Distance of the set-valued bifurcation from the extrapolated one, relative to the range, at which they are the same."""
 
@@ -64,7 +66,7 @@ def _set_valued(kind: str, shooting: Shooting, z: Floats) -> float | None:
             found: Linearised = defining.linearise(z)
             step = np.linalg.solve(found.jacobian, -found.residual)
             z = z + step
-            if float(np.abs(step).max()) < 1e-9:
+            if float(np.abs(step).max()) < CLOSE:
                 return shooting.windows[0].value(float(z[n]))
     except FAILURES:
         return None

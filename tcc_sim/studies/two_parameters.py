@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -53,6 +54,8 @@ def singular(kind: str, m: Floats) -> Floats:
 class Defining:
     """The equations of a bifurcation in the orbit's nodes and two parameters."""
 
+    rounding: ClassVar[float] = 1e-9
+
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting
         self.b = self.c = np.empty(0)
@@ -94,6 +97,8 @@ class Defining:
 
 class Border:
     """One equation in two parameters: a margin that vanishes."""
+
+    rounding: ClassVar[float] = 1e-12
 
     def __init__(self, margin: Callable[[float, float], float], windows: tuple[Window, Window]) -> None:
         self.margin, self.windows = margin, windows
