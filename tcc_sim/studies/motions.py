@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import DISCARD
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace, values_of
@@ -27,7 +26,8 @@ from tcc_sim.studies.switching import orbits_at, switch
 from tcc_sim.studies.two_parameters import KINDS, Curve, bifurcation_curve, border_curve
 from tcc_sim.studies.walk import Course
 
-SETTLING = 300
+SETTLING = (300, 1200, 4800)
+"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for aperiodic."""
 LONGEST_PERIOD = 16
 DEEPEST_SWITCH = 8
 GUESSES = 24
@@ -192,19 +192,20 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
     NumericalFailure
         None was found.
     """
-    run = solve(system, cycles=SETTLING).raise_for_status()
-    assert run.cycles is not None
-    settled = run.cycles[DISCARD:]
-    section = settled.section[:-1]
-    base = map_.forcing_period
-    section = section[(DISCARD + len(section)) % base:] if base > 1 else section
-    last = section[::-1][:GUESSES * base]
-    own = periodicity(settled).period
+    own, base = 0, map_.forcing_period
+    for count in SETTLING:
+        run = solve(system, cycles=count).raise_for_status()
+        assert run.cycles is not None
+        section, settled = run.cycles.section, run.cycles[count // 2:]
+        own = periodicity(settled).period
+        if own:
+            break
+    starts = range(count - count % base, count // 2, -base)[:GUESSES]
     wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
     for cycles in wanted:
         cycles = math.lcm(cycles, base) if period is None else cycles
         shooting = Shooting.single(map_, cycles, window)
-        guesses: list[Floats] = [p for k, p in enumerate(last) if (SETTLING - 1 - k) % base == 0]
+        guesses: list[Floats] = [section[k] for k in starts]
         guesses.append(np.mean(guesses, axis=0))
         known = _shorter(map_, window, value, cycles, guesses)
         z = find_orbit(shooting, (value,), guesses, known)
