@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 
-from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, event_border, smooth_bifurcations
-from tcc_sim.studies.continuation import Heights
+from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, event_border, smooth_bifurcations, station_at
+from tcc_sim.studies.continuation import Heights, point_at
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.orbits import SAME, shifts
 from tcc_sim.studies.shooting import Shooting
+from tcc_sim.studies.two_parameters import locate
 
 HEIGHT_STEP = 1e-7
 
@@ -38,27 +36,32 @@ def between(a: Station, b: Station, steep: bool = False) -> list[Bifurcation]:
 
 
 def collapse(here: Station, new: Station) -> Station | None:
-    """The station between two at which the orbit is one of a shorter period; None where there is none."""
+    """The station between two at which the orbit is one of a shorter period; None where there is none.
+
+    What tells the halves of the orbit apart changes its sign there. It is a period doubling of the shorter motions, and
+    solved as such: the branch itself is singular there.
+    """
     shooting = here.shooting
     of, period = shooting.map, shooting.period
     for shorter in range(of.forcing_period, period, of.forcing_period):
         if period % shorter:
             continue
-
-        def apart(station: Station, cycles: int = shorter) -> Floats:
-            x = station.orbit.section
-            out: Floats = (of.evaluate(x, station.orbit.values, 0, cycles).value - x) / of.scales
-            return out
-
-        one, two = apart(here), apart(new)
+        ways = []
+        for station in (here, new):
+            x, values = station.orbit.section, station.orbit.values
+            ways.append((of.evaluate(x, values, 0, shorter).value - x) / of.scales)
+        one, two = ways
         if float(one @ two) < -0.8 * float(np.linalg.norm(one) * np.linalg.norm(two)):
-            return Chord(here, new).root(partial(_along, one, apart)) or here
+            simple = Shooting.single(of, shorter, *shooting.windows)
+            middle = here.orbit.section + 0.5 * one * of.scales
+            z = locate("period_doubling", simple, simple.point(middle[None], here.orbit.values))
+            if z is None or not np.abs(z - simple.point(middle[None], here.orbit.values)).max() < 0.1:
+                return here
+            whole = Shooting.single(of, period, *shooting.windows)
+            point = here.point
+            tangent = np.concatenate([point.tangent[:of.dimension], point.tangent[shooting.size:]])
+            return station_at(whole, point_at(z, whole.linearise(z), tangent))
     return None
-
-
-def _along(direction: Floats, measure: Callable[[Station], Floats], station: Station) -> float:
-    """A measure of a station along a direction."""
-    return float(direction @ measure(station))
 
 
 def returning(first: Station) -> list[tuple[Floats, Floats]]:

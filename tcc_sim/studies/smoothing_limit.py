@@ -11,14 +11,14 @@ import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.continuation import Stride
-from tcc_sim.studies.maps import FAILURES, Floats, ParameterMap
-from tcc_sim.studies.shooting import Linearised, Shooting, Window
-from tcc_sim.studies.two_parameters import Defining, still_complex, trace
+from tcc_sim.studies.maps import FAILURES, ParameterMap
+from tcc_sim.studies.shooting import Shooting, Window
+from tcc_sim.studies.two_parameters import Defining, locate, still_complex, trace
 
 SMOOTHEST = 1e-3
 """Smoothing of the scene over that at which the curve ends."""
-CLOSE = 1e-8
-"""Last Newton step, in natural sizes, at which the set-valued bifurcation counts as found."""
+STUCK = 1e-3
+"""Slip speed, in natural sizes, at which a smoothed motion on the section is one in stick."""
 NEAR = 0.02
 """Distance of the set-valued bifurcation from the extrapolated one, relative to the range, at which they are the same."""
 
@@ -51,23 +51,9 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
     step = float(before.z[n + 1] - last.z[n + 1])
     slope = float(before.z[n] - last.z[n]) / step if step > 0.0 else 0.0
     limit = window.value(float(last.z[n]) - slope * float(last.z[n + 1]))
-    exact = _set_valued(found.kind, Shooting.single(set_valued, orbit.period, window), last.z[:n + 1])
-    return exact if exact is not None and abs(exact - limit) < NEAR * (window.high - window.low) else limit
-
-
-def _set_valued(kind: str, shooting: Shooting, z: Floats) -> float | None:
-    """The same bifurcation of the set-valued law near `z`; None where Newton finds none."""
-    n = shooting.size
-    z = z.copy()
-    z[0] = 0.0 if abs(z[0]) < 1e-3 else z[0]
-    try:
-        defining = Defining(kind, shooting, z)
-        for _ in range(15):
-            found: Linearised = defining.linearise(z)
-            step = np.linalg.solve(found.jacobian, -found.residual)
-            z = z + step
-            if float(np.abs(step).max()) < CLOSE:
-                return shooting.windows[0].value(float(z[n]))
-    except FAILURES:
-        return None
-    return None
+    start = last.z[:n + 1].copy()
+    if set_valued.piecewise and abs(start[0]) < STUCK:
+        start[0] = 0.0
+    solved = locate(found.kind, Shooting.single(set_valued, orbit.period, window), start)
+    exact = np.inf if solved is None else window.value(float(solved[n]))
+    return exact if abs(exact - limit) < NEAR * (window.high - window.low) else limit

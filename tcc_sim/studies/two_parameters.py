@@ -24,6 +24,8 @@ KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
 """What can be followed in two parameters."""
 STEP = 1e-6
 MOST_POINTS = 400
+CLOSE = 1e-8
+"""Last Newton step, in natural sizes, at which a bifurcation counts as found."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,21 @@ class Defining:
             except FAILURES:
                 gradient[k] = (g - self.test(self.shooting.linearise(z - step))) / STEP
         return Linearised(np.append(found.residual, g), np.vstack([found.jacobian, gradient]), found.monodromy)
+
+
+def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
+    """Nodes and the one parameter of a bifurcation of this kind near `z`, by Newton; None where none is found."""
+    try:
+        defining = Defining(kind, shooting, z)
+        for _ in range(15):
+            found = defining.linearise(z)
+            step = np.linalg.solve(found.jacobian, -found.residual)
+            z = z + step
+            if float(np.abs(step).max()) < CLOSE:
+                return z
+    except FAILURES:
+        return None
+    return None
 
 
 class Border:

@@ -10,6 +10,7 @@ from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.branches import Branch, first_station, follow
 from tcc_sim.studies.orbits import find_orbit
 from tcc_sim.studies.shooting import Shooting, Window
+from tcc_sim.studies.smoothing_limit import limit_of
 from tcc_sim.studies.switching import orbits_at, switch
 from tcc_sim.studies.two_parameters import bialternate, bifurcation_curve
 from tcc_sim.studies.walk import Course
@@ -102,7 +103,7 @@ def test_a_doubled_branch_ends_where_its_period_halves() -> None:
     branch = branch_of(logistic, 1, 2.5, 3.9, 3.2, [0.5], 2)
     assert any("shorter period" in sentence for sentence in branch.ended)
     assert kinds(branch) == ["period_doubling"]
-    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-6)
+    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-9)
 
 
 def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
@@ -121,6 +122,48 @@ def test_curves_of_the_henon_map_in_two_parameters(kind: str, law) -> None:
     assert curve.kind == kind
     assert (min(curve.second), max(curve.second)) == pytest.approx((-0.5, 0.9), abs=1e-12)
     assert curve.values == pytest.approx([law(b) for b in curve.second], abs=1e-8)
+
+
+def test_the_curve_of_a_neimark_sacker_bifurcation() -> None:
+    def slowed(x, p):  # The delayed logistic map with y' = b x: det = r - 1 on the fixed point whatever b is.
+        r, b = p[0], p[1] if len(p) > 1 else 1.0
+        by = np.array([[x[0] * (1.0 - x[1]), 0.0], [0.0, x[0]]])[:, :len(p)]
+        return (np.array([r * x[0] * (1.0 - x[1]), b * x[0]]), np.array([[r * (1.0 - x[1]), -r * x[0]], [b, 0.0]]), by)
+
+    branch = branch_of(slowed, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
+    curve = bifurcation_curve(of_kind(branch, "neimark_sacker"), TextbookMap(slowed, 2),
+                              (Window(1.1, 2.6), Window(0.5, 1.5)), 1.0)
+    assert curve is not None
+    assert (min(curve.second), max(curve.second)) == pytest.approx((0.5, 1.5), abs=1e-12)
+    assert curve.values == pytest.approx([2.0] * len(curve.values), abs=1e-8)
+
+
+def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -> None:
+    def smoothed(x, p):  # A fold at p = -1/sigma.
+        e = 1.0 / p[1] if len(p) > 1 else 0.0
+        return (x + 0.2 * (p[0] - x**2 + e), np.array([[1.0 - 0.4 * x[0]]]),
+                np.array([[0.2, -0.2 * e * e]])[:, :len(p)])
+
+    def vanishing(x, p):  # Folds of p = x^3 - 3 (e - 0.01) x at x^2 = e - 0.01: gone once e = 1/sigma falls below 0.01.
+        e = 1.0 / p[1]
+        gap = 3.0 * (e - 0.01)
+        return (x + 0.2 * (p[0] - x**3 + gap * x), np.array([[1.0 + 0.2 * (gap - 3.0 * x[0] ** 2)]]),
+                np.array([[0.2, -0.6 * e * e * x[0]]]))
+
+    window, sigma = Window(-1.0, 1.0), 5.0
+
+    def fold(step: Step, guess: float) -> Bifurcation:
+        def fixed(x, p):
+            value, by_state, by = step(x, (p[0], sigma))
+            return value, by_state, by[:, :1]
+
+        branch = branch_of(fixed, 1, -1.0, 1.0, 0.5, [guess])
+        return of_kind(branch, "fold")
+
+    stays = limit_of(fold(smoothed, 0.8), TextbookMap(smoothed, 1), TextbookMap(smoothed, 1), window, sigma)
+    assert stays == pytest.approx(0.0, abs=1e-9)
+    gone = limit_of(fold(vanishing, 1.0), TextbookMap(vanishing, 1), TextbookMap(vanishing, 1), window, sigma)
+    assert gone is None
 
 
 def test_the_bialternate_product_has_the_products_of_pairs() -> None:
