@@ -30,7 +30,8 @@ SETTLING = (300, 1200, 4800)
 """Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for aperiodic."""
 LONGEST_PERIOD = 16
 DEEPEST_SWITCH = 8
-GUESSES = 24
+GUESSES = 8
+"""Section points from which an orbit is looked for."""
 FAMILY = 1e-7
 """Distance of a multiplier from 1 at which a motion in pure slip belongs to a family of them."""
 
@@ -200,12 +201,12 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
         own = periodicity(settled).period
         if own:
             break
-    starts = range(count - count % base, count // 2, -base)[:GUESSES]
+    starts = range(count - count % base, count // 2, -base)
     wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
     for cycles in wanted:
         cycles = math.lcm(cycles, base) if period is None else cycles
         shooting = Shooting.single(map_, cycles, window)
-        guesses: list[Floats] = [section[k] for k in starts]
+        guesses = _recurrent(section, starts, cycles, map_.scales)
         guesses.append(np.mean(guesses, axis=0))
         known = _shorter(map_, window, value, cycles, guesses)
         z = find_orbit(shooting, (value,), guesses, known)
@@ -214,6 +215,13 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
     named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
     raise NumericalFailure(f"no periodic motion {named} was found from the settled one at this value; "
                            "try another --period")
+
+
+def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
+    """The section points that come back closest after `cycles` cycles, nearest first."""
+    kept = [k for k in starts if k >= cycles]
+    away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
+    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:GUESSES]]
 
 
 def _shorter(map_: DrivelineMap, window: Window, value: float, period: int, guesses: list[Floats]) -> list[Floats]:

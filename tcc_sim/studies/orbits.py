@@ -20,7 +20,7 @@ TOLERANCE = 1e-10
 """Last Newton step, in natural sizes, at which an orbit counts as found."""
 ROUNDING = 1e-12
 """Residual, in natural sizes, below which no further Newton step is worth taking."""
-ITERATIONS = 40
+ITERATIONS = 25
 SAME = 1e-6
 """Distance, in natural sizes, below which two orbits are the same."""
 LARGEST_STEP = 2.0
@@ -106,7 +106,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
                     after = shooting.linearise(trial)
                 except FAILURES:
                     continue
-                if _weight(trial, known, size) * float(np.linalg.norm(after.residual)) < before or part == 0.03:
+                if _weight(trial, known, size) * float(np.linalg.norm(after.residual)) < before:
                     z, found = trial, after
                     break
             else:
