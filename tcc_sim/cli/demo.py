@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Record, analyse, draw, and say what was made."""
-    from tcc_sim.nodes.processes import require_ros
+    from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import load_scene
 
     scene = load_scene(arguments.scene)
@@ -49,7 +49,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
     """Driveline and recorder as processes of their own, for `duration` seconds of real time; Ctrl-C ends it sooner."""
     from tqdm import tqdm
 
-    from tcc_sim.nodes.processes import Session
+    from tcc_sim.nodes.children import Session
 
     print(f"scene {scene.name}: {scene.description}")
     session = Session(recording, {"scene": name})

@@ -6,6 +6,11 @@ costs.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from tcc_sim.nodes.executables import recorder_node
+
+    recorder_node()
+
 import sys
 import time
 from collections import Counter
@@ -25,10 +30,13 @@ from rclpy.subscription import Subscription
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.message_types import message_class, qos_fields
-from tcc_sim.nodes.polling import hold_signals, poll, release_signals, run, subscribe, unknown_parameters
+from tcc_sim.nodes.process import run, unknown_parameters
+from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.recording.bag import RELIABLE, BagWriter
 from tcc_sim.recording.stamps import StampCount
+from tcc_sim.recording.unsent import KEY, UnsentCount
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 
 DEPTH = 20_000
@@ -116,6 +124,8 @@ class Recorder:
         # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
         # driveline may
         # wait for their subscriber, and then all the others are there.
+        self.unsent = UnsentCount()
+        self._unsent_topic = node.resolve_topic_name("unsent_messages")
         self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
@@ -159,6 +169,8 @@ class Recorder:
             received = info["received_timestamp"] or time.time_ns()
             if track.topic in self._scene_topics:
                 self._describe(data, info["source_timestamp"] or received)
+            if track.topic == self._unsent_topic and publisher:
+                self.unsent.add(bytes(publisher["data"]), data)
             write(channel, received, info["source_timestamp"], data, number)
         if track.type == JOINT_STATE and not track.messages:
             self._next_look = 0.0  # Now a scene that is not there yet can be asked for.
@@ -221,11 +233,12 @@ class Recorder:
         self.drain()
         seen = [track for track in self.tracks.values() if track.messages]
         lost = {track.topic: track.lost for track in seen}
-        self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost,
+        self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost, KEY: self.unsent.total,
                         "missing_stamps": {track.topic: track.stamps.lost for track in seen
                                            if track.stamps is not None}})
         count = sum(track.messages for track in seen)
-        return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost"
+        unsent = f", {self.unsent.total} never sent" if self.unsent.total else ""
+        return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost{unsent}"
 
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:
         """Record a topic of a known type."""
@@ -264,12 +277,13 @@ def _default_name() -> str:
 
 def record() -> int:
     """Record until a signal; the exit status."""
-    hold_signals()
+    signals.hold()
+    signals.leave_to_ros()
     node = rclpy.create_node("recorder")
     recorder = Recorder(node)
     try:
         try:
-            release_signals()
+            signals.release()
             node.get_logger().info(f"recording to {recorder.bag.directory}")
             recorder.spin()
         finally:
@@ -285,8 +299,4 @@ def record() -> int:
 
 def main(args: list[str] | None = None) -> int:
     """Run the recorder node."""
-    return run("recorder", record, args, interruptible=False)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return run("recorder", record, args)

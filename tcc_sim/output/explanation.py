@@ -48,13 +48,7 @@ def explain(scene: Scene) -> dict[str, Any]:
 
 def needs(scene: Scene, row: Topic) -> bool:
     """Whether the driveline node creates this topic for `scene`."""
-    key, _, value = row.switch.partition(": ")
-    if not key:
-        return True
-    group, _, name = key.rpartition(".")
-    owner: Any = getattr(scene.system, group) if group else scene.operation
-    found = getattr(owner, name)
-    return (str(found).lower() if isinstance(found, bool) else found) == value
+    return row.wanted(scene.value)
 
 
 def _kind(value: object) -> str:

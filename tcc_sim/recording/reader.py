@@ -17,6 +17,7 @@ from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels
 from tcc_sim.recording.records import DamagedChunk, Messages, Record, RecordStream
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import StampCount
+from tcc_sim.recording.unsent import unsent_sentence
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
 _MOST_RESTARTS = 1000
@@ -173,6 +174,8 @@ class Run:
         for topic, count in lost.items() if isinstance(lost, dict) else ():
             if isinstance(count, int) and count > 0 and topic != self.joint_states_topic:
                 self.warnings.append(f"{count} messages of {topic} were lost while recording")
+        if (sentence := unsent_sentence(self.result)) is not None:
+            self.warnings.append(sentence)
         if self.stamps.restarts:
             self.warnings.append(f"simulation time started again {self.stamps.restarts} times: these are separate runs")
         if self.stamps.repeated:

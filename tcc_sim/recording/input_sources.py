@@ -1,0 +1,64 @@
+"""Which inputs a command held and which the fallback, tick by tick, as the driveline says it on `input_source`."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tcc_sim.messages import cdr
+from tcc_sim.topics import HEADER
+
+if TYPE_CHECKING:
+    from tcc_sim.recording.contents import Channel
+    from tcc_sim.recording.reader import Run
+    from tcc_sim.recording.records import Messages
+
+COMMAND, FALLBACK = "command", "fallback"
+_TIMES = struct.Struct("<QQ")
+
+
+@dataclass(frozen=True)
+class InputSource:
+    """What one message says: from the state of `stamp_ns` on, sent after `sent_ns`, these topics held a command."""
+
+    sent_ns: int
+    stamp_ns: int
+    commanded: frozenset[str]
+
+
+def written(commanded: Mapping[str, bool]) -> str:
+    """The text of a message: `engine_torque: command, actuation_pressure: fallback`."""
+    return ", ".join(f"{name}: {COMMAND if held else FALLBACK}" for name, held in commanded.items())
+
+
+def input_sources(run: Run) -> list[InputSource]:
+    """What the driveline of a recording said, in the order in which it said it; reads the recording once."""
+    name = run.joint_states_topic.rpartition("/")[0] + "/input_source"
+    found: list[InputSource] = []
+
+    def tap(data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
+        for channel, row in channels.items():
+            if (row.topic, row.type) == (name, HEADER):
+                mine = messages.channel == channel
+                for offset, length in zip(messages.offset[mine].tolist(), messages.length[mine].tolist()):
+                    source = _read(data[offset:offset + length])
+                    if source is not None:
+                        found.append(source)
+
+    if run.topics.get(name) == HEADER:
+        for _ in run.read(tap):
+            pass
+    return sorted(found, key=lambda source: source.sent_ns)
+
+
+def _read(record: bytes) -> InputSource | None:
+    """A message record: channel, number, two times and the serialised Header; None where it is none."""
+    received, sent = _TIMES.unpack_from(record, 6)
+    try:
+        stamp, text = cdr.read_header(record[22:])
+    except ValueError:
+        return None
+    said = dict(part.partition(": ")[::2] for part in text.split(", "))
+    return InputSource(sent or received, stamp, frozenset(name for name, source in said.items() if source == COMMAND))
