@@ -51,10 +51,10 @@ class Topic:
 FLOAT64 = "std_msgs/msg/Float64"
 STRING = "std_msgs/msg/String"
 INT8 = "std_msgs/msg/Int8"
-UINT64 = "std_msgs/msg/UInt64"
 HEADER = "std_msgs/msg/Header"
 FLUID_PRESSURE = "sensor_msgs/msg/FluidPressure"
 JOINT_STATE = "sensor_msgs/msg/JointState"
+DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK = "rosgraph_msgs/msg/Clock"
 
@@ -91,8 +91,8 @@ TOPICS: tuple[Topic, ...] = (
     Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
           "what the slip controller is asked to hold in the mean over an engine cycle; from the slip_controller node",
           "slip/target", latched=True),
-    Topic("unsent_messages", UINT64, "", "out", (),
-          "messages that the middleware did not take from the driveline since it started; said when there are more",
+    Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "out", (),
+          "by topic, messages that the middleware did not take from the driveline since it started; said when there are more",
           latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),

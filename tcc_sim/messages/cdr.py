@@ -22,7 +22,6 @@ HEADER = b"\x00\x01\x00\x00"
 _NANOSECONDS = 1_000_000_000
 _FLOAT64 = struct.Struct("<4sd")
 _INT8 = struct.Struct("<4sb3x")
-_UINT64 = struct.Struct("<4sQ")
 _CLOCK = struct.Struct("<4siI")
 _FLUID_PRESSURE = struct.Struct("<4siIIxxxxdd")
 _LENGTH = struct.Struct("<I")
@@ -73,24 +72,6 @@ def float64(value: float) -> bytes:
 def int8(value: int) -> bytes:
     """std_msgs/msg/Int8, padded with zeros to four bytes as DDS does on the wire."""
     return _INT8.pack(HEADER, value)
-
-
-def uint64(value: int) -> bytes:
-    """std_msgs/msg/UInt64."""
-    return _UINT64.pack(HEADER, value)
-
-
-def read_uint64(data: bytes) -> int:
-    """Value of a serialised UInt64.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian UInt64.
-    """
-    if len(data) < _UINT64.size or data[1] != HEADER[1]:
-        raise ValueError("not a little-endian std_msgs/msg/UInt64")
-    return int(_UINT64.unpack_from(data)[1])
 
 
 def header(stamp_ns: int, frame_id: str) -> bytes:

@@ -51,7 +51,7 @@ class Diagnostics:
             "rate (Hz)": f"{rate:.1f}", "rate wanted (Hz)": f"{operation.rate * (operation.real_time_factor or 1.0):g}",
             "real-time factor": f"{rate / operation.rate:.4f}",
             "missed ticks": str(pacer.missed_ticks), "late ticks": str(pacer.late_ticks),
-            "messages not sent": str(loop.outputs.unsent),
+            "messages not sent": str(sum(dict(loop.outputs.unsent).values())),
             "lateness p50 (s)": f"{middle:.6f}", "lateness p99 (s)": f"{high:.6f}",
             "lateness max (s)": f"{pacer.lateness_max:.6f}",
             "sub-steps per tick": str(stepper.substeps), "iterations max": str(stepper.iterations_most),

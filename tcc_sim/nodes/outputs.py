@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
@@ -14,6 +14,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.plant import Reading
 from tcc_sim.nodes.qos import CHANGES, LATCHED, states
+from tcc_sim.nodes.unsent import encoded
 from tcc_sim.scene import Scene
 from tcc_sim.topics import TOPICS, topic
 
@@ -30,14 +31,15 @@ class Outputs:
 
     Attributes
     ----------
-    unsent : messages dropped since the start
+    unsent : messages dropped since the start, by topic
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
         operation = scene.operation
         self.patient = operation.real_time_factor == 0.0 or operation.pacing == "lockstep"
-        self.unsent = 0
+        self.unsent: Counter[str] = Counter()
         self._told = 0
+        self._name = node.get_fully_qualified_name()
         self._context = node.context
         self._waiting: deque[tuple[Any, bytes]] = deque()
         qos = states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
@@ -72,10 +74,10 @@ class Outputs:
 
     def tell_unsent(self) -> None:
         """Say how many messages were dropped, where it is more than was said; for any thread but the loop's."""
-        if self.unsent > self._told:
-            count = self.unsent
-            if self._taken(self._publishers["unsent_messages"], cdr.uint64(count)):
-                self._told = count
+        counts = dict(self.unsent)
+        total = sum(counts.values())
+        if total > self._told and self._taken(self._publishers["unsent_messages"], encoded(self._name, counts)):
+            self._told = total
 
     def subscriptions(self) -> tuple[int, int]:
         """Subscriptions of joint_states, and of all that is said every tick."""
@@ -90,7 +92,7 @@ class Outputs:
             if self.patient:
                 self._waiting.append((publisher, data))
             else:
-                self.unsent += 1
+                self.unsent[publisher.topic_name] += 1
 
     def _taken(self, publisher: Any, data: bytes) -> bool:
         """Whether the middleware took the message."""

@@ -152,11 +152,8 @@ class Plant:
         """Pressure at the end of the tick, Pa, where it comes from a topic."""
         if self._pressure is not None:
             return self._pressure
-        own = self.scene.system.pressure
-        if own.fallback == "mean" or own.source != "topic":
-            return own.mean
-        phase = own.frequency_ratio * self.scene.system.engine.frequency * self.stepper.tick * self.stepper.step + own.phase
-        return max(0.0, own.mean + own.amplitude * float(np.sin(phase)))
+        system = self.scene.system
+        return system.pressure.at(self.stepper.tick * self.stepper.step, system.engine.frequency)
 
     def _terms_of(self, scene: Scene) -> Terms:
         """The terms of `scene` for the kernel that it needs."""

@@ -34,9 +34,9 @@ from tcc_sim.nodes import signals
 from tcc_sim.nodes.message_types import message_class, qos_fields
 from tcc_sim.nodes.process import run, unknown_parameters
 from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.nodes.unsent import UnsentCount
 from tcc_sim.recording.bag import RELIABLE, BagWriter
 from tcc_sim.recording.stamps import StampCount
-from tcc_sim.recording.unsent import KEY, UnsentCount
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 
 DEPTH = 20_000
@@ -233,11 +233,13 @@ class Recorder:
         self.drain()
         seen = [track for track in self.tracks.values() if track.messages]
         lost = {track.topic: track.lost for track in seen}
-        self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost, KEY: self.unsent.total,
+        self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost,
+                        "unsent": self.unsent.by_topic(),
                         "missing_stamps": {track.topic: track.stamps.lost for track in seen
                                            if track.stamps is not None}})
         count = sum(track.messages for track in seen)
-        unsent = f", {self.unsent.total} never sent" if self.unsent.total else ""
+        never = sum(self.unsent.by_topic().values())
+        unsent = f", {never} never sent" if never else ""
         return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost{unsent}"
 
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:

@@ -21,10 +21,12 @@ _TIMES = struct.Struct("<QQ")
 
 @dataclass(frozen=True)
 class InputSource:
-    """What one message says: from the state of `stamp_ns` on, sent after `sent_ns`, these topics held a command."""
+    """What one message, sent at `log_ns` by the driveline's clock, says: from the state of `first_stamp_ns` on these
+    topics held a command, the others fell back.
+    """
 
-    sent_ns: int
-    stamp_ns: int
+    log_ns: int
+    first_stamp_ns: int
     commanded: frozenset[str]
 
 
@@ -50,7 +52,7 @@ def input_sources(run: Run) -> list[InputSource]:
     if run.topics.get(name) == HEADER:
         for _ in run.read(tap):
             pass
-    return sorted(found, key=lambda source: source.sent_ns)
+    return sorted(found, key=lambda source: source.log_ns)
 
 
 def _read(record: bytes) -> InputSource | None:

@@ -17,7 +17,6 @@ from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels
 from tcc_sim.recording.records import DamagedChunk, Messages, Record, RecordStream
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import StampCount
-from tcc_sim.recording.unsent import unsent_sentence
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
 _MOST_RESTARTS = 1000
@@ -174,8 +173,10 @@ class Run:
         for topic, count in lost.items() if isinstance(lost, dict) else ():
             if isinstance(count, int) and count > 0 and topic != self.joint_states_topic:
                 self.warnings.append(f"{count} messages of {topic} were lost while recording")
-        if (sentence := unsent_sentence(self.result)) is not None:
-            self.warnings.append(sentence)
+        unsent = self.result.get("unsent") if isinstance(self.result, dict) else None
+        for topic, count in unsent.items() if isinstance(unsent, dict) else ():
+            if isinstance(count, int) and count > 0:
+                self.warnings.append(f"{count} messages of {topic} could not be sent by their publisher")
         if self.stamps.restarts:
             self.warnings.append(f"simulation time started again {self.stamps.restarts} times: these are separate runs")
         if self.stamps.repeated:

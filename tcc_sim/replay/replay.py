@@ -18,6 +18,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.input_sources import input_sources
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.replay.tail import Tail
 from tcc_sim.replay.verification import Verification, Verifier
@@ -176,7 +177,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     system = replace(own.system, engine=replace(own.system.engine, frequency=omega))
     cycle = 2.0 * math.pi / omega
     stream, tail = CycleStream(system, cycle), Tail(system, cycle)
-    verifier, pace = Verifier(run.scenes, own) if verify else None, Pace()
+    verifier, pace = Verifier(run.scenes, own, input_sources(run)) if verify else None, Pace()
     with ExitStack() as stack:
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
         for batch in _watched(run, "reading", stack, progress):

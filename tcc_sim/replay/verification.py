@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.input_sources import InputSource
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
-from tcc_sim.solvers.terms import Terms, general_terms, terms_of
+from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_of
 from tcc_sim.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6
@@ -62,13 +63,19 @@ class Verifier:
     that the change led to and the kernel that went on; the change is made at that tick, in a gap too. A scene counts
     from the first message on that was sent after it was said, so a reset, after which the changed values hold, goes on
     with the last one. A pause leaves no trace.
+
+    An input that a command held is the constant that the message says. One that fell back to the scene's harmonics
+    varies within the tick, so `sources`, what the driveline said on input_source, tells which it was. In a recording
+    without that topic every input counts as commanded.
     """
 
-    def __init__(self, scenes: Sequence[SceneRecord], fallback: Scene) -> None:
+    def __init__(self, scenes: Sequence[SceneRecord], fallback: Scene, sources: Sequence[InputSource] = ()) -> None:
         self._scenes = sorted(scenes, key=lambda s: s.log_ns)
+        self._sources, self._source = sources, 0
         self._place = -1
         self._scene, self._general = fallback, False
         self._run = -1
+        self._harmonic = False, False
         self._stepper: Stepper | None = None
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
@@ -91,6 +98,7 @@ class Verifier:
             if batch.run != self._run:
                 self._begin(batch)
                 begin = 1
+                self._follow_sources(int(batch.sent_ns[0]))
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
                 if not self._exact:
                     solved[0] = recorded[0]
@@ -113,6 +121,8 @@ class Verifier:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
                       f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another version or "
                       "machine)")
+            if any(self._harmonic) and not self._sources:
+                detail += "; the topic input_source was not recorded, so every input counts as commanded"
         return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
@@ -123,7 +133,9 @@ class Verifier:
         scene = self._scene
         self._run = batch.run
         self._stamp_step = 1e9 / scene.operation.rate
-        self._topics = scene.system.engine.source == "topic", scene.system.pressure.source == "topic"
+        engine, pressure = scene.system.engine, scene.system.pressure
+        self._topics = engine.source == "topic", pressure.source == "topic"
+        self._harmonic = self._topics[0] and engine.harmonic, self._topics[1] and pressure.harmonic
         stepper = self._stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
         self._use_scene()
         stepper.tick = self._tick(stamp)
@@ -159,7 +171,7 @@ class Verifier:
         assert self._stepper is not None
         system = self._scene.system
         self._terms: Terms = general_terms(system) if self._general else terms_of(system)
-        self._applied = self._terms.mean_torque, self._terms.mean_load
+        self._held: tuple[float | None, float | None] = None, None
         self._stepper.use(self._terms)
 
     def _tick(self, stamp: int) -> int:
@@ -188,6 +200,7 @@ class Verifier:
         for tick in range(begin + 1 if known else end, end + 1):
             if self._place + 1 < len(self._scenes) and self._take_over(sent, round(tick * self._stamp_step)):
                 self._use_scene()
+            self._follow_sources(sent)
             self._apply(row[4], pressure)
             if known:
                 stepper.advance()
@@ -200,7 +213,8 @@ class Verifier:
 
     def _applied_is_known(self, engine: float, pressure: float) -> bool:
         """Whether the recording holds the inputs of this tick."""
-        return not (self._topics[0] and math.isnan(engine)) and not (self._topics[1] and math.isnan(pressure))
+        return not (self._topics[0] and math.isnan(engine)) and not (
+            self._topics[1] and math.isnan(pressure) and not self._harmonic[1])
 
     def _now(self, row: Floats, pressure: float) -> list[float]:
         """What the message of the state as it is should hold."""
@@ -209,16 +223,29 @@ class Verifier:
 
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""
-        stepper, terms = self._stepper, self._terms
+        stepper = self._stepper
         assert stepper is not None
-        torque, load = terms.mean_torque, terms.mean_load
-        if self._topics[0]:
-            torque = self._applied[0] if math.isnan(engine) else engine
-        if self._topics[1]:
-            load = self._applied[1] if math.isnan(pressure) else self._scene.system.torque_per_pressure * pressure
-        if (torque, load) != self._applied:
-            self._applied = torque, load
-            stepper.use(terms._replace(mean_torque=torque, mean_load=load))
+        torque, load = self._held
+        if self._topics[0] and not math.isnan(engine):
+            torque = engine
+        if self._topics[1] and not math.isnan(pressure):
+            load = self._scene.system.torque_per_pressure * pressure
+        if self._harmonic[0] and not self._commanded("engine_torque"):
+            torque = None
+        if self._harmonic[1] and not self._commanded("actuation_pressure"):
+            load = None
+        if (torque, load) != self._held:
+            self._held = torque, load
+            stepper.use(holding(self._terms, torque, load))
+
+    def _follow_sources(self, sent_ns: int) -> None:
+        """Go on to the last source that was said before the state that was sent at `sent_ns`."""
+        while self._source + 1 < len(self._sources) and self._sources[self._source + 1].log_ns <= sent_ns:
+            self._source += 1
+
+    def _commanded(self, name: str) -> bool:
+        """Whether a command held this input, as the driveline said."""
+        return not self._sources or name in self._sources[self._source].commanded
 
     def _values(self) -> list[float]:
         """The columns of a message about the state as it is."""

@@ -1,0 +1,41 @@
+"""Messages that the driveline could not send, as it tells the recorder: no gap in the numbers of a publisher shows them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.serialization import deserialize_message, serialize_message
+
+
+def encoded(name: str, counts: Mapping[str, int]) -> bytes:
+    """The counts of the node `name` since its start, by topic, as the message on `unsent_messages`."""
+    message = DiagnosticStatus(level=DiagnosticStatus.WARN, name=name, message=f"{sum(counts.values())} messages not sent",
+                               values=[KeyValue(key=topic, value=str(count)) for topic, count in counts.items()])
+    data: bytes = serialize_message(message)
+    return data
+
+
+class UnsentCount:
+    """Adds up what every driveline of a recording says of itself."""
+
+    def __init__(self) -> None:
+        self._by_publisher: dict[bytes, dict[str, int]] = {}
+
+    def add(self, publisher: bytes, data: bytes) -> None:
+        """Take a message; what is no such message says nothing."""
+        try:
+            values = deserialize_message(data, DiagnosticStatus).values
+        except Exception:
+            # Whatever rclpy makes of bytes that a stranger sent.
+            return
+        counts = {item.key: int(item.value) for item in values if item.value.isdecimal() and len(item.value) < 19}
+        self._by_publisher[publisher] = counts
+
+    def by_topic(self) -> dict[str, int]:
+        """Messages of all drivelines."""
+        total: Counter[str] = Counter()
+        for counts in self._by_publisher.values():
+            total.update(counts)
+        return dict(total)
