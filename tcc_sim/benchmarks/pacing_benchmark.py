@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from tcc_sim.nodes.children import NodeProcess, isolated_environment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import Pacer
+from tcc_sim.nodes.scheduling import prepare_thread
 
 SLICE = 5.0
 """Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
