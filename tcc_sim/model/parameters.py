@@ -168,12 +168,6 @@ class Pressure(Group):
         """Whether the scene's own pulsation ever applies: always, or as the fallback beside commands."""
         return "harmonic" in (self.source, self.fallback)
 
-    def at(self, t: float, frequency: float) -> float:
-        """The scene's own pressure (3) at time t, s, with the engine frequency, rad/s: Pa, never below 0."""
-        if not self.harmonic:
-            return self.mean
-        return max(0.0, self.mean + self.amplitude * math.sin(self.frequency_ratio * frequency * t + self.phase))
-
 
 @dataclass(frozen=True)
 class Initial(Group):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import NamedTuple
@@ -152,8 +153,12 @@ class Plant:
         """Pressure at the end of the tick, Pa, where it comes from a topic."""
         if self._pressure is not None:
             return self._pressure
-        system = self.scene.system
-        return system.pressure.at(self.stepper.tick * self.stepper.step, system.engine.frequency)
+        own = self.scene.system.pressure
+        if not own.harmonic:
+            return own.mean
+        t = self.stepper.tick * self.stepper.step
+        swing = math.sin(own.frequency_ratio * self.scene.system.engine.frequency * t + own.phase)
+        return max(0.0, own.mean + own.amplitude * swing)
 
     def _terms_of(self, scene: Scene) -> Terms:
         """The terms of `scene` for the kernel that it needs."""

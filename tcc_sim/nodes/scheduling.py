@@ -16,7 +16,8 @@ TIMER_SLACK_NS = 1
 """How much later than asked for the kernel may wake the thread, ns; 50 000 by default."""
 
 
-def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bool = False) -> list[str]:
+def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bool = False,
+                   timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
     """Prepare the calling thread for deadlines; gives a sentence for each wish that was refused, which changes nothing.
 
     Parameters
@@ -24,13 +25,14 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
     priority : 1 to 99 asks for SCHED_FIFO with it; 0 leaves the policy as it is
     cores : those that the thread may run on; empty: as it is
     lock_memory : keep the memory of the whole process in place, present and future
+    timer_slack_ns : how much later than asked for the kernel may wake the thread
     """
     if sys.platform != "linux":
         wished = bool(priority), bool(cores), lock_memory
         return ["thread_priority, cpu_affinity and lock_memory need Linux"] if any(wished) else []
     refused = []
     library = ctypes.CDLL(None, use_errno=True)
-    library.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(TIMER_SLACK_NS), 0, 0, 0)
+    library.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(timer_slack_ns), 0, 0, 0)
     if cores:
         try:
             os.sched_setaffinity(0, cores)
@@ -47,3 +49,9 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
         refused.append(f"lock_memory was not granted ({os.strerror(ctypes.get_errno())}): memory stays as it is; it needs "
                        "CAP_IPC_LOCK or a memlock limit")
     return refused
+
+
+def release_memory() -> None:
+    """Take `lock_memory` back."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).munlockall()
