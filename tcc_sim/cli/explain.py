@@ -37,6 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"real-time step: one {step['tick_s'] * 1e3:g} ms tick in {step['sub_steps']} sub-steps costs "
               f"{step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
               f"{step['ratio']:.2f} times as much")
+        for name, own in step["own_calls"].items():
+            print(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(found, indent=2) + "\n")
     return 0

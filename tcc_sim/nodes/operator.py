@@ -15,6 +15,7 @@ import numpy as np
 import rclpy
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -50,7 +51,7 @@ class Operator:
         try:
             self._node = rclpy.create_node(f"operator_{os.getpid()}", namespace=namespace, enable_rosout=False,
                                            start_parameter_services=False)
-        except ValueError as error:
+        except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from numpy.typing import NDArray
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -181,7 +182,7 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
     with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
         try:
             node = rclpy.create_node("watcher", namespace=namespace, start_parameter_services=False)
-        except ValueError as error:
+        except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
         try:
             watcher = Watcher(node, say)
