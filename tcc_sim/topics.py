@@ -16,7 +16,8 @@ class Topic:
     name : as given to ROS 2: relative to the node's namespace, or absolute
     type : message type, package/msg/Name
     unit : SI unit of the value; empty where it has none or several
-    direction : in (the driveline subscribes), out (it publishes) or beside (another node of this package publishes it)
+    direction : in (the driveline subscribes), out (it publishes) or beside (not there from the start: another node of
+        this package publishes it, or the driveline where it has something to say)
     there_when : scene keys or node parameters, each with the value that creates the topic; empty: always there
     carries : what one message says
     view : entity path in Rerun; empty where it is not shown
@@ -91,9 +92,9 @@ TOPICS: tuple[Topic, ...] = (
     Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
           "what the slip controller is asked to hold in the mean over an engine cycle; from the slip_controller node",
           "slip/target", latched=True),
-    Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "out", (),
-          "by topic, messages that the middleware did not take from the driveline since it started; said when there are more",
-          latched=True),
+    Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "beside", (),
+          "by topic, messages that the middleware did not take from the driveline since it started; said when there are "
+          "more", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
     Topic("/clock", CLOCK, "", "out", (("publish_clock", True),), "simulation time", fields=("stamp_ns",)),

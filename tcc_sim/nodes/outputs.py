@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.message_types import message_class
@@ -39,7 +40,7 @@ class Outputs:
         self.patient = operation.real_time_factor == 0.0 or operation.pacing == "lockstep"
         self.unsent: Counter[str] = Counter()
         self._told = 0
-        self._name = node.get_fully_qualified_name()
+        self._node = node
         self._context = node.context
         self._waiting: deque[tuple[Any, bytes]] = deque()
         qos = states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
@@ -47,11 +48,11 @@ class Outputs:
         self._publishers: dict[str, Any] = {}
         for row in TOPICS:
             if row.fields and row.wanted(scene.value):
-                publisher = self._publishers[row.name] = node.create_publisher(message_class(row.type), row.name, qos)
+                publisher = self._create(row.name, qos)
                 self._every_tick.append((publisher, cdr.ENCODERS[row.type], attrgetter(*row.fields), len(row.fields) > 1))
-        for name, profile in (("scene", LATCHED), ("input_source", CHANGES), ("unsent_messages", LATCHED)):
+        for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
             if topic(name).wanted(scene.value):
-                self._publishers[name] = node.create_publisher(message_class(topic(name).type), name, profile)
+                self._create(name, profile)
 
     def state(self, reading: Reading) -> None:
         """Send every topic of a tick."""
@@ -76,13 +77,20 @@ class Outputs:
         """Say how many messages were dropped, where it is more than was said; for any thread but the loop's."""
         counts = dict(self.unsent)
         total = sum(counts.values())
-        if total > self._told and self._taken(self._publishers["unsent_messages"], encoded(self._name, counts)):
+        if total > self._told and "unsent_messages" not in self._publishers:
+            self._create("unsent_messages", LATCHED)
+        if total > self._told and self._taken(self._publishers["unsent_messages"], encoded(self._node.get_fully_qualified_name(), counts)):
             self._told = total
 
     def subscriptions(self) -> tuple[int, int]:
         """Subscriptions of joint_states, and of all that is said every tick."""
         return (int(self._publishers["joint_states"].get_subscription_count()),
                 sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
+
+    def _create(self, name: str, profile: QoSProfile) -> Any:
+        """Create the publisher of a topic."""
+        self._publishers[name] = self._node.create_publisher(message_class(topic(name).type), name, profile)
+        return self._publishers[name]
 
     def _send(self, publisher: Any, data: bytes) -> None:
         """Send, or let it wait behind what waits, or count it."""

@@ -83,7 +83,7 @@ def test_states_are_those_of_the_solver(bench: Any) -> None:
 def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
     node = start(bench, scene="minimal", publish_scalars=False, publish_diagnostics=False)
     topics = {name for name, _ in node.get_publisher_names_and_types_by_node("driveline", "/")}
-    assert topics == {"/joint_states", "/scene", "/unsent_messages", "/parameter_events", "/rosout"}
+    assert topics == {"/joint_states", "/scene", "/parameter_events", "/rosout"}
     assert not {name for name,
                 _ in node.get_subscriber_names_and_types_by_node("driveline", "/")} - {"/parameter_events"}
     assert not list(node.timers)

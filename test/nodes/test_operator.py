@@ -113,7 +113,7 @@ def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Call
     assert missed == 0
     printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "live.rrd")], text=True,
                              capture_output=True, timeout=60, check=True, env={**os.environ, "HOME": str(tmp_path)})
-    rows = {entity: 0 for entity in ("/slip/speed", "/cycles/largest")}
+    rows = dict.fromkeys(("/slip/speed", "/cycles/largest"), 0)
     for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", printed.stdout):
         rows[entity] = rows.get(entity, 0) + int(count)
     static = 1
