@@ -27,6 +27,8 @@ SLICE = 5.0
 """Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
 SETTING_SLICE = 0.1
 """Part of the duration that the bare loop runs with each of the settings."""
+SHORTEST_TRIAL = 0.2
+"""Seconds of a trial at least."""
 DEFAULT_SLACK_NS = 50_000
 """What Linux gives a thread that asks for nothing."""
 
@@ -109,7 +111,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                environment) if recorder else None
-        trials = [_trial(rate, SETTING_SLICE * duration, *trial) for trial in _trials()]
+        trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
         node = DrivelineNode(parameter_overrides=[
             Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
             Parameter("wait_for_subscribers", value=int(recorder))])
@@ -175,6 +177,7 @@ def _bare_stretch(pacer: Pacer, length: float, settings: Settings, timer_slack_n
     def spin() -> None:
         refused.extend(settings.prepare(timer_slack_ns))
         pacer.anchor()
+        pacer.wait(lambda: False)
         while not stop.is_set():
             pacer.wait(stop.is_set)
 

@@ -96,7 +96,8 @@ class RealTimeLoop:
         self._compiler = threading.Thread(target=self.plant.warm_up_general, name=COMPILER, daemon=True)
         engine, pressure = topic("engine_torque"), topic("actuation_pressure")
         self.engine_command = Command(node, engine) if engine.wanted(scene.value) else None
-        self.pressure_command = Command(node, pressure, self.plant.check_pressure) if pressure.wanted(scene.value) else None
+        self.pressure_command = (Command(node, pressure, self.plant.check_pressure)
+                                 if pressure.wanted(scene.value) else None)
         self.commands: list[Command] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
         self.outputs = Outputs(node, scene)
         self._lockstep = scene.operation.pacing == "lockstep" and bool(self.commands)

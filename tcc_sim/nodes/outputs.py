@@ -49,7 +49,8 @@ class Outputs:
         for row in TOPICS:
             if row.fields and row.wanted(scene.value):
                 publisher = self._create(row.name, qos)
-                self._every_tick.append((publisher, cdr.ENCODERS[row.type], attrgetter(*row.fields), len(row.fields) > 1))
+                values = attrgetter(*row.fields)
+                self._every_tick.append((publisher, cdr.ENCODERS[row.type], values, len(row.fields) > 1))
         for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
@@ -77,9 +78,10 @@ class Outputs:
         """Say how many messages were dropped, where it is more than was said; for any thread but the loop's."""
         counts = dict(self.unsent)
         total = sum(counts.values())
-        if total > self._told and "unsent_messages" not in self._publishers:
-            self._create("unsent_messages", LATCHED)
-        if total > self._told and self._taken(self._publishers["unsent_messages"], encoded(self._node.get_fully_qualified_name(), counts)):
+        if total <= self._told:
+            return
+        publisher = self._publishers.get("unsent_messages") or self._create("unsent_messages", LATCHED)
+        if self._taken(publisher, encoded(self._node.get_fully_qualified_name(), counts)):
             self._told = total
 
     def subscriptions(self) -> tuple[int, int]:

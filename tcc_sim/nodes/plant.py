@@ -1,4 +1,4 @@
-"""The driveline as the loop steps it: solver, kernel in use, held inputs, and what can be computed in time. ROS-free."""
+"""The driveline as the loop steps it: solver, kernel, held inputs, and what can be computed in time. Free of ROS."""
 
 from __future__ import annotations
 
@@ -146,8 +146,8 @@ class Plant:
         v, plate_angle, plate_speed, flywheel_angle = self.stepper.state.tolist()
         engine, friction = self.stepper.torques()
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
-        return Reading(self.stamp_ns, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction, v, state,
-                       self._applied_pressure())
+        return Reading(self.stamp_ns, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction, v,
+                       state, self._applied_pressure())
 
     def _applied_pressure(self) -> float:
         """Pressure at the end of the tick, Pa, where it comes from a topic."""

@@ -47,7 +47,8 @@ def explain(scene: Scene) -> dict[str, Any]:
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
         "terms": {"held": held, "left_out": left_out},
         "kernel": {name: _kind(value) for name, value in zip(terms._fields, terms)},
-        "topics": {"held": needed, "left_out": [row.name for row in TOPICS if row.name not in needed and row.direction != "beside"]},
+        "topics": {"held": needed, "left_out": [row.name for row in TOPICS
+                                                if row.name not in needed and row.direction != "beside"]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
         "step": {**_cost(scene), **looked["calls"]} if terms.smoothing is not None else None,
     }

@@ -107,10 +107,12 @@ def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Call
         assert process.poll() is None
     process.send_signal(signal.SIGINT)
     out, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == (0, "")
+    assert process.returncode == 0
     shown, missed = (int(word) for word in out.split() if word.isdigit())
     assert shown > 100
-    assert missed == 0
+    # A machine that starves the watcher makes it miss some, which it then has said.
+    assert bool(missed) == ("states were missed" in said)
+    assert "Traceback" not in said
     printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "live.rrd")], text=True,
                              capture_output=True, timeout=60, check=True, env={**os.environ, "HOME": str(tmp_path)})
     rows = dict.fromkeys(("/slip/speed", "/cycles/largest"), 0)
