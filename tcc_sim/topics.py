@@ -74,12 +74,13 @@ TOPICS: tuple[Topic, ...] = (
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", _PRESSURE,
           "actuation pressure command, held until the next one", "pressure/command", key="pressure.mean"),
     Topic("input_source", HEADER, "", "out", (*_TORQUE, *_PRESSURE),
-          "which inputs a command holds and which the fallback, from the state with this stamp on; said at every change",
-          "events", latched=True),
+          "which inputs a command holds and which the fallback, from the state with this stamp on; said at every "
+          "change", "events", latched=True),
     Topic("joint_states", JOINT_STATE, "", "out", (),
-          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel and friction "
-          "torque on the plate (N m); stamp: simulation time", "plate",
-          fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")),
+          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel and "
+          "friction torque on the plate (N m); stamp: simulation time", "plate",
+          fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
+                  "friction_torque")),
     Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", _PRESSURE,
           "actuation pressure at the end of this tick; stamp: simulation time", "pressure/applied",
           fields=("applied_pressure",)),
@@ -93,8 +94,8 @@ TOPICS: tuple[Topic, ...] = (
           "what the slip controller is asked to hold in the mean over an engine cycle; from the slip_controller node",
           "slip/target", latched=True),
     Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "beside", (),
-          "by topic, messages that the middleware did not take from the driveline since it started; said when there are "
-          "more", latched=True),
+          "by topic, messages that the middleware did not take from the driveline since it started; said when there "
+          "are more", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
     Topic("/clock", CLOCK, "", "out", (("publish_clock", True),), "simulation time", fields=("stamp_ns",)),

@@ -73,7 +73,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
 
 
 def _controller(scene: Scene) -> dict[str, object] | None:
-    """Parameters of a slip controller for a scene that needs one: a pulsating engine, and a pressure to be commanded."""
+    """Parameters of a slip controller for a scene that needs one: an engine of its own, a pressure to be commanded."""
     system = scene.system
     if (system.engine.source, system.pressure.source) != ("harmonic", "topic"):
         return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 if __name__ == "__main__":
     from tcc_sim.nodes.executables import commander
 
-    commander()
+    raise SystemExit(commander())
 
 import math
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 if __name__ == "__main__":
     from tcc_sim.nodes.executables import driveline_node
 
-    driveline_node()
+    raise SystemExit(driveline_node())
 
 import gc
 import sys
@@ -111,8 +111,8 @@ class DrivelineNode(Node):
             return parameters.accepted()
         plant = self.loop.plant
         if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
-            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is still being "
-                                                 "compiled; ask again in a moment"))
+            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is still "
+                                                 "being compiled; ask again in a moment"))
         text = after.text()
         outcome = self.loop.request(lambda: self._take(after, text))
         return parameters.accepted() if outcome else parameters.refused(InputError(outcome.why))
@@ -182,8 +182,8 @@ def spin(node: DrivelineNode) -> None:
             if not node.context.ok():
                 return
             senseless += 1
-            node.warn("requests", senseless, f"a request was not understood: {type(error).__name__}: {one_line(str(error))} "
-                      f"({senseless} so far)")
+            node.warn("requests", senseless, f"a request was not understood: {type(error).__name__}: "
+                      f"{one_line(str(error))} ({senseless} so far)")
         node.housekeeping()
 
 

@@ -6,33 +6,31 @@ there is one line.
 
 from __future__ import annotations
 
-from typing import NoReturn
-
 from tcc_sim.nodes import signals
 
 
-def driveline_node() -> NoReturn:
-    """Run the driveline node."""
-    _run("driveline")
+def driveline_node() -> int:
+    """Run the driveline node; the exit status."""
+    return _run("driveline")
 
 
-def recorder_node() -> NoReturn:
-    """Run the recorder node."""
-    _run("recorder")
+def recorder_node() -> int:
+    """Run the recorder node; the exit status."""
+    return _run("recorder")
 
 
-def slip_controller_node() -> NoReturn:
-    """Run the slip controller example."""
-    _run("slip_controller")
+def slip_controller_node() -> int:
+    """Run the slip controller example; the exit status."""
+    return _run("slip_controller")
 
 
-def commander() -> NoReturn:
-    """Run the node that sends commands for `tcc-sim soak`."""
-    _run("commander")
+def commander() -> int:
+    """Run the node that sends commands for `tcc-sim soak`; the exit status."""
+    return _run("commander")
 
 
-def _run(name: str) -> NoReturn:
-    """Run a node's `main` where rclpy and its messages are there, and end the process with its status."""
+def _run(name: str) -> int:
+    """Run a node's `main` where rclpy and its messages are there, and give the exit status."""
     signals.take()
     import sys
 
@@ -41,7 +39,8 @@ def _run(name: str) -> NoReturn:
     text = asked_for(name, sys.argv[1:])
     if text is not None:
         sys.stdout.write(text)
-        signals.end(0)
+        signals.give_back()
+        return 0
     from importlib import import_module
 
     from tcc_sim.errors import MissingPackage
@@ -51,5 +50,6 @@ def _run(name: str) -> NoReturn:
         require_ros()
     except MissingPackage as error:
         sys.stderr.write(f"{name}_node: {error}\n")
-        signals.end(1)
-    signals.end(import_module(f"tcc_sim.nodes.{name}").main())
+        signals.give_back()
+        return 1
+    return signals.end(import_module(f"tcc_sim.nodes.{name}").main())

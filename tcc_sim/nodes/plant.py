@@ -15,7 +15,7 @@ from tcc_sim.solvers.fixed_step import Stepper, advance, substeps
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, terms_of
 
 SHARE = 0.5
-"""Part of a tick's real time that the sub-steps of what arrives while running may need, by the cost measured at warm-up.
+"""Part of a tick's real time that the sub-steps of what arrives while running may need, by their cost at warm-up.
 The rest is the margin: for publishing, for states that take more iterations, and for a processor that is shared.
 A scene that needs more from the start, up to the whole tick, may have it.
 """
@@ -171,8 +171,8 @@ class Plant:
         share = self._needed(scene, terms)
         if share > self._share:
             period = step / scene.operation.real_time_factor * 1e3
-            raise InputError(f"a tick of {step * 1e3:g} ms needs {count} sub-steps, {share * period:.3g} ms here, and may "
-                             f"take {self._share * period:.3g} ms in real time; offline, in lock-step and with "
+            raise InputError(f"a tick of {step * 1e3:g} ms needs {count} sub-steps, {share * period:.3g} ms here, and "
+                             f"may take {self._share * period:.3g} ms in real time; offline, in lock-step and with "
                              "real_time_factor 0 it may take longer")
 
     def _needed(self, scene: Scene, terms: Terms) -> float:

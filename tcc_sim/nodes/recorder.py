@@ -9,7 +9,7 @@ from __future__ import annotations
 if __name__ == "__main__":
     from tcc_sim.nodes.executables import recorder_node
 
-    recorder_node()
+    raise SystemExit(recorder_node())
 
 import sys
 import time

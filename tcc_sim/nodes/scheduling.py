@@ -38,7 +38,8 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
             os.sched_setaffinity(0, cores)
         except OSError as error:
             there = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
-            refused.append(f"cpu_affinity {list(cores)} was not granted ({error.strerror}): the thread stays on {there}")
+            refused.append(f"cpu_affinity {list(cores)} was not granted ({error.strerror}): the thread stays on "
+                           f"{there}")
     if priority:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
@@ -46,8 +47,8 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
             refused.append(f"thread_priority {priority} was not granted ({error.strerror}): the thread keeps its "
                            "scheduling; it needs CAP_SYS_NICE or an rtprio limit")
     if lock_memory and library.mlockall(_MCL_CURRENT | _MCL_FUTURE):
-        refused.append(f"lock_memory was not granted ({os.strerror(ctypes.get_errno())}): memory stays as it is; it needs "
-                       "CAP_IPC_LOCK or a memlock limit")
+        refused.append(f"lock_memory was not granted ({os.strerror(ctypes.get_errno())}): memory stays as it is; "
+                       "it needs CAP_IPC_LOCK or a memlock limit")
     return refused
 
 

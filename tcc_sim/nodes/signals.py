@@ -13,13 +13,14 @@ import signal
 import sys
 import threading
 from types import FrameType
-from typing import NoReturn
+from typing import Any
 
 COMPILER = "compiler"
 """Name of a thread that may be in LLVM when the process ends."""
 ENDING = frozenset({signal.SIGINT, signal.SIGTERM})
 _taken = False
 _starting = False
+_before: dict[signal.Signals, Any] = {}
 
 
 def take() -> None:
@@ -32,7 +33,7 @@ def take() -> None:
         return
     _taken = _starting = True
     for number in ENDING:
-        signal.signal(number, _on_signal)
+        _before[number] = signal.signal(number, _on_signal)
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
@@ -76,10 +77,10 @@ def leave_to_ros() -> None:
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def end(status: int) -> NoReturn:
-    """End the process with `status`; signals that arrive meanwhile change nothing any more.
+def end(status: int) -> int:
+    """The last thing before the process ends with `status`, which it gives: signals change nothing any more.
 
-    Where a thread still compiles, at once: LLVM does not survive that the interpreter is taken down under it.
+    Where a thread still compiles it ends here: LLVM does not survive that the interpreter is taken down under it.
     """
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
@@ -87,4 +88,14 @@ def end(status: int) -> NoReturn:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)
-    sys.exit(status)
+    return status
+
+
+def give_back() -> None:
+    """The handlers as they were before `take`, where there is no node to run after all."""
+    global _taken, _starting
+    _taken = _starting = False
+    signal.set_wakeup_fd(-1)
+    for number, handler in _before.items():
+        signal.signal(number, handler)
+    _before.clear()

@@ -9,7 +9,7 @@ from __future__ import annotations
 if __name__ == "__main__":
     from tcc_sim.nodes.executables import slip_controller_node
 
-    slip_controller_node()
+    raise SystemExit(slip_controller_node())
 
 import dataclasses
 from typing import Any
@@ -57,8 +57,9 @@ class SlipControllerNode(Node):
         """Say what it controls, and with what belief of its plant."""
         tuning = self.controller.tuning
         self.get_logger().info(
-            f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from {self._states.topic_name}: "
-            f"bandwidth {tuning.bandwidth:g} rad/s, engine cycle {tuning.cycle_steps:.4g} states of {tuning.step:g} s, "
+            f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
+            f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, "
+            f"engine cycle {tuning.cycle_steps:.4g} states of {tuning.step:g} s, "
             f"at most {tuning.pressure_limit:g} Pa")
 
     def _on_state(self, state: JointState) -> None:

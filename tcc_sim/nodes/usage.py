@@ -29,8 +29,8 @@ def asked_for(name: str, words: list[str]) -> str | None:
 def _help(name: str) -> str:
     """Purpose, usage and parameters of a node."""
     command = name if name == "commander" else f"{name}_node"
-    lines = [f"usage: {command} [--help] [--version] [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r __ns:=/NAME]]",
-             "", _PURPOSES[name], "", "parameters:"]
+    lines = [f"usage: {command} [--help] [--version] [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] "
+             "[-r __ns:=/NAME]]", "", _PURPOSES[name], "", "parameters:"]
     for key, meaning in _parameters(name):
         lines += textwrap.wrap(f"{key}: {meaning}", 100, initial_indent="  ", subsequent_indent="      ")
     return "\n".join(lines) + "\n"

@@ -75,7 +75,8 @@ class Watcher:
             if found is not None:
                 return found
             time.sleep(0.02)
-        raise TccError(f"no driveline says its scene on {self._node.resolve_topic_name('scene')} within {FOUND_WITHIN:g} s")
+        name = self._node.resolve_topic_name("scene")
+        raise TccError(f"no driveline says its scene on {name} within {FOUND_WITHIN:g} s")
 
     def _scene(self) -> Scene | None:
         """The newest scene that was said since the last look, None where there is none."""
@@ -90,8 +91,8 @@ class Watcher:
     def view(self, **where: Any) -> RerunStream:
         """A stream for what is watched: `file`, `spawn` or `url`, as RerunStream takes them."""
         system = self.scene.system
-        return RerunStream(self._node.resolve_topic_name("driveline"), system.cycle, natural_frequency(terms_of(system)),
-                           **where)
+        name = self._node.resolve_topic_name("driveline")
+        return RerunStream(name, system.cycle, natural_frequency(terms_of(system)), **where)
 
     def drain(self, view: RerunStream) -> None:
         """Show what has arrived."""
@@ -134,7 +135,7 @@ class Watcher:
         if not len(stamps):
             return
         self._last_stamp = int(stamps[-1])
-        column = {name: rows[name].astype(np.float64) for name in cdr.JOINT_STATE.names or () if name not in ("sec", "nanosec")}
+        column = {name: rows[name].astype(np.float64) for name in topic("joint_states").fields}
         slip_speed = column["flywheel_speed"] - column["plate_speed"]
         signals = (slip_speed, column["plate_angle"], column["plate_speed"], column["engine_torque"],
                    column["friction_torque"])
@@ -187,7 +188,8 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
         try:
             watcher = Watcher(node, say)
             with watcher.view(**where) as view:
-                say(f"watching {node.resolve_topic_name('driveline')}: {watcher.scene.description or 'a scene'}; Ctrl-C ends it")
+                what = watcher.scene.description or "a scene"
+                say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
                 try:
                     while True:
                         watcher.drain(view)

@@ -53,8 +53,8 @@ def test_what_takes_longer_than_its_own_time_is_refused_in_real_time_only() -> N
     assert SHARE == 0.5
     found = plant(1e-6)
     found.check_pressure(pressure * (1.0 - 1e-9))
-    with pytest.raises(InputError, match=r"a tick of 1 ms needs 501 sub-steps, 0.501 ms here, and may take 0.5 ms in real "
-                                         "time; offline, in lock-step and with real_time_factor 0 it may take longer"):
+    with pytest.raises(InputError, match=r"a tick of 1 ms needs 501 sub-steps, 0.501 ms here, and may take 0.5 ms in "
+                                         "real time; offline, in lock-step and with real_time_factor 0 it may take longer"):
         found.check_pressure(pressure * (1.0 + 1e-9))
     plant(1e-6, real_time_factor=0.0).check_pressure(1e7)
     plant(1e-6, pacing="lockstep").check_pressure(1e7)
@@ -158,7 +158,8 @@ def test_a_pressure_that_would_fall_below_zero_is_clamped_in_the_fallback() -> N
 
 
 def test_held_inputs_are_constants_whatever_harmonics_the_scene_has() -> None:
-    scene = load_scene("fig02").with_values({"engine.harmonic_amplitudes": [40.0, 20.0], "engine.harmonic_phases": [0.1, 0.2]})
+    scene = load_scene("fig02").with_values({"engine.harmonic_amplitudes": [40.0, 20.0],
+                                             "engine.harmonic_phases": [0.1, 0.2]})
     terms = holding(terms_of(scene.system), 77.0, 88.0)
     assert (terms.mean_torque, terms.mean_load) == (77.0, 88.0)
     assert terms.torque is not None

@@ -68,10 +68,10 @@ def moments(module: str, count: int, seed: int) -> list[tuple[str, signal.Signal
 
 
 @pytest.mark.parametrize(("module", "number", "mapped"), [
-    ("driveline", signal.SIGTERM, 0), ("recorder", signal.SIGINT, 0), *moments("driveline", 6, 1), *moments("recorder", 2, 2),
-    *moments("slip_controller", 2, 3)])
-def test_a_signal_while_it_loads_ends_a_node_with_status_0(module: str, number: signal.Signals, mapped: int, domain: str,
-                                                           tmp_path: Path) -> None:
+    ("driveline", signal.SIGTERM, 0), ("recorder", signal.SIGINT, 0), *moments("driveline", 6, 1),
+    *moments("recorder", 2, 2), *moments("slip_controller", 2, 3)])
+def test_a_signal_while_it_loads_ends_a_node_with_status_0(module: str, number: signal.Signals, mapped: int,
+                                                           domain: str, tmp_path: Path) -> None:
     process = started(module, domain, tmp_path)
     try:
         while not taken(process) or libraries(process) < mapped:
@@ -103,7 +103,7 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             "class Look:\n"
             "    def find_spec(self, name, path=None, target=None):\n"
             "        if name.split('.')[0] in ('numpy', 'numba', 'rclpy', 'yaml', 'scipy'):\n"
-            "            print(name, signal.getsignal(signal.SIGTERM).__name__, signal.getsignal(signal.SIGINT).__name__)\n"
+            "            print(name, *(signal.getsignal(n).__name__ for n in (signal.SIGTERM, signal.SIGINT)))\n"
             "            sys.stdout.flush()\n"
             "            os._exit(7)\n"
             "sys.meta_path.insert(0, Look())\n"
@@ -120,8 +120,9 @@ def test_help_and_version_print_and_end(module: str, tmp_path: Path) -> None:
 
     for words, expected in ((["--version"], f"tcc_sim {__version__}\n"), (["--help"], f"usage: {module}_node "),
                             (["-h", "--ros-args", "-p", "rate:=1.0"], f"usage: {module}_node ")):
-        ended = subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], capture_output=True, text=True,
-                               cwd=tmp_path, timeout=60, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+        ended = subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], capture_output=True,
+                               text=True, cwd=tmp_path, timeout=60, check=False,
+                               env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
         assert (ended.returncode, ended.stderr) == (0, "")
         assert ended.stdout.startswith(expected)
         assert "parameters:" in ended.stdout or words == ["--version"]
