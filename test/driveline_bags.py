@@ -9,7 +9,7 @@ from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
-from tcc_sim.solvers.terms import general_terms, terms_of
+from tcc_sim.solvers.terms import general_terms, holding, terms_of
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
 TICK = 1_000_000
@@ -43,10 +43,8 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
             stepper.use(terms)
             say((stepper.tick + 1) * TICK)
         applied = pressure(k) if pressure is not None else math.nan
-        if torque is not None:
-            stepper.use(stepper.terms._replace(mean_torque=torque(k)))
-        if pressure is not None:
-            stepper.use(stepper.terms._replace(mean_load=system.torque_per_pressure * applied))
+        stepper.use(holding(terms, torque(k) if torque is not None else None,
+                            system.torque_per_pressure * applied if pressure is not None else None))
         stepper.advance()
         publish(applied)
         if k in resets:

@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tcc_sim.nodes.processes import isolated_environment
+from tcc_sim.nodes.children import isolated_environment
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -110,7 +110,7 @@ def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
 
 
 def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
-    code = ("import sys, time; from pathlib import Path; from tcc_sim.nodes.processes import Session\n"
+    code = ("import sys, time; from pathlib import Path; from tcc_sim.nodes.children import Session\n"
             "session = Session(Path('recording'), {'scene': 'minimal'})\n"
             "print(session.driveline.pid, session.recorder.pid, flush=True); time.sleep(600)")
     process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True,
@@ -131,7 +131,10 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     found = json.loads((tmp_path / "pacing.json").read_text())
     names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "cpu_fraction"}
-    assert set(found) == {"rate", "ticks", "missed_ticks", "drift_s", *names, *(f"bare_{n}" for n in names)}
+    assert set(found) == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names, *(f"bare_{n}" for n in names)}
+    assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", "and", "and", "and", "and"]
+    assert all(names | {"name", "refused"} == set(trial) for trial in found["settings"])
+    assert found["settings"][0]["refused"] == found["settings"][1]["refused"] == []
     assert found["rate"] == 500.0
     assert found["ticks"] > 0
 

@@ -20,8 +20,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.pacing import CATCH_UP
-from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.scene import load_scene
@@ -193,7 +193,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
     from rclpy.parameter import Parameter
 
     from tcc_sim.nodes.message_types import message_class
-    from tcc_sim.nodes.polling import LATCHED, states
+    from tcc_sim.nodes.qos import LATCHED, states
     from tcc_sim.nodes.recorder import Recorder
     from tcc_sim.topics import JOINT_STATE, STRING
 
@@ -220,14 +220,16 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
 def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
     """A KeyboardInterrupt in the middle of a batch would lose the messages already taken."""
     code = ("import os, signal, sys, rclpy\n"
-            "from tcc_sim.nodes.polling import run\n"
+            "from tcc_sim.nodes import signals\n"
+            "from tcc_sim.nodes.process import run\n"
             "def body():\n"
+            "    signals.leave_to_ros()\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
             "    saved = sum(1 for _ in range(300_000))\n"
             "    while rclpy.ok(): pass\n"
             "    print(saved)\n"
             "    return 0\n"
-            "sys.exit(run('saver', body, [], interruptible=False))\n")
+            "sys.exit(run('saver', body, []))\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "300000\n", "")

@@ -5,8 +5,8 @@ from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.scene_records import SceneRecord, holding_from
+from tcc_sim.replay.places import Place, Places
 from tcc_sim.replay.replay import replay
-from tcc_sim.replay.scene_places import Place, ScenePlaces
 from tcc_sim.scene import load_scene
 
 FIG02 = load_scene("fig02")
@@ -66,7 +66,7 @@ def record(stamp, said, general=False):
 def test_places_of_scenes():
     records = [record(None, 5), record(3 * TICK, 1025), record(0, 2005), record(2 * TICK, 2016),
                record(99 * TICK, 2030)]
-    found = ScenePlaces(records)
+    found = Places(records)
     found.feed(states(0, [0, 1], [1000, 1010]))
     found.feed(states(0, [2, 3, 4], [1020, 1030, 1040]))
     found.feed(states(1, [0, 1, 2, 3], [2010, 2015, 2020, 2030]))
@@ -74,12 +74,12 @@ def test_places_of_scenes():
 
 
 def test_two_changes_before_one_tick_are_taken_in_their_order():
-    found = ScenePlaces([record(None, 5), record(TICK, 1001), record(TICK, 1002)])
+    found = Places([record(None, 5), record(TICK, 1001), record(TICK, 1002)])
     found.feed(states(0, [0, 1, 2], [1000, 1010, 1020]))
     assert found.places() == [Place(0, 0), Place(1, 1), Place(1, 2)]
 
 
 def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_on():
-    found = ScenePlaces([record(3 * TICK, 50)])
+    found = Places([record(3 * TICK, 50)])
     found.feed(states(0, [500, 501], [1000, 1010]))
     assert found.places() == [Place(0, 0)]
