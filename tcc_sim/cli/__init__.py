@@ -21,6 +21,7 @@ VERBS: dict[str, str] = {
     "analyse": "summarise a recording, show it in Rerun, solve it again",
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
+    "basins": "find attractors and their basins in a plane of two initial conditions",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",

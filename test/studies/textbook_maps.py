@@ -32,7 +32,8 @@ class TextbookMap:
         return Image(x, jacobian, by_parameter)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
-        return Observation(float(np.abs(x).max()), 0.0, "")
+        largest = float(np.abs(x).max())
+        return Observation(largest, 0.0, "", (largest,) * cycles)
 
     def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
         return NO_MARGINS
