@@ -86,39 +86,35 @@ class Captures:
     """
 
     def __init__(self, attractors: Sequence[Attractor], scales: Floats, forcing_period: int) -> None:
-        self.attractors, self._scales, self._forcing = attractors, scales, forcing_period
-        self._trees = [[cKDTree(a.section[a.phases == phase] / scales) if (a.phases == phase).any() else None
-                        for phase in range(forcing_period)] for a in attractors]
+        self._scales, self._forcing = scales, forcing_period
+        orbits = [(k, a) for k, a in enumerate(attractors) if a.period]
+        self._points = np.concatenate([a.section for _, a in orbits] or [np.empty((0, len(scales)))]) / scales
+        self._owner = np.array([k for k, a in orbits for _ in range(a.period)], dtype=np.int64)
+        self._cycle = np.array([i for _, a in orbits for i in range(a.period)], dtype=np.int64)
+        self._reach = np.array([a.radius**2 for _, a in orbits for _ in range(a.period)])
+        starts = np.cumsum([0, *(a.period for _, a in orbits)])
+        self._following = np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits) for i in range(a.period)],
+                                   dtype=np.int64)
+        self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales) for phase in range(forcing_period)])
+                        for k, a in enumerate(attractors) if not a.period]
 
     def find(self, points: Floats, first: int) -> tuple[int, int]:
         """(index of the attractor, cycles until it was reached) of section points (m + 1, n); index -1 for none."""
         scaled = points / self._scales
-        best = (-1, len(points))
-        for k, attractor in enumerate(self.attractors):
-            near = self._near(k, attractor, scaled, first)
-            both = np.flatnonzero(near[1:] & near[:-1])
-            if len(both) and both[0] < best[1]:
-                best = (k, int(both[0]))
+        inside = ((scaled[:, None] - self._points) ** 2).sum(axis=2) <= self._reach
+        if self._forcing > 1:
+            inside &= (first + np.arange(len(scaled))[:, None] - self._cycle) % self._forcing == 0
+        both = inside[:-1] & inside[1:, self._following]
+        at = np.flatnonzero(both.any(axis=1))
+        best = (int(self._owner[both[at[0]].argmax()]), int(at[0])) if len(at) else (UNDECIDED, len(points))
+        for k, radius, trees in self._clouds:
+            phases = (first + np.arange(len(scaled))) % self._forcing
+            near = np.array([trees[phase].query(x, distance_upper_bound=radius)[0] <= radius
+                             for phase, x in zip(phases, scaled)])
+            at = np.flatnonzero(near[1:] & near[:-1])
+            if len(at) and at[0] < best[1]:
+                best = (k, int(at[0]))
         return best
-
-    def _near(self, k: int, attractor: Attractor, scaled: Floats, first: int) -> NDArray[np.bool_]:
-        """(m + 1,) which points are within the radius; of a periodic attractor, whose neighbours follow each other."""
-        if attractor.period:
-            orbit = attractor.section / self._scales
-            away = np.linalg.norm(scaled[:, None] - orbit[None], axis=2)
-            cycle = first + np.arange(len(scaled))
-            away[(cycle[:, None] - np.arange(len(orbit))[None]) % self._forcing != 0] = np.inf
-            nearest = away.argmin(axis=1)
-            near = away[np.arange(len(scaled)), nearest] <= attractor.radius
-            follows = np.ones(len(scaled), dtype=bool)
-            follows[1:] = ~near[:-1] | (nearest[1:] == (nearest[:-1] + 1) % len(orbit))
-            return near & follows
-        near = np.zeros(len(scaled), dtype=bool)
-        for phase, tree in enumerate(self._trees[k]):
-            here = (first + np.arange(len(scaled))) % self._forcing == phase
-            if tree is not None and here.any():
-                near[here] = tree.query(scaled[here], distance_upper_bound=attractor.radius)[0] <= attractor.radius
-        return near
 
 
 def follow(of: Motion, captures: Captures, start: Floats, most: int) -> tuple[int, int]:
