@@ -53,3 +53,10 @@ class SweepInterrupted(KeyboardInterrupt):
     def __init__(self, sweeps: list[Any]) -> None:
         super().__init__("interrupted")
         self.sweeps = sweeps
+
+
+class BasinsInterrupted(KeyboardInterrupt):
+    """Ctrl-C while basins were worked out; what was done stands in their file, where one was given."""
+
+    def __init__(self) -> None:
+        super().__init__("interrupted")

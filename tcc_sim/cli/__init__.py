@@ -23,6 +23,7 @@ VERBS: dict[str, str] = {
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
     "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
+    "basins": "find attractors and their basins in a plane of two initial conditions",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",

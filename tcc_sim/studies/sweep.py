@@ -108,7 +108,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
     file: SweepFile | None = None
     try:
-        with _executor(jobs, dask) as (executor, width):
+        with workers(jobs, dask) as (executor, width):
             file = SweepFile(out, _header(curves, plan), take) if out is not None else None
             with _bar(points, progress) as tick:
                 for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, points):
@@ -207,7 +207,7 @@ def cores() -> int:
 
 
 @contextmanager
-def _executor(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Callable[[], int]]]:
+def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Callable[[], int]]]:
     """Where tasks run, and a function that says how many run at a time."""
     if dask is not None:
         from tcc_sim.studies.cluster import cluster

@@ -15,7 +15,6 @@ from typing import Any, NoReturn
 
 from tcc_sim.errors import InputError
 
-FORMAT = "tcc_sim sweep"
 LONGEST_LINE = 1 << 28
 """Bytes; the first line of a sweep over a million values has a tenth of that."""
 SUM = ', "crc32": "%08x"}\n'
@@ -29,6 +28,7 @@ class SweepFile:
     ----------
     path : where it is, or will be
     header : what tells the sweep from others; it becomes the first line
+    kind : what the file is of, in its first line and in errors
     take : called with curve, index and record of every point found in the file; KeyError, TypeError and ValueError say
         that no sweep wrote it
 
@@ -41,8 +41,8 @@ class SweepFile:
     """
 
     def __init__(self, path: Path, header: Mapping[str, Any],
-                 take: Callable[[int, int, dict[str, Any]], None]) -> None:
-        first = encoded({"format": FORMAT, **header})
+                 take: Callable[[int, int, dict[str, Any]], None], kind: str = "sweep") -> None:
+        first = encoded({"format": f"tcc_sim {kind}", **header})
         whole = self._read(path, first, take) if path.exists() else 0
         self._stream = path.open("ab")
         self._stream.truncate(whole)
@@ -61,7 +61,7 @@ class SweepFile:
                 if not line.endswith(b"\n") and len(line) < LONGEST_LINE:
                     # The end: nothing, or a line that was cut short, of which the first must be this sweep's own.
                     if number == 1 and not first.startswith(line):
-                        raise InputError(f"{path}: not the file of a sweep; it is left as it is")
+                        raise InputError(f"{path}: not the file of a {_kind(first)}; it is left as it is")
                     return whole
                 if number == 1:
                     _check_header(path, line, first)
@@ -139,16 +139,21 @@ def _check_header(path: Path, line: bytes, first: bytes) -> None:
     """Raise InputError unless the first line of a file is that of the same sweep."""
     if line == first:
         return
+    wanted = _object(first)
     try:
         found = _object(line)
     except ValueError:
         found = {}
-    if found.get("format") != FORMAT:
-        raise InputError(f"{path}: not the file of a sweep; it is left as it is")
+    if found.get("format") != wanted["format"]:
+        raise InputError(f"{path}: not the file of a {_kind(first)}; it is left as it is")
     try:
         decoded(line)
     except ValueError as error:
         raise InputError(f"{path}: line 1 is damaged ({error}); the file is left as it is") from None
-    wanted = _object(first)
     different = [k for k in wanted if k != "crc32" and found.get(k) != wanted[k]]
-    raise InputError(f"{path}: the file of another sweep ({', '.join(different)} differ); it is left as it is")
+    raise InputError(f"{path}: the file of another {_kind(first)} ({', '.join(different)} differ); it is left as it is")
+
+
+def _kind(first: bytes) -> str:
+    """What a file with this first line is of."""
+    return str(_object(first)["format"]).removeprefix("tcc_sim ")
