@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
     from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.replay.replay import replay
 
     if arguments.json not in (None, STANDARD_OUTPUT):
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
                    verify=arguments.verify,
                    damping=arguments.damping, progress=True)
     if arguments.json is not None:
-        write_json(arguments.json, found.json())
+        write_json(arguments.json, document("analyse", found.json(), found.scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         print("\n".join(found.lines()))
     return 0

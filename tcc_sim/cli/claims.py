@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
@@ -21,7 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
-    from tcc_sim.output.files import draft
+    from tcc_sim.output.files import draft, write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.paper.catalogue import paper_system
     from tcc_sim.paper.claims import Verdict, judge, markdown, tally, text
 
     for path in (arguments.json, arguments.markdown):
@@ -52,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 130
     print(tally(verdicts))
     if arguments.json is not None:
-        with draft(arguments.json) as part:
-            part.write_text(json.dumps([v.as_json() for v in verdicts], allow_nan=False, indent=1) + "\n")
+        write_json(arguments.json, document("claims", {"claims": [v.as_json() for v in verdicts],
+                                                       "complete": not interrupted}, paper_system(), arguments.words))
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
             part.write_text(markdown(verdicts, complete=not interrupted))

@@ -21,6 +21,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.benchmarks.precision_text import markdown, scene_lines
     from tcc_sim.benchmarks.sweep_speed import speed_summary, sweep_speed
     from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene
 
     records, speed = [], None
     with study("run") as running:
@@ -30,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not records:
         return 130
     found = precision.as_json(records, speed, arguments.quick, running.complete)
+    found = document("precision", found, load_scene("fig02"), arguments.words)
     folder.mkdir()
     write_json(folder / "precision.json", found)
     (folder / "precision.md").write_text(markdown(found, "precision.png"), encoding="utf-8")

@@ -44,6 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.analysis.summary import summarise, summarise_samples
     from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     solved = _solved(solve_it)
     summary = summarise_samples(solved) if shorter else summarise(solved, discard)
-    values = {**summary.as_json(), "scene": scene.name}
+    values = summary.as_json()
     lines = _lines(scene.name, solved, summary)
     if arguments.damping:
         from tcc_sim.analysis.damping import damping_as_json, damping_of_cycles
@@ -97,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_samples(arguments.out, solved, scene.text())
         lines.append(f"{len(solved.t)} samples in {arguments.out}")
     if arguments.json is not None:
-        write_json(arguments.json, values)
+        write_json(arguments.json, document("simulate", values, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         print("\n".join(lines))
     return 0

@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
     from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.provenance import document, said
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.sweep import Plan, sweep, values_of_range
 
@@ -54,11 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     interrupted = False
     try:
         found = sweep(scene.system, key, values, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
-                      progress=True)
+                      said=said("sweep_points", scene, arguments.words), progress=True)
     except SweepInterrupted as stop:
         interrupted, found = True, stop.sweeps[0]
     if arguments.json is not None:
-        write_json(arguments.json, found.as_json())
+        write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
     if arguments.json is None and arguments.out is None and not interrupted:
         print(f"{key:>30}  max slip (rad/s)  period  stick fraction  regime")
         for value, record in zip(values, found.records):

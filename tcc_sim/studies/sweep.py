@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -119,7 +119,7 @@ def sweep_grid(system: System, key: str, values: Sequence[float], second_key: st
 
 
 def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
-                 out: Path | None = None, progress: bool = False) -> list[Sweep]:
+                 out: Path | None = None, said: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
     """Solve every point of every curve.
 
     Parameters
@@ -127,6 +127,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     jobs : threads (the kernels release the interpreter lock); all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     out : file that takes every point as it is done; where it holds points of the same sweep, those are not solved again
+    said : what the first line of that file says besides, such as scene and command
     progress : show a bar on a terminal
 
     Raises
@@ -146,7 +147,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
         raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
     began = time.perf_counter()
     records: list[list[Record | None]] = [[None] * len(curve.values) for curve in curves]
-    file = SweepFile(out, curves, plan) if out is not None else None
+    file = SweepFile(out, curves, plan, said) if out is not None else None
     try:
         if file is not None:
             for c, i, record in file.stored:

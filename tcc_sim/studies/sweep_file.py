@@ -7,7 +7,7 @@ cut short is dropped.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +19,13 @@ from tcc_sim.studies.point import Plan, plan_as_json
 if TYPE_CHECKING:
     from tcc_sim.studies.sweep import Curve
 
-FORMAT = "tcc_sim sweep"
+FORMAT = "tcc_sim sweep_points 1"
 
 
 class SweepFile:
     """An open file of a sweep; `stored` lists the points found in it as (curve, index, record).
+
+    `said` is what the first line says besides what tells one sweep from another: scene and command.
 
     Raises
     ------
@@ -33,14 +35,15 @@ class SweepFile:
         It cannot be read or written.
     """
 
-    def __init__(self, path: Path, curves: Sequence[Curve], plan: Plan) -> None:
+    def __init__(self, path: Path, curves: Sequence[Curve], plan: Plan, said: Mapping[str, Any] | None = None) -> None:
         self.stored: list[tuple[int, int, dict[str, Any]]] = []
         header = json.loads(json.dumps(_header(curves, plan)))
+        head = {**header, **{key: value for key, value in (said or {}).items() if key not in header}}
         whole = self._read(path, header, [len(curve.values) for curve in curves]) if path.exists() else 0
         self._stream = path.open("ab")
         self._stream.truncate(whole)
         if not whole:
-            self._write(header)
+            self._write(head)
 
     def _read(self, path: Path, header: dict[str, Any], counts: list[int]) -> int:
         """Take the points of an existing file; returns the bytes that are whole lines."""

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from documents import valid
 
 from tcc_sim.benchmarks import peers, sweep_speed
 from tcc_sim.benchmarks import work_precision as precision
@@ -71,7 +72,7 @@ def tiny(monkeypatch):
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 0
-    found = json.loads((folder / "precision.json").read_text())
+    found = valid("precision", json.loads((folder / "precision.json").read_text()))
     assert set(found) >= KEYS
     assert len(found["reference"]["solvers"]) == 2
     assert 0.0 < found["reference"]["floor"] < 1e-7

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.model import closed_form
@@ -79,7 +80,7 @@ def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> No
     chosen = (claims_constant_load.maximum_falls, claims_constant_load.slope_turns_negative)
     monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
     assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
-    rows = json.loads((tmp_path / "c.json").read_text())
+    rows = valid("claims", json.loads((tmp_path / "c.json").read_text()))["claims"]
     assert [{"figure", "claim", "values", "criterion", "verdict", "why"} <= row.keys() for row in rows] == [True, True]
     page = (tmp_path / "c.md").read_text()
     assert page.count("## 3: ") == 2
@@ -98,7 +99,8 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monk
         assert main(["claims", "--json", str(rows), "--markdown", str(page)]) == 130
         assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
         assert rows.exists() == page.exists() == bool(kept)
-    assert len(json.loads((tmp_path / "1.json").read_text())) == 1
+    kept = json.loads((tmp_path / "1.json").read_text())
+    assert (len(kept["claims"]), kept["complete"]) == (1, False)
     assert "Of 1 claims: 1 confirmed, 0 depend on a reading, 0 not confirmed." in (tmp_path / "1.md").read_text()
     assert "Interrupted" in (tmp_path / "1.md").read_text()
 
