@@ -80,7 +80,7 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
         from tcc_sim.views.overview import overview
 
         overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary,
-                 scene.name)
+                 scene.name, control=found.control)
         made.append("overview.png")
     print("\n".join(found.lines()))
     print(f"{directory}/ holds {', '.join(made)}\nnext:")

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, RecordingError
+from tcc_sim.errors import InputError, RecordingError, require
 
 if TYPE_CHECKING:
     from tcc_sim.paper.figures import Manner
@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True)
     if len(numbers) == 1:
         check_manner(numbers[0], manner)
+    require("matplotlib", "a picture")
     arguments.out.mkdir(parents=True, exist_ok=True)
     if len(stems) == 1:
         (number, stem), = stems.items()

@@ -6,6 +6,7 @@ import argparse
 
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
+from tcc_sim.errors import require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure, draw and write; an interrupted study writes the scenes that are complete."""
     folder = new_directory(arguments.out)
+    require("matplotlib", "a picture")
     from tcc_sim.benchmarks import work_precision as precision
     from tcc_sim.benchmarks.precision_drawing import precision as draw
     from tcc_sim.benchmarks.precision_text import markdown, scene_lines

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import new_file
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
 from tcc_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
     parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
+    add_plot(parser)
     parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per engine cycle in --out (default {SAMPLES})")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.analysis.summary import summarise, summarise_samples
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
 
@@ -53,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     discard = _discard(arguments, cycles, system.cycle)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
     if arguments.out is not None:
         _check_out(arguments, (cycles or arguments.duration / system.cycle) * arguments.samples)
     if arguments.lyapunov and system.friction.law != "smoothed":
@@ -97,6 +99,12 @@ def run(arguments: argparse.Namespace) -> int:
 
         write_samples(arguments.out, solved, scene.text())
         lines.append(f"{len(solved.t)} samples in {arguments.out}")
+    if arguments.plot is not None:
+        from tcc_sim.views.plots import plot_run
+
+        with draft(arguments.plot) as part:
+            plot_run(solved, part, arguments.width, summary=summary, title=scene.name)
+        lines.append(f"picture in {arguments.plot}")
     if arguments.json is not None:
         write_json(arguments.json, document("simulate", values, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:

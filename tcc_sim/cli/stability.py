@@ -6,6 +6,7 @@ import argparse
 
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
+from tcc_sim.errors import require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve, draw and write; an interrupted report holds what is done."""
     folder = new_directory(arguments.out)
+    require("matplotlib", "a picture")
     from tcc_sim.benchmarks.error_charts import charts
     from tcc_sim.benchmarks.extremes_report import grid, markdown, summary
     from tcc_sim.benchmarks.stability_drawing import stability

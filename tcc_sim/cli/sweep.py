@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file
-from tcc_sim.errors import InputError, SweepInterrupted
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import InputError, SweepInterrupted, require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,12 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="take every point as it is done; run the same command again to go on from there")
+    add_plot(parser)
     parser.add_argument("--force", action="store_true", help="replace the --json file if it exists")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document, said
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.sweep import Plan, sweep, values_of_range
@@ -52,6 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--json and --out are the same file, {arguments.json}")
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
+    if arguments.dask is not None:
+        require("distributed", "--dask")
     interrupted = False
     try:
         found = sweep(scene.system, key, values, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
@@ -60,6 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
         interrupted, found = True, stop.sweeps[0]
     if arguments.json is not None:
         write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
+    if arguments.plot is not None:
+        from tcc_sim.views.plots import plot
+
+        with draft(arguments.plot) as part:
+            plot(found, part, arguments.width, title=scene.name)
     if arguments.json is None and arguments.out is None and not interrupted:
         print(f"{key:>30}  max slip (rad/s)  period  stick fraction  regime")
         for value, record in zip(values, found.records):

@@ -60,6 +60,6 @@ def scene_values(scene: Scene | System) -> dict[str, Any]:
 
 def schema(kind: str) -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of one kind."""
-    text = resources.files(__package__).joinpath("schemas", f"{kind}.json").read_text(encoding="utf-8")
+    text = resources.files(__package__).joinpath("schemas").joinpath(f"{kind}.json").read_text(encoding="utf-8")
     found: dict[str, Any] = json.loads(text)
     return found

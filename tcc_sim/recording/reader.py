@@ -73,15 +73,15 @@ class Run:
         """joint_states messages that are missing between those read, by their stamps."""
         return self.stamps.lost
 
-    def batches(self) -> Iterator[JointStates]:
-        """The joint_states in the order of the recording, about one batch per chunk.
+    def batches(self, tap: Tap | None = None) -> Iterator[JointStates]:
+        """The joint_states in the order of the recording, about one batch per chunk; `tap` sees every chunk.
 
         Raises
         ------
         RecordingError
             Nothing can be read, there are no joint_states, or several publishers are mixed in them.
         """
-        yield from self.read()
+        yield from self.read(tap)
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.analysis.continuity import Continuity
+from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
@@ -18,7 +19,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.reader import Run, Tap, open_run
+from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.tail import Tail
 from tcc_sim.replay.verification import Verification, Verifier
 from tcc_sim.scene import Scene, load_scene, parse_scene
@@ -44,6 +47,7 @@ class Replay:
     complete : False where the recording was cut short
     warnings : one sentence per damage
     pace : simulated seconds per second of real time between the first and the last message, by when they were received
+    control : target, pressures, cycle means and events of that run
     verification, damping : where they were asked for
     """
 
@@ -61,6 +65,7 @@ class Replay:
     complete: bool
     warnings: tuple[str, ...]
     pace: float
+    control: Control
     verification: Verification | None = None
     damping: Damping | None = None
 
@@ -177,14 +182,17 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     cycle = 2.0 * math.pi / omega
     stream, tail = CycleStream(system, cycle), Tail(system, cycle)
     verifier, pace = Verifier(run.scenes, own) if verify else None, Pace()
+    commands = Commands(run.joint_states_topic)
+    control = ControlLog(own, run.scenes, cycle, commands)
     with ExitStack() as stack:
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
-        for batch in _watched(run, "reading", stack, progress):
+        for batch in _watched(run, "reading", stack, progress, commands.take):
             slip_speed = batch.flywheel_speed - batch.plate_speed
             state = modes_of(slip_speed, tail.stick_speed)
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                                  batch.friction_torque)
             tail.add(batch, slip_speed, state, stream)
+            fresh = control.add(batch, slip_speed, stream)
             pace.add(batch)
             if verifier is not None:
                 verifier.feed(batch)
@@ -193,6 +201,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
                              batch.friction_torque, state, new_run=tail.run_started)
                 for piece in pieces:
                     view.cycles(piece.cycles, piece.first)
+                view.control(fresh.signals, fresh.events)
         solver = run.result.get("solver") if run.result is not None else None
         summary = replace(stream.summary(discard), solver=solver if isinstance(solver, str) else "fixed_step",
                           elapsed_s=time.perf_counter() - began)
@@ -206,6 +215,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source,
                        stream.continuity,
                        run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
+                       control.control(stream),
                        verifier.result() if verifier is not None else None, averages)
         if view is not None:
             view.text(found.markdown())
@@ -244,13 +254,13 @@ def _frequency(run: Run, scene: Scene, given: float | None, progress: bool) -> t
     return scene.system.engine.frequency, "scene"
 
 
-def _watched(run: Run, what: str, stack: ExitStack, progress: bool) -> Any:
+def _watched(run: Run, what: str, stack: ExitStack, progress: bool, tap: Tap | None = None) -> Any:
     """The batches of a run, with a bar on a terminal."""
     from tqdm import tqdm
 
     bar = stack.enter_context(tqdm(desc=what, unit=" messages", unit_scale=True, leave=False,
                                    disable=None if progress else True))
-    for batch in run.batches():
+    for batch in run.batches(tap):
         yield batch
         bar.update(len(batch))
 
@@ -263,6 +273,6 @@ def _view(stack: ExitStack, name: str, cycle: float, scene: Scene, rrd: Path | N
     from tcc_sim.views.rerun_stream import RerunStream
 
     file = stack.enter_context(draft(rrd)) if rrd is not None else None
-    return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(scene.system)), file=file,
-                                           spawn=spawn,
-                                           url=connect))
+    system = scene.system
+    return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(system)), file=file, spawn=spawn,
+                                           url=connect, controlled="topic" in (system.engine.source, system.pressure.source)))

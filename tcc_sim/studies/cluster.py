@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
-from tcc_sim.errors import InputError, MissingPackage
+from tcc_sim.errors import InputError, require
 
 CONNECT_TIMEOUT = 10.0
 """Seconds to wait for the scheduler."""
@@ -28,10 +28,9 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     InputError
         No scheduler answers at `address`.
     """
-    try:
-        import distributed
-    except ImportError:
-        raise MissingPackage("--dask needs the package distributed: install tcc_sim[cluster]") from None
+    require("distributed", "--dask")
+    import distributed
+
     try:
         client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

@@ -91,7 +91,7 @@ def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
     assert len(points) == 3
     for point in points:
         judge.validate(point)
-    assert sweep_file.FORMAT == provenance.format_of("sweep_points")
+    assert provenance.format_of("sweep_points") == sweep_file.FORMAT
     again, other = written(folder, "t.json", *words[:-1], folder / "t.json")  # another command, the same sweep
     assert again["max_slip_speed"] == found["max_slip_speed"]
     assert other != command
