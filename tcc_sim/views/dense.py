@@ -63,8 +63,8 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     size = np.maximum(np.nanmax(np.abs(known), axis=0), 1e-12)
     wrong = ~(np.abs(states[:, -1] - known[1:]) <= SAME * size).all(axis=1)
     states[wrong] = _interpolated(recorded, times[wrong].ravel()).reshape(-1, points, 3)
-    states[:, -1] = known[1:]
     states[~whole] = math.nan
+    states[:, -1] = known[1:]
     engine, load = _excitation(recorded, times)
     torque = _friction(recorded, states, engine, load, share)
     out = [np.concatenate([first[:1], rest.ravel()]) for first, rest in (
