@@ -93,14 +93,24 @@ def save(drawn: Any, path: Path) -> Path:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path} must end in {', '.join(list(SUFFIXES)[:-1])} or {list(SUFFIXES)[-1]}")
+    _lay_out(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path
+
+
+def _lay_out(drawn: Any) -> None:
+    """Fix the layout, with places rounded: the solver of the layout leaves different last digits every time."""
+    if drawn.get_layout_engine() is None:
+        return
+    drawn.draw_without_rendering()
+    drawn.set_layout_engine("none")
+    for axis in drawn.axes:
+        axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
 
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg, laid out once for both."""
     raster = save(drawn, stem.with_name(stem.name + ".png"))
-    drawn.set_layout_engine("none")
     return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 
 
