@@ -41,5 +41,5 @@ def run(arguments: argparse.Namespace) -> int:
     draw(folder / "precision", records)
     for line in [line for record in records for line in scene_lines(record)] + (speed_summary(speed) if speed else []):
         print(line)
-    print(f"{folder}/precision.png, .svg, .json, .md")
+    print(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")
     return 0 if running.complete else 130

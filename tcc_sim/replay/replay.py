@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Replay:
     """What a recording comes to.
 
@@ -68,6 +68,12 @@ class Replay:
     control: Control
     verification: Verification | None = None
     damping: Damping | None = None
+
+    def __repr__(self) -> str:
+        found, ended = self.summary, "complete" if self.complete else "cut short"
+        period = f"period {found.period}" if found.period else "no period"
+        return (f"<Replay of {self.path.name}: {self.messages} messages, {self.lost_messages} lost, {ended}; "
+                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} rad/s>")
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""
@@ -168,6 +174,16 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         A recording that cannot be read or holds no whole engine cycle, an output that exists, or a wrong argument.
     MissingPackage
         Rerun was asked for and is not installed.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> from tcc_sim.recording.trajectory_bag import write_trajectory
+    >>> scene = tcc_sim.load_scene("slip")
+    >>> run = tcc_sim.solve(scene, cycles=60, samples_per_cycle=50)
+    >>> write_trajectory(folder / "slip.mcap", run, scene.text())
+    >>> tcc_sim.analyse(folder / "slip.mcap", discard=30).summary.regime
+    'slip'
     """
     path = Path(path)
     if frequency is not None and not 1e-3 <= frequency <= 1e5:

@@ -107,13 +107,30 @@ class Sweep:
 
 
 def sweep(system: System, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
-    """Solve `system` at every value of one scene key; `how` is as `sweep_curves` takes it."""
+    """Solve `system` at every value of one scene key; `how` is as `sweep_curves` takes it.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> found = tcc_sim.sweep(tcc_sim.load_scene("slip").system, "engine.frequency", [100.0, 120.0])
+    >>> found.as_json()["regime"]
+    ['slip', 'slip']
+    """
     return sweep_curves([Curve(system, key, tuple(map(float, values)))], plan, **how)[0]
 
 
 def sweep_grid(system: System, key: str, values: Sequence[float], second_key: str, second_values: Sequence[float],
                plan: Plan = PAPER, **how: Any) -> list[Sweep]:
-    """Solve a grid of two scene keys: one Sweep over `key` for every value of `second_key`, in order."""
+    """Solve a grid of two scene keys: one Sweep over `key` for every value of `second_key`, in order.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> rows = tcc_sim.sweep_grid(tcc_sim.load_scene("slip").system, "engine.frequency", [100.0, 120.0],
+    ...                           "engine.torque_amplitude", [50.0, 60.0, 70.0])
+    >>> len(rows), len(rows[0].values)
+    (3, 2)
+    """
     row = tuple(map(float, values))
     return sweep_curves([Curve(replace(system, {second_key: x}), key, row) for x in second_values], plan, **how)
 
