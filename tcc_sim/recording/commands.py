@@ -33,6 +33,10 @@ class Commands:
         self._names = {f"{space}/{name}": name for name in COMMANDS}
         self._waiting: dict[str, tuple[Stamps, Floats]] = {name: (np.empty(0, np.int64), np.empty(0)) for name in COMMANDS}
 
+    def has_target(self, topics: Mapping[str, str]) -> bool:
+        """Whether a recording with these topics holds what a slip controller was asked for."""
+        return any(self._names.get(topic) == "target_slip_speed" for topic in topics)
+
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
         """Take the commands of one chunk."""
         for number, row in channels.items():

@@ -201,7 +201,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     commands = Commands(run.joint_states_topic)
     control = ControlLog(own, run.scenes, cycle, commands)
     with ExitStack() as stack:
-        view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
+        view = _view(stack, path.name, cycle, own, rrd, spawn, connect, commands.has_target(run.topics))
         for batch in _watched(run, "reading", stack, progress, commands.take):
             slip_speed = batch.flywheel_speed - batch.plate_speed
             state = modes_of(slip_speed, tail.stick_speed)
@@ -282,7 +282,7 @@ def _watched(run: Run, what: str, stack: ExitStack, progress: bool, tap: Tap | N
 
 
 def _view(stack: ExitStack, name: str, cycle: float, scene: Scene, rrd: Path | None, spawn: bool,
-          connect: str | None) -> RerunStream | None:
+          connect: str | None, controlled: bool) -> RerunStream | None:
     """The stream to Rerun, where one was asked for; a file appears when it is whole."""
     if rrd is None and not spawn and connect is None:
         return None
@@ -291,4 +291,5 @@ def _view(stack: ExitStack, name: str, cycle: float, scene: Scene, rrd: Path | N
     file = stack.enter_context(draft(rrd)) if rrd is not None else None
     system = scene.system
     return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(system)), file=file, spawn=spawn,
-                                           url=connect, controlled="topic" in (system.engine.source, system.pressure.source)))
+                                           url=connect, controlled=controlled or "topic" in (
+                                               system.engine.source, system.pressure.source)))
