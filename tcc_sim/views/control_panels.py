@@ -26,7 +26,7 @@ def mean_slip_panel(axis: Any, control: Control) -> None:
                   label="target")
     axis.set_ylabel("slip speed (rad/s)")
     axis.tick_params(labelbottom=False)
-    mark_events(axis, control.events)
+    mark_events(axis, control.events, _end(control))
     style.legend_above(axis)
 
 
@@ -38,7 +38,7 @@ def pressure_panel(axis: Any, control: Control) -> None:
         if len(steps.t):
             held = steps.until(end)
             axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
-    mark_events(axis, control.events, labelled=False)
+    mark_events(axis, control.events, end, labelled=False)
     axis.set_ylabel("pressure (kPa)")
     axis.set_xlabel("time (s)")
     if end > 0.0:
@@ -46,15 +46,17 @@ def pressure_panel(axis: Any, control: Control) -> None:
     style.legend_above(axis)
 
 
-def mark_events(axis: Any, events: Sequence[Event], unit: float = 1.0, labelled: bool = True) -> None:
-    """A line at every event with its text; `unit` is what one unit of the axis is in s."""
+def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.0, labelled: bool = True) -> None:
+    """A line at every event with its text; `end` of the run in s, `unit` is what one unit of the axis is in s."""
     for number, event in enumerate(events):
         axis.axvline(event.t / unit, color=style.RED, linewidth=0.8, linestyle=(0, (2, 2)), zorder=0.8,
                      label="event" if number == 0 and len(events) > MOST_LABELS else None)
         if labelled and len(events) <= MOST_LABELS:
             text = event.text if len(event.text) <= LONGEST_LABEL else event.text[:LONGEST_LABEL - 3] + "..."
-            axis.annotate(text, (event.t / unit, 0.97 - 0.13 * (number % 3)), (3.0, 0.0), fontsize=6.5,
-                          xycoords=("data", "axes fraction"), textcoords="offset points", va="top", color=style.RED)
+            late = event.t > 0.5 * end
+            axis.annotate(text, (event.t / unit, 0.97 - 0.15 * (number % 3)), (-3.0 if late else 3.0, 0.0), fontsize=6.5,
+                          xycoords=("data", "axes fraction"), textcoords="offset points", va="top", color=style.RED,
+                          ha="right" if late else "left", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
 
 
 def _end(control: Control) -> float:

@@ -65,14 +65,14 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
             mean_slip_panel(means, control)
             pressure_panel(pressure, control)
             panels += [means, pressure]
-            titles += ["Cycle mean of the slip speed", "Actuation pressure"]
+            titles += ["Cycle mean", "Actuation pressure"]
         phase = drawn.add_subplot(grid[-1, 0] if wide else grid[-2, :])
         maxima = drawn.add_subplot(grid[-1, 1] if wide else grid[-1, :])
         _histories(torques, slip, tail, control)
         _phase_portrait(phase, tail, summary)
         _maxima(maxima, cycles, first_cycle, summary)
         if control is not None and not controlled:
-            mark_events(maxima, control.events, tail.cycle)
+            mark_events(maxima, control.events, float(tail.t[-1]), tail.cycle)
         style.panel_titles((*panels, phase, maxima), [*titles, "Phase portrait", "Maxima"])
         return style.save(drawn, path)
 

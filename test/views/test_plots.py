@@ -165,10 +165,10 @@ def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
                       (Event(0.3, "pressure falls back: no command for 0.5 s"), Event(0.7, "clutch.radius = 0.12")))
     for width in ("page", "column"):
         overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "test", control=control, width=width)
-        lines = drawn["(c) Cycle mean of the slip speed"]["lines"]
+        lines = drawn["(c) Cycle mean"]["lines"]
         assert [name for name, *_ in lines][:2] == ["cycle mean", "target"]
         assert [float(x[0]) for _, x, _ in lines[2:]] == [0.3, 0.7]
-        texts = [text.get_text() for text in drawn["(c) Cycle mean of the slip speed"]["axis"].texts]
+        texts = [text.get_text() for text in drawn["(c) Cycle mean"]["axis"].texts]
         assert texts == ["pressure falls back: no command for 0.5 s", "clutch.radius = 0.12"]
         pressures = drawn["(d) Actuation pressure"]["lines"]
         assert [name for name, *_ in pressures][:2] == ["applied", "commanded"]
