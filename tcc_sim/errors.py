@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from typing import Any
 
 LONGEST_SENTENCE = 1000
@@ -45,6 +46,23 @@ class NumericalFailure(TccError, ArithmeticError):
 
 class MissingPackage(TccError, ImportError):
     """An optional package is not installed; the sentence names the extra that brings it."""
+
+
+EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"), "distributed": ("distributed", "cluster")}
+"""Optional packages by the name of their module: name for pip, and the extra that brings it."""
+
+
+def require(module: str, what: str) -> None:
+    """Raise MissingPackage where an optional package is not installed; call it before anything is computed or written.
+
+    Parameters
+    ----------
+    module : a key of EXTRAS
+    what : that needs it, for the sentence
+    """
+    if importlib.util.find_spec(module) is None:
+        package, extra = EXTRAS[module]
+        raise MissingPackage(f"{what} needs {package}, which is not installed; pip install 'tcc_sim[{extra}]' brings it")
 
 
 class SweepInterrupted(KeyboardInterrupt):

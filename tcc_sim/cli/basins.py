@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import new_file
-from tcc_sim.errors import BasinsInterrupted, InputError
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import BasinsInterrupted, InputError, require
 
 if TYPE_CHECKING:
     from tcc_sim.studies.basins import Axis, Basins
@@ -31,13 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="labels and cycles of every cell (.npz); until it is whole its rows are in FILE.part, from which "
                         "the same command goes on")
-    parser.add_argument("--plot", metavar="FILE", type=Path, help="picture: .png, .svg or .pdf")
+    add_plot(parser)
     parser.add_argument("--force", action="store_true", help="replace files that exist")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.basin_rows import basins
 
@@ -52,8 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(f"--out is {arguments.out}; its name must end in .npz")
         new_file(arguments.out, arguments.force)
         part = arguments.out.with_name(arguments.out.name + ".part")
-    if arguments.plot is not None:
-        new_file(arguments.plot, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
+    if arguments.dask is not None:
+        require("distributed", "--dask")
     try:
         found = basins(scene.system, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True)
@@ -69,10 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
         part.unlink()
     if arguments.plot is not None:
         from tcc_sim.views.basin_map import draw
+        from tcc_sim.views.style import width_of
 
-        draw(found, over, arguments.plot)
+        with draft(arguments.plot) as drawn:
+            draw(found, over, drawn, width_of(arguments.width))
     if arguments.json is not None:
-        write_json(arguments.json, values)
+        write_json(arguments.json, document("basins", values, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         _say(found, over, arguments.boundary)
     return 0

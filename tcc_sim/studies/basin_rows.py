@@ -33,6 +33,7 @@ from tcc_sim.studies.driveline_motion import DrivelineMotion
 from tcc_sim.studies.sweep import workers
 from tcc_sim.studies.sweep_file import SweepFile
 
+FORMAT = "tcc_sim basin_rows 1"
 AHEAD = 3
 """Rows handed out per thread, so that Ctrl-C ends soon."""
 SEARCHED = 24
@@ -102,7 +103,8 @@ def basins(system: System, plane: Sequence[Axis], *, cycles: int = CYCLES, over:
     stored: list[Stored] = []
     file = None
     if part is not None:
-        file = SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), kind="basin map")
+        file = SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
+                         kind="basin map")
     out: list[Basins] = []
     try:
         with workers(jobs, dask) as (executor, width), _bar(len(systems) * len(axes[1].values), progress) as tick:
