@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file, number, whole_number
@@ -59,5 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
     for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
         print(f"  {sentence}")
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+        from tcc_sim.output.files import write_json
+        from tcc_sim.output.provenance import document
+        from tcc_sim.scene import load_scene
+
+        scene = load_scene("fig02").with_values({"rate": arguments.rate})
+        write_json(arguments.json, document("realtime", found, scene, arguments.words))
     return 0
