@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.messages import cdr
+from tcc_sim.nodes.control_watch import ControlWatch
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.subscriptions import poll, subscribe
@@ -56,6 +57,7 @@ class Watcher:
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
+        self._control = ControlWatch(node, self.scene.system.cycle)
 
     def _subscribed(self, name: str, profile: QoSProfile) -> Any:
         """A subscription that is polled."""
@@ -92,25 +94,31 @@ class Watcher:
         """A stream for what is watched: `file`, `spawn` or `url`, as RerunStream takes them."""
         system = self.scene.system
         name = self._node.resolve_topic_name("driveline")
-        return RerunStream(name, system.cycle, natural_frequency(terms_of(system)), **where)
+        commanded = "topic" in (system.engine.source, system.pressure.source)
+        controlled = commanded or self._node.count_publishers("target_slip_speed") > 0
+        return RerunStream(name, system.cycle, natural_frequency(terms_of(system)), controlled=controlled, **where)
 
     def drain(self, view: RerunStream) -> None:
         """Show what has arrived."""
         scene = self._scene()
         if scene is not None:
             self.scene, self._stick_speed = scene, stick_speed_of(terms_of(scene.system))
-        rows = self._taken()
+        rows, received = self._taken()
+        self._control.poll()
         if len(rows):
             self._heard = time.monotonic()
             stamps = cdr.stamps(rows)
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
-                self._show(view, stamps[piece], rows[piece])
+                self._show(view, stamps[piece], rows[piece], received[piece])
         self._tell()
 
-    def _taken(self) -> NDArray[np.void]:
-        """The states that have arrived, those of another layout left out; counts what is missing before them."""
+    def _taken(self) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+        """The states that have arrived and when (ns), those of another layout left out; counts what is missing before
+        them.
+        """
         kept: list[bytes] = []
+        times: list[int] = []
         for data, info in poll(self._states, DEPTH):
             number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
             if number and publisher:
@@ -121,17 +129,20 @@ class Watcher:
                 self._next[who] = number + 1
             if len(data) == len(self._template):
                 kept.append(data)
+                times.append(info["received_timestamp"] or time.time_ns())
         found = np.frombuffer(b"".join(kept), dtype=np.uint8).reshape(len(kept), len(self._template))
-        found = found[((found == self._template) | ~self._fixed).all(axis=1)]
+        right = ((found == self._template) | ~self._fixed).all(axis=1)
+        found = found[right]
         self.states += len(found)
         rows: NDArray[np.void] = np.ascontiguousarray(found).view(cdr.JOINT_STATE)[:, 0]
-        return rows
+        return rows, np.array(times, dtype=np.int64)[right]
 
-    def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void]) -> None:
+    def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void],
+              received: NDArray[np.int64]) -> None:
         """Show states of one run."""
         fresh = np.diff(stamps, prepend=np.int64(self._last_stamp)) != 0
         new_run = bool(stamps[0] < self._last_stamp)
-        stamps, rows = stamps[fresh], rows[fresh]
+        stamps, rows, received = stamps[fresh], rows[fresh], received[fresh]
         if not len(stamps):
             return
         self._last_stamp = int(stamps[-1])
@@ -143,6 +154,7 @@ class Watcher:
         view.samples(stamps, *signals, modes_of(slip_speed, self._stick_speed), new_run=new_run)
         for piece in pieces:
             view.cycles(piece.cycles, piece.first)
+        view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run))
         # Nothing is worked out at the end, so no cycle is kept.
         del self._cycles.runs[:-1]
         for run in self._cycles.runs:

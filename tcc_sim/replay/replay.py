@@ -20,7 +20,6 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
-from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import Commands
 from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, Tap, open_run

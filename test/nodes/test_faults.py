@@ -160,7 +160,8 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert [scene.text.splitlines()[0] for scene in run.scenes] == [
         f"# {load_scene(name).description}" for name in ("minimal", "slip")]
     assert run.complete
-    assert run.warnings == ["simulation time started again 1 times: these are separate runs"]
+    assert run.warnings == ["simulation time started again 1 times (0 resets, 1 restarts): these are "
+                            "separate runs"]
     # Each run is known to be of its own scene.
     batches = list(run.batches())
     change = [batch.run for batch in batches].index(1)
@@ -208,7 +209,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
             publisher.publish(cdr.joint_state(k * 1_000_000, *(0.0,) * 6))
         publisher.wait_for_all_acked()
         bench.until(lambda b=before, text=text: recorder.drain() or (
-            recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scenes[-1:] == [text]))
+            recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scene_text == text))
     recorder.close()
     run = open_run(tmp_path / "run")
     batches = list(run.batches())

@@ -123,6 +123,35 @@ def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Call
     assert rows["/cycles/largest"] > static
 
 
+def test_watch_shows_what_is_commanded_and_what_held_the_inputs(driveline: Callable[..., NodeProcess], control: Control,
+                                                                tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    driveline(scene="commands", command_timeout=0.0)
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "watch", "--rrd", "live.rrd"], cwd=tmp_path, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                               env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("watching /driveline: ")
+    for words in (("torque", "310"), ("pressure", "2.1e5")):
+        assert control(*words)[0] == 0
+    size = (tmp_path / "live.rrd").stat().st_size
+    while (tmp_path / "live.rrd").stat().st_size < size + 100_000:
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, "Traceback" in said) == (0, False)
+    printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "live.rrd")], text=True,
+                             capture_output=True, timeout=60, check=True, env={**os.environ, "HOME": str(tmp_path)})
+    rows = dict.fromkeys(("/torque/engine_command", "/pressure/command", "/pressure/applied", "/control/mean"), 0)
+    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", printed.stdout):
+        rows[entity] = rows.get(entity, 0) + int(count)
+    static = 1
+    assert all(rows[entity] > static for entity in ("/torque/engine_command", "/pressure/command"))
+    assert rows["/pressure/applied"] > static + 10  # First the scene's own, which pulsates.
+    assert rows["/control/mean"] > static
+    assert rows["/events"] >= 2
+
+
 def test_watch_without_a_node_says_so(control: Control, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     assert main(["watch", "--rrd", str(tmp_path / "none.rrd")]) == 1

@@ -50,6 +50,16 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
 
 
+def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart(monkeypatch):
+    monkeypatch.setattr(unsent, "MOST_PUBLISHERS", 2)
+    count = unsent.UnsentCount()
+    for name in ("a", "b", "a", "c", "d"):
+        before = {"a": 1, "b": 10, "c": 100, "d": 1000}[name]
+        count.add(name.encode(), unsent.encoded(name, {"/joint_states": before}))
+    assert count.by_topic() == {"/joint_states": 1111}
+    assert len(count._by_publisher) == 2
+
+
 def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
     found = start(context, tmp_path / "run", topics=["joint_states"])
     for name in ("first", "second"):
