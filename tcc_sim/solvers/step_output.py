@@ -113,30 +113,33 @@ def end_cycle(output: Any, cycles: Any, slip_speed: float, plate_angle: float, p
 
 
 @fast
-def record(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, first: int, per_cycle: int,
-           stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any, workspace: Any) -> None:
-    """Keep what a step says. `first` is the number of the engine cycle where the run starts.
+def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
+           per_cycle: int, stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any,
+           workspace: Any) -> None:
+    """Keep what a step over [0, x] says.
 
     The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+
+    Parameters
+    ----------
+    cut : where in [0, x] the engine cycle ends; beyond x where it does not
+    tau, time : start of the step in its cycle, and since the start of cycle 0, s
+    stick_speed : |v| up to which the mode is stick
+    output, cycles, samples, moves : how far the output is (OUTPUT), and arrays of CYCLE, of states, of MOVE
+    angle : not None where theta1 is kept too
     """
     if per_cycle > 0:
         keep_samples(rows, degree, unit, x, tau, period, per_cycle, output, samples, angle)
-    cut = (period - tau) / unit
-    time = (first + output.cycle) * period + tau
     behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
-    if tau + x * unit < period:
-        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
-                                                               workspace)
-    else:
-        cut = min(cut, x)
-        if cut < x:
-            to_bernstein(rows, SLIP, degree, cut, workspace)
-        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
-                                                               workspace)
+    if cut < x:
+        to_bernstein(rows, SLIP, degree, cut, workspace)
+    output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, min(cut, x), output.highest,
+                                                           output.lowest, workspace)
+    if cut <= x:
         end_cycle(output, cycles, polynomial.value(rows, SLIP, degree, cut),
                   polynomial.value(rows, ANGLE, degree, cut), polynomial.value(rows, SPEED, degree, cut), behind)
-        if cut < x:
-            to_bernstein(rows, SLIP, degree, x, workspace)
-            later_part(workspace, BERNSTEIN, degree, cut / x)
-            output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest,
-                                                                   output.lowest, workspace)
+    if cut < x:
+        to_bernstein(rows, SLIP, degree, x, workspace)
+        later_part(workspace, BERNSTEIN, degree, cut / x)
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
+                                                               workspace)

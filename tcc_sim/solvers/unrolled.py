@@ -9,9 +9,10 @@ text computes the same thing, which is how it is tested.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -19,12 +20,14 @@ from numba.extending import intrinsic
 
 REAL = ir.DoubleType()
 WHOLE = ir.IntType(64)
+SHIFTER = 6755399441055744.0
+"""1.5 * 2^52: a number added to it is rounded to an integer, which its last bits then hold."""
 FUSED = ("contract",)
 """A product and a sum may become one instruction; nothing else is reordered."""
 
 
 class Name:
-    """A number, or a row of numbers, that the running code will know."""
+    """A number, or a row of numbers (each in a lane of its own), that the running code will know."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
@@ -34,7 +37,8 @@ class Name:
         shape = self.value.type
         if not isinstance(other, Name):
             count = getattr(shape, "count", 0)
-            return ir.Constant(shape, [float(other)] * count if count else float(other))
+            numbers = other if isinstance(other, (Sequence, np.ndarray)) else [other] * max(count, 1)
+            return ir.Constant(shape, [float(n) for n in numbers] if count else float(numbers[0]))
         if other.value.type == shape or not isinstance(shape, ir.VectorType):
             return other.value
         return _spread(self.builder, other.value, shape)
@@ -49,8 +53,12 @@ class Name:
         return self if _is(other, 0.0) else self._with("fsub", self.value, self._operand(other))
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Name) and isinstance(other.value.type, ir.VectorType) > isinstance(self.value.type, ir.VectorType):
-            return other * self
+        if not isinstance(self.value.type, ir.VectorType):
+            if isinstance(other, Name) and isinstance(other.value.type, ir.VectorType):
+                return other * self
+            if isinstance(other, np.ndarray):
+                shape = ir.VectorType(REAL, len(other))
+                return Name(self.builder, _spread(self.builder, self.value, shape)) * other
         if _is(other, 0.0):
             return 0.0
         return self if _is(other, 1.0) else self._with("fmul", self.value, self._operand(other))
@@ -102,20 +110,91 @@ class Memory:
         stored = value.value if isinstance(value, Name) else ir.Constant(REAL, float(value))
         self.builder.store(stored, self._place(key))
 
-    def row(self, *key: int) -> Name:
-        """A whole row of the array (the array itself where it has one dimension), as it is in memory now."""
-        place = self.builder.bitcast(self._place(key), ir.VectorType(REAL, self.length).as_pointer())
+    def row(self, *key: int, count: int = 0) -> Name:
+        """`count` numbers from an entry on, as they are in memory now; without a count the whole of a row."""
+        place = self.builder.bitcast(self._place(key), ir.VectorType(REAL, count or self.length).as_pointer())
         return Name(self.builder, self.builder.load(place, align=8))
 
     def set_row(self, value: Name, *key: int) -> None:
-        """Write a whole row."""
-        place = self.builder.bitcast(self._place(key), ir.VectorType(REAL, self.length).as_pointer())
+        """Write a row of numbers from an entry on."""
+        place = self.builder.bitcast(self._place(key), value.value.type.as_pointer())
         self.builder.store(value.value, place, align=8)
+
+
+def magnitude(x: Any) -> Any:
+    """|x|, lane by lane."""
+    return _called("llvm.fabs", x) if isinstance(x, Name) else np.abs(x)
+
+
+def limited(x: Any, low: float, high: float) -> Any:
+    """x within [low, high], lane by lane."""
+    if not isinstance(x, Name):
+        return np.clip(x, low, high)
+    return _called("llvm.maxnum", _called("llvm.minnum", x, high), low)
+
+
+def row_of(numbers: Sequence[Any]) -> Any:
+    """A row made of single numbers."""
+    if not isinstance(numbers[0], Name):
+        return np.array(numbers)
+    builder = numbers[0].builder
+    out = ir.Constant(ir.VectorType(REAL, len(numbers)), ir.Undefined)
+    for i, number in enumerate(numbers):
+        out = builder.insert_element(out, number.value, ir.Constant(ir.IntType(32), i))
+    return Name(builder, out)
+
+
+def with_sign(x: Any, of: Any) -> Any:
+    """|x| with the sign of `of`, lane by lane."""
+    return _called("llvm.copysign", x, of) if isinstance(x, Name) else np.copysign(x, of)
+
+
+def exp(x: Any) -> Any:
+    """e^x to a unit in the last place, lane by lane, for |x| up to 700: beyond, that of 700.
+
+    x = n log 2 + y with log 2 in two parts, |y| <= 0.35; e^y to order 13; n goes into the exponent's bits.
+    """
+    if not isinstance(x, Name):
+        return np.exp(np.clip(x, -700.0, 700.0))
+    builder = x.builder
+    x = limited(x, -700.0, 700.0)
+    shifted = x * 1.4426950408889634 + SHIFTER
+    turns = Name(builder, builder.fsub(shifted.value, shifted._operand(SHIFTER)))
+    y = (x - turns * 0.6931471803691238) - turns * 1.9082149292705877e-10
+    out: Any = 1.0 + y * (1.0 / 13.0)
+    for k in range(12, 0, -1):
+        out = 1.0 + y * (1.0 / k) * out
+    count = getattr(x.value.type, "count", 0)
+    bits = ir.VectorType(WHOLE, count) if count else WHOLE
+    places = ir.Constant(bits, [52] * count if count else 52)
+    exponent = builder.shl(builder.bitcast(shifted.value, bits), places)
+    return Name(builder, builder.bitcast(builder.add(builder.bitcast(out.value, bits), exponent), x.value.type))
+
+
+def sum_of_squares(x: Any) -> Any:
+    """The sum over the numbers of a row of their squares."""
+    squares = x * x
+    if not isinstance(x, Name):
+        return squares.sum()
+    lanes = [squares[i] for i in range(x.value.type.count)]
+    while len(lanes) > 1:
+        lanes = [a + b for a, b in zip(lanes[0::2], lanes[1::2])]
+    return lanes[0]
+
+
+def _called(function: str, x: Name, *others: Any) -> Name:
+    """One of the compiler's own functions of one or two rows."""
+    shape = x.value.type
+    count = getattr(shape, "count", 0)
+    operands = [x.value, *(x._operand(o) for o in others)]
+    kind = ir.FunctionType(shape, [shape] * len(operands))
+    made = cgutils.get_or_insert_function(x.builder.module, kind, f"{function}.{f'v{count}' if count else ''}f64")
+    return Name(x.builder, x.builder.call(made, operands))
 
 
 def _is(other: Any, number: float) -> bool:
     """Whether an operand is this very number, known while compiling."""
-    return isinstance(other, (int, float)) and other == number
+    return isinstance(other, (int, float)) and other == number  # An array of known numbers is neither.
 
 
 def _spread(builder: Any, value: Any, shape: Any) -> Any:
