@@ -171,14 +171,14 @@ def exp(x: Any) -> Any:
     return Name(builder, builder.bitcast(builder.add(builder.bitcast(out.value, bits), exponent), x.value.type))
 
 
-def sum_of_squares(x: Any) -> Any:
-    """The sum over the numbers of a row of their squares."""
-    squares = x * x
+def largest(x: Any) -> Any:
+    """The largest size of the numbers of a row; not a number where all are none."""
     if not isinstance(x, Name):
-        return squares.sum()
-    lanes = [squares[i] for i in range(x.value.type.count)]
+        return np.abs(x).max()
+    sizes = magnitude(x)
+    lanes = [sizes[i] for i in range(x.value.type.count)]
     while len(lanes) > 1:
-        lanes = [a + b for a, b in zip(lanes[0::2], lanes[1::2])]
+        lanes = [_called("llvm.maxnum", a, b) for a, b in zip(lanes[0::2], lanes[1::2])]
     return lanes[0]
 
 

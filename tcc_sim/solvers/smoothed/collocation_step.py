@@ -17,7 +17,6 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
     FROM_MEAN,
     FROM_SPEED,
     FROM_WAVES,
-    LEVELS,
     NODES,
     TERMS,
     C,
@@ -31,6 +30,9 @@ from tcc_sim.solvers.terms import Terms
 
 BEFORE_FOLD = 0.8
 """Length of a step that ends before the demand passes the peak, per time to the node where it does."""
+FLAT = 0.04
+"""Least slope of mubar, relative to sigma, by which an error of v in stick is weighed: on a flat law friction is exact
+without v, but v is what leaves stick."""
 CONVERGED = 0.01
 """Error of Newton's method per tolerance of the step."""
 
@@ -38,38 +40,43 @@ CONVERGED = 0.01
 @fast
 def weigh(state: Any, limits: Limits, mean_torque: float, waves: Any, work: Any) -> None:
     """How much of every source there is at the start of a step."""
-    work.weights[FROM_ANGLE] = state.plate_angle
-    work.weights[FROM_SPEED] = state.plate_speed + limits.kappa * state.slip_speed
-    work.weights[FROM_MEAN] = mean_torque
+    weights = work.weights
+    weights[FROM_ANGLE] = state.plate_angle
+    weights[FROM_SPEED] = state.plate_speed + limits.kappa * state.slip_speed
+    weights[FROM_MEAN] = mean_torque
     for i in range(waves.shape[0]):
-        work.weights[FROM_WAVES + 2 * i] = waves[i].amplitude * waves[i].sine
-        work.weights[FROM_WAVES + 2 * i + 1] = waves[i].amplitude * waves[i].cosine
+        wave = waves[i]
+        weights[FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
+        weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
 
 
 @fast
 def balance(sources: Any, level: int, turn: Any, loaded: bool, beta: float, mean_load: float,
             pulsation: tuple[float, float, float] | None, drive: Any, work: Any) -> None:
     """b without the share of v(0), and beta Ts, at the nodes."""
+    total, grip, weights = work.balance, work.grip, work.weights
     for i in range(NODES):
-        work.balance[i] = 0.0
+        total[i] = 0.0
     for k in range(sources.shape[1]):
-        weight = work.weights[k]
+        weight, share = weights[k], sources[level, k].balance
         for i in range(NODES):
-            work.balance[i] += weight * sources[level, k].balance[i]
+            total[i] += weight * share[i]
+    cosine, sine = turn.cosine, turn.sine
     for i in range(NODES):
         load = mean_load
         if pulsation is not None:
-            load += pulsation[0] * (drive.load_sine * turn.cosine[i] + drive.load_cosine * turn.sine[i])
-        work.grip[i] = beta * load if loaded else 0.0
+            load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
+        grip[i] = beta * load if loaded else 0.0
 
 
 @fast
 def first_beyond(peak: float, work: Any) -> int:
     """The first node at which friction would have to pass its peak to hold the plate; NODES if there is none."""
+    demand, total, grip = work.demand, work.balance, work.grip
     for i in range(NODES):
-        work.demand[i] = work.balance[i] / work.grip[i]
+        demand[i] = total[i] / grip[i]
     for i in range(NODES):
-        if not abs(work.demand[i]) <= peak:
+        if not abs(demand[i]) <= peak:
             return i
     return NODES
 
@@ -77,41 +84,49 @@ def first_beyond(peak: float, work: Any) -> int:
 @fast
 def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> None:
     """The polynomials of theta2 and theta2' over the step, and the Chebyshev coefficients of theta2' in work.chebyshev."""
+    slip, weights, chebyshev = work.slip, work.weights, work.chebyshev
     for i in range(TERMS):
-        work.chebyshev[i] = 0.0
+        chebyshev[i] = 0.0
     for k in range(sources.shape[1]):
+        weight, share = weights[k], sources[level, k].angle
         for i in range(TERMS):
-            work.chebyshev[i] += work.weights[k] * sources[level, k].angle[i]
+            chebyshev[i] += weight * share[i]
+    by_slip = rung.angle
     for j in range(NODES):
         for i in range(TERMS):
-            work.chebyshev[i] += work.slip[j] * rung.angle[j, i]
-    to_powers(0, work.chebyshev, work.rows[ANGLE])
+            chebyshev[i] += slip[j] * by_slip[j, i]
+    to_powers(0, chebyshev, work.rows[ANGLE])
     for i in range(TERMS):
-        work.chebyshev[i] = 0.0
+        chebyshev[i] = 0.0
     for k in range(sources.shape[1]):
+        weight, share = weights[k], sources[level, k].speed
         for i in range(TERMS):
-            work.chebyshev[i] += work.weights[k] * sources[level, k].speed[i]
+            chebyshev[i] += weight * share[i]
+    by_slip = rung.speed
     for j in range(NODES):
         for i in range(TERMS):
-            work.chebyshev[i] += work.slip[j] * rung.speed[j, i]
-    to_powers(0, work.chebyshev, work.rows[SPEED])
+            chebyshev[i] += slip[j] * by_slip[j, i]
+    to_powers(0, chebyshev, work.rows[SPEED])
+    rows = work.rows
     for i in range(TERMS):
-        work.rows[SPEED, i] -= kappa * work.rows[SLIP, i]
+        rows[SPEED, i] -= kappa * rows[SLIP, i]
 
 
 @fast
 def end_of(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
     """The state at the last node, the end of the rung."""
+    slip, weights, end_angle, end_speed = work.slip, work.weights, rung.end_angle, rung.end_speed
     angle, speed = 0.0, 0.0
     for k in range(sources.shape[1]):
-        angle += work.weights[k] * sources[level, k].end_angle
-        speed += work.weights[k] * sources[level, k].end_speed
+        source = sources[level, k]
+        angle += weights[k] * source.end_angle
+        speed += weights[k] * source.end_speed
     for j in range(NODES):
-        angle += work.slip[j] * rung.end_angle[j]
-        speed += work.slip[j] * rung.end_speed[j]
-    state.slip_speed = work.slip[NODES - 1]
+        angle += slip[j] * end_angle[j]
+        speed += slip[j] * end_speed[j]
+    state.slip_speed = slip[NODES - 1]
     state.plate_angle = angle
-    state.plate_speed = speed - kappa * work.slip[NODES - 1]
+    state.plate_speed = speed - kappa * slip[NODES - 1]
 
 
 @fast
@@ -120,11 +135,11 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
     """Solve for the rung control.level, or the longest below it that fits into `room` s.
 
     The polynomial of the slip speed is left in work.rows; `fill_plate` leaves the others. A step that is refused leaves
-    the rung to try next, LEVELS where there is none.
+    the rung to try next, the number of rungs where there is none.
     """
     level = rung_below(tables.rungs, control.level, room)
     control.level = level
-    if level >= LEVELS:
+    if level >= tables.rungs.shape[0]:
         return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
     rung = tables.rungs[level]
     h = rung.length
@@ -139,8 +154,9 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
     else:
         accuracy = CONVERGED * place.slip_tolerance
+        start = work.slip
         for i in range(NODES):
-            work.slip[i] = state.slip_speed
+            start[i] = state.slip_speed
     used = solve_stages(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, accuracy, work)
     counters.iterations += abs(used)
     counters.iterations_max = max(counters.iterations_max, abs(used))
@@ -148,13 +164,18 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         control.level = rung_below(tables.rungs, level + 1, 0.5 * h)
         return Step(REFUSED, h, 0.0, DEGREE, math.inf)
     slip_polynomial(0, work.slip, state.slip_speed, work.chebyshev, work.rows[SLIP])
-    error = max(abs(work.chebyshev[DEGREE]), abs(work.chebyshev[DEGREE - 1]))
+    chebyshev = work.chebyshev
+    error = max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1]))
     if control.method == CREEP:
-        error /= limits.creep_tolerance
+        slope = work.slope
+        steepest = 0.0
+        for i in range(NODES):
+            steepest = max(steepest, slope[i])
+        error *= max(steepest / limits.sigma, FLAT) / limits.creep_tolerance
     else:
         error /= place.slip_tolerance
         fill_plate(rung, tables.sources, level, limits.kappa, work)
-        error = max(error, max(abs(work.chebyshev[DEGREE]), abs(work.chebyshev[DEGREE - 1])) / place.speed_tolerance)
+        error = max(error, max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1])) / place.speed_tolerance)
     if not error <= 1.0:
         factor = growth(error) if error < math.inf else SHRINK_MOST
         control.level = rung_below(tables.rungs, level + 1, factor * h)

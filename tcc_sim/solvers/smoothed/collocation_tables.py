@@ -32,7 +32,10 @@ DEGREE = NODES
 TERMS = 20
 """Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are added up faster."""
 LEVELS = 22
-"""Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it."""
+"""Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it, and further
+where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2)."""
+USUAL = 50.0
+"""The smoothing (s/rad) up to which LEVELS are enough."""
 
 Floats = NDArray[np.float64]
 
@@ -40,8 +43,8 @@ RUNG = np.dtype([("length", np.float64), ("start", np.float64, NODES), ("diagona
                  ("coupling", np.float64, (NODES, NODES)), ("angle", np.float64, (NODES, TERMS)),
                  ("speed", np.float64, (NODES, TERMS)), ("end_angle", np.float64, NODES),
                  ("end_speed", np.float64, NODES)])
-"""A rung: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; what each V_j adds to the Chebyshev coefficients over
-the step, and to the end values, of theta2 and of w.
+"""A rung: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; what each V_j adds to the Chebyshev
+coefficients over the step, and to the end values, of theta2 and of w.
 """
 
 SOURCE = np.dtype([("balance", np.float64, NODES), ("angle", np.float64, TERMS), ("speed", np.float64, TERMS),
@@ -56,7 +59,7 @@ FROM_ANGLE, FROM_SPEED, FROM_MEAN, FROM_WAVES = 0, 1, 2, 3
 
 
 class Tables(NamedTuple):
-    """Of one system, longest step first: arrays of RUNG (LEVELS,), SOURCE (LEVELS, FROM_WAVES + 2 waves), TURN (LEVELS,)."""
+    """Of one system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN (levels,)."""
 
     rungs: NDArray[Any]
     sources: NDArray[Any]
@@ -64,8 +67,8 @@ class Tables(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Of one linear part: the rungs, the sources but those of the waves (LEVELS, FROM_WAVES, numbers of a SOURCE), and the
-    matrices that make a source of a torque at the nodes, (LEVELS, numbers of a SOURCE, NODES).
+    """Of one linear part: the rungs, the sources but those of the waves (levels, FROM_WAVES, numbers of a SOURCE), and the
+    matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
     """
 
     rungs: NDArray[Any]
@@ -110,21 +113,26 @@ def top_of(period: float) -> int:
     return math.ceil(-2.0 * math.log2(period) - 1e-9)
 
 
+def levels_of(sigma: float) -> int:
+    """Rungs of the ladder for a smoothing."""
+    return LEVELS + math.ceil(max(math.log2(sigma / USUAL), 0.0))
+
+
 @lru_cache(maxsize=16)
-def response(linear: Linear, top: int) -> Response:
+def response(linear: Linear, top: int, levels: int) -> Response:
     """How theta2 and w over every rung follow their start, the torque and the slip."""
     i1, i2, damping, stiffness = linear
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
-    lengths = 2.0 ** (-0.5 * (top + np.arange(LEVELS)))
+    lengths = 2.0 ** (-0.5 * (top + np.arange(levels)))
     a = lengths[:, None, None] * A
-    eye, one = np.broadcast_to(np.eye(NODES), a.shape), np.ones((LEVELS, NODES, 1))
+    eye, one = np.broadcast_to(np.eye(NODES), a.shape), np.ones((levels, NODES, 1))
     matrix = np.block([[eye, -a], [a * (stiffness / inertia), eye + a * (damping / inertia)]])
     right = np.concatenate([np.block([[one, 0.0 * one, 0.0 * a, -kappa * a]]),
                             np.block([[0.0 * one, one, a / inertia, a * (damping * kappa / inertia)]])], axis=1)
     found = np.linalg.solve(matrix, right)
     x, w = found[:, :NODES], found[:, NODES:]
     by_slip = 2 + NODES
-    rungs = np.zeros(LEVELS, RUNG)
+    rungs = np.zeros(levels, RUNG)
     rungs["length"] = lengths
     rungs["start"] = INVERSE.sum(axis=1) / lengths[:, None]
     u = w[..., by_slip:] - kappa * np.eye(NODES)
@@ -132,7 +140,7 @@ def response(linear: Linear, top: int) -> Response:
     rungs["coupling"], rungs["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
     rungs["angle"], rungs["speed"] = (_polynomials(y[..., by_slip:]).transpose(0, 2, 1) for y in (x, w))
     rungs["end_angle"], rungs["end_speed"] = x[:, -1, by_slip:], w[:, -1, by_slip:]
-    applied = np.concatenate([np.zeros((LEVELS, NODES, 2)), eye], axis=2)
+    applied = np.concatenate([np.zeros((levels, NODES, 2)), eye], axis=2)
     balance = applied / i1 + (damping * w[..., :by_slip] + stiffness * x[..., :by_slip]) / i2
     source = np.concatenate([balance, *(_polynomials(y[..., :by_slip]) for y in (x, w)), x[:, -1:, :by_slip],
                              w[:, -1:, :by_slip]], axis=1)
@@ -145,15 +153,15 @@ def response(linear: Linear, top: int) -> Response:
 
 
 @lru_cache(maxsize=16)
-def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int) -> Tables:
+def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
     """The tables of a system whose torque has sines of these rates (rad/s); `load_rate` is that of the load's.
 
     Read only: they are shared by all that ask for them.
     """
-    known = response(linear, top)
+    known = response(linear, top, levels)
     times = known.rungs["length"][:, None] * C
-    turns = np.stack([np.cos(load_rate * times), np.sin(load_rate * times)], axis=1).reshape(LEVELS, -1).view(TURN)[:, 0]
-    sources = np.empty((LEVELS, FROM_WAVES + 2 * len(rates), known.fixed.shape[2]))
+    turns = np.stack([np.cos(load_rate * times), np.sin(load_rate * times)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
+    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), known.fixed.shape[2]))
     sources[:, :FROM_WAVES] = known.fixed
     for i, rate in enumerate(rates):
         waves = np.stack([np.cos(rate * times), np.sin(rate * times)], axis=2)
@@ -165,6 +173,6 @@ def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int)
 
 
 def _polynomials(nodal: Floats) -> Floats:
-    """Chebyshev coefficients (LEVELS, TERMS, columns) of nodal values (LEVELS, NODES, columns), 0 at the start."""
+    """Chebyshev coefficients (levels, TERMS, columns) of nodal values (levels, NODES, columns), 0 at the start."""
     out: Floats = TO_CHEBYSHEV[1:].T @ nodal
     return out

@@ -27,7 +27,6 @@ from tcc_sim.solvers.smoothed.state import (
     STEP_LIMIT,
     STEP_TOO_SMALL,
     Place,
-    Step,
 )
 from tcc_sim.solvers.smoothed.switching import (
     after_collocation,
@@ -72,7 +71,7 @@ def locate(state: Any, loaded: bool, control: Any, limits: Limits, terms: Terms,
 
 
 @fast
-def first_boundary(place: Place, step: Step, x: float, method: int, loaded: bool, limits: Limits, stribeck: Stribeck,
+def first_boundary(place: Place, degree: int, x: float, method: int, loaded: bool, limits: Limits, stribeck: Stribeck,
                    work: Any) -> float:
     """Where in [0, x] the step leaves what its law was written for: v = 0, or on the way down the edge of a region.
 
@@ -87,21 +86,21 @@ def first_boundary(place: Place, step: Step, x: float, method: int, loaded: bool
     else:
         level = limits.far if place.region == SLIDING else limits.layer
         accuracy = 0.1 * EDGE * level
-    return float(polynomial.crossing_of(work.rows, SLIP, step.degree, x, place.sign, level, accuracy, work.bernstein))
+    return float(polynomial.crossing_of(work.rows, SLIP, degree, x, place.sign, level, accuracy, work.bernstein))
 
 
 @fast
-def finish(step: Step, x: float, whole: bool, method: int, terms: Terms, limits: Limits, tables: Tables, level: int,
+def finish(degree: int, x: float, whole: bool, method: int, terms: Terms, limits: Limits, tables: Tables, level: int,
            state: Any, angle: Any, work: Any) -> None:
     """The state at the end of a step."""
     if whole and method != SERIES:
         end_of(tables.rungs[level], tables.sources, level, limits.kappa, work, state)
     else:
-        state.slip_speed = polynomial.value(work.rows, SLIP, step.degree, x)
-        state.plate_angle = polynomial.value(work.rows, ANGLE, step.degree, x)
-        state.plate_speed = polynomial.value(work.rows, SPEED, step.degree, x)
+        state.slip_speed = polynomial.value(work.rows, SLIP, degree, x)
+        state.plate_angle = polynomial.value(work.rows, ANGLE, degree, x)
+        state.plate_speed = polynomial.value(work.rows, SPEED, degree, x)
     if angle is not None:
-        state.flywheel_angle = polynomial.value(work.rows, FLYWHEEL, step.degree, x)
+        state.flywheel_angle = polynomial.value(work.rows, FLYWHEEL, degree, x)
     if abs(state.plate_speed) < limits.rest:
         state.plate_speed = 0.0
 
@@ -147,16 +146,16 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
         if not x > 0.0:
             return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
         level = control.level
-        to_bernstein(work.rows, SLIP, step.degree, x, work.bernstein)
-        crossing = first_boundary(place, step, x, method, loaded, limits, terms.stribeck, work)
+        degree = step.degree if method == SERIES or angle is None else step.degree + 1  # theta1 is an integral.
+        to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
+        crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
         reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
         if 0.0 < crossing < x:
             x = crossing
             reached = False
-            to_bernstein(work.rows, SLIP, step.degree, x, work.bernstein)
+            to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
         whole = x == step.x
         after = stop if reached else tau + x * step.unit
-        degree = step.degree
         if method == CREEP and (not whole or after >= period or per_cycle > 0 or angle is not None):
             fill_plate(tables.rungs[level], tables.sources, level, limits.kappa, work)
         if angle is not None:
@@ -167,7 +166,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
             cut = x
         record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period, per_cycle,
                limits.stick_speed, output, cycles, samples, moves, angle, work.bernstein)
-        finish(step, x, whole, method, terms, limits, tables, level, state, angle, work)
+        finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)
         if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
             state.tau = after
             return NOT_FINITE

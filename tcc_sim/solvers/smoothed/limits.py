@@ -36,7 +36,7 @@ class Limits(NamedTuple):
     far : |v| up to which the Stribeck exponential is kept
     nearly_zero : how far beyond v = 0 a step goes, so that the sign of v is not in doubt
     stick_speed : |v| where mubar peaks; stick lies below
-    peak : mubar there
+    peak, creep_speed : the largest mubar with which stick is stepped over, and |v| there
     base_rate : the rates that are there in every region, added up
     strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
     beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
@@ -56,6 +56,7 @@ class Limits(NamedTuple):
     nearly_zero: float
     stick_speed: float
     peak: float
+    creep_speed: float
     base_rate: float
     strength: float
     beta: float
@@ -80,8 +81,9 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     i1, i2, damping, stiffness = terms.linear
     local = max(LOCAL * rtol, 1e-14)
     stick_speed = stick_speed_of(own)
-    own_peak = friction.peak(sigma, own.stribeck)
-    peak = own_peak[1] if math.isfinite(own_peak[0]) else 1.0 - FLAT_PEAK
+    creep_speed, peak = friction.peak(sigma, own.stribeck)
+    if not math.isfinite(creep_speed):
+        creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, 1.0 - FLAT_PEAK
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
     far = layer
     if stribeck is not None and stribeck[0] > 0.0:
@@ -96,6 +98,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma, creep_tolerance=min(CREEP * max(rtol, 1e-13), 1e-2) / sigma,
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
+        creep_speed=creep_speed,
         base_rate=(math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
                    + (0.0 if terms.pulsation is None else terms.pulsation[1])),
         strength=beta * peak_load(terms), beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,

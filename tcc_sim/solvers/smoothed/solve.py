@@ -32,7 +32,7 @@ from tcc_sim.solvers.smoothed.state import (
     STEP_TOO_SMALL,
     WORK,
 )
-from tcc_sim.solvers.smoothed.switching import PATIENCE
+from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Statistics, Status, Trajectory, Transitions
@@ -79,7 +79,7 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     waves = waves_of(terms)
     tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()),
                                        0.0 if terms.pulsation is None else terms.pulsation[1],
-                                       collocation_tables.top_of(period))
+                                       collocation_tables.top_of(period), collocation_tables.levels_of(limits.sigma))
     memory = memory_of(problem, limits)
     given = terms._replace(torque=None, harmonics=None)  # They are the waves.
     columns = 4 if problem.flywheel_angle else 3
@@ -137,7 +137,7 @@ def memory_of(problem: Problem, limits: Limits) -> Memory:
     start = problem.state
     for name in ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle"):
         memory.state[name] = getattr(start, name)
-    memory.control["patience"] = PATIENCE
+    memory.control["patience"], memory.control["calm"] = PATIENCE, CALM
     memory.control["slip_now"], memory.control["speed_now"] = abs(start.slip_speed), abs(start.plate_speed)
     mode = 0 if abs(start.slip_speed) <= limits.stick_speed else (1 if start.slip_speed > 0.0 else -1)
     memory.output["mode"] = mode

@@ -7,19 +7,20 @@ at a time.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiled import fast
 from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
-from tcc_sim.solvers.unrolled import exp, limited, magnitude, row_of, sum_of_squares, unrolled, with_sign
+from tcc_sim.solvers.unrolled import exp, largest, limited, magnitude, row_of, unrolled, with_sign
 
 ITERATIONS_MAXIMUM = 20
-DOMINANT = 1.5
+DOMINANT = 6.0
 """beta Ts mubar' beside the last, largest diagonal term of L, above which Newton's matrix is taken as diagonal."""
 FOLLOWED = 0.7
 """Newton's method changes sigma V by at most this at a time: further on tanh is another function."""
+STALLED, ROUNDED = 0.3, 100.0
+"""Corrections that no longer shrink below the one share, and are within that many accuracies, are rounding."""
 WIDTH = 4
 """Numbers in a part of a column."""
 
@@ -71,7 +72,7 @@ def divide_text(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any)
     """Newton's correction with the diagonal of its matrix alone."""
     out = change.row() / (diagonal.row() + grip.row() * slope.row())
     change.set_row(out)
-    measure[0,] = sum_of_squares(out)
+    measure[0,] = largest(out)
 
 
 def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
@@ -105,7 +106,7 @@ def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: A
             right[p] = right[p] - columns[k][p] * out[k]
     found = row_of(out)
     change.set_row(found)
-    measure[0,] = sum_of_squares(found)
+    measure[0,] = largest(found)
 
 
 def _lanes(chosen: Any) -> tuple[float, ...]:
@@ -148,29 +149,33 @@ def solve_stages(rung: Any, v: float, sign: float, sigma: float, stribeck: Strib
 
     Returns the iterations used, negative where they did not converge to `accuracy` (rad/s).
     """
-    evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
+    slip, law, slope, grip, change = work.slip, work.law, work.slope, work.grip, work.change
+    measure, coupling, diagonal = work.measure, rung.coupling, rung.diagonal
+    evaluate_law(0, slip, law, slope, sign, sigma, stribeck)
     last = 1e300
     for count in range(1, ITERATIONS_MAXIMUM + 1):
-        evaluate_residual(0, rung.coupling, work.slip, work.law, work.grip, work.balance, rung.start, v, work.change)
-        least = work.grip[0] * work.slope[0]
+        evaluate_residual(0, coupling, slip, law, grip, work.balance, rung.start, v, change)
+        least = grip[0] * slope[0]
         for i in range(1, NODES):
-            least = min(least, work.grip[i] * work.slope[i])
+            least = min(least, grip[i] * slope[i])
         contraction = 0.0
-        if least > DOMINANT * rung.diagonal[NODES - 1]:
-            divide(0, work.change, rung.diagonal, work.grip, work.slope, work.measure)
+        if least > DOMINANT * diagonal[NODES - 1]:
+            divide(0, change, diagonal, grip, slope, measure)
             contraction = 0.5
         else:
-            eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)
-        size = math.sqrt(work.measure[0])
+            eliminate(0, change, coupling, grip, slope, measure)
+        size = measure[0]
         if not size < 1e300:
             return -count
         step = FOLLOWED / (sigma * size) if sigma * size > FOLLOWED else 1.0
         for i in range(NODES):
-            work.slip[i] += step * work.change[i]
+            slip[i] += step * change[i]
         if step == 1.0 and (2.0 * sigma * size + min(size / last, contraction)) * size <= accuracy:
+            return count
+        if STALLED * last < size <= ROUNDED * accuracy:
             return count
         if count > 4 and size > 2.0 * last:
             return -count
         last = size
-        evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
+        evaluate_law(0, slip, law, slope, sign, sigma, stribeck)
     return -ITERATIONS_MAXIMUM

@@ -30,6 +30,7 @@ STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("pla
 """The motion, SI units; tau is the time into the engine cycle."""
 
 CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.float64), ("released", np.float64),
+                    ("waited", np.int64), ("calm", np.int64),
                     ("last", np.float64), ("streak", np.int64), ("patience", np.int64), ("slip_before", np.float64),
                     ("slip_now", np.float64), ("speed_before", np.float64), ("speed_now", np.float64)])
 """What steps are chosen by.
@@ -37,6 +38,7 @@ CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.floa
 method, level : the method now, and the rung of the next collocation step
 slope : rate rho = beta Ts mubar' at the end of the last collocation step, 1/s
 released : that rate when stick was left for the series; 0 where nothing keeps it from coming back
+waited, calm : series steps since then, and after how many it may come back all the same
 last, streak, patience : length of the last series step, how many of one length there were, and how many are borne
 slip_before, slip_now, speed_before, speed_now : largest |v| and |theta2'| in the cycle before and in this one
 """
@@ -53,7 +55,7 @@ WORK = np.dtype([
 rows, bernstein : the polynomials of a step, in powers of its time, and what searches on them need
 slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
 balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
-change, measure : Newton's correction of V, and the sum of its squares
+change, measure : Newton's correction of V, and the size of the largest
 chebyshev : coefficients over the step of the polynomial in hand
 weights : how much of every source there is
 """

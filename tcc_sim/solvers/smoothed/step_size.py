@@ -12,7 +12,7 @@ from typing import Any
 
 from tcc_sim.solvers.compiled import fast
 from tcc_sim.solvers.series import SLIP, SPEED
-from tcc_sim.solvers.smoothed.collocation_tables import LEVELS, NODES
+from tcc_sim.solvers.smoothed.collocation_tables import NODES
 
 SAFETY_SERIES = 0.9
 SAFETY = 0.85
@@ -61,8 +61,8 @@ def converging_length(rows: Any, order: int, x: float, sign: float, excess: floa
 
 @fast
 def rung_below(rungs: Any, level: int, length: float) -> int:
-    """The longest rung from `level` on that is at most `length`; LEVELS where there is none."""
-    while level < LEVELS and rungs[level].length > length:
+    """The longest rung from `level` on that is at most `length`; their number where there is none."""
+    while level < rungs.shape[0] and rungs[level].length > length:
         level += 1
     return level
 

@@ -12,7 +12,7 @@ import math
 from typing import Any
 
 from tcc_sim.solvers.compiled import fast
-from tcc_sim.solvers.smoothed.collocation_tables import LEVELS, Tables
+from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.limits import Limits
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place
@@ -25,6 +25,8 @@ WORTH_SHORTEST = 2.0
 """The same for the shortest rung, below which stick is not even tried."""
 RETURN = 3.0
 """Growth of rho since stick was left for the series after which it is tried again."""
+CALM, CALM_MOST = 8, 256
+"""Half the series steps after which it is tried again in any case; doubled each time."""
 MANIFOLD = 0.3
 """Largest second-order error of the projection, sigma delta^2, per error allowed in stick."""
 SLOW = 3.0
@@ -61,9 +63,9 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
     """
     v = state.slip_speed
     rho = limits.beta * drive.load * friction.slope
-    if abs(v) >= limits.stick_speed or not rho > RETURN * control.released:
+    if abs(v) >= limits.creep_speed or not (rho > RETURN * control.released or control.waited >= control.calm):
         return False
-    shortest = tables.rungs[LEVELS - 1].length
+    shortest = tables.rungs[tables.rungs.shape[0] - 1].length
     if not rho * shortest > WORTH_SHORTEST or room < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
@@ -86,6 +88,7 @@ def choose_method(place: Place, friction: Friction, room: float, state: Any, con
         return False
     if place.region != LAYER:
         control.released = 0.0
+        control.calm = CALM
     elif enter_creep(place, friction, room, state, control, limits, terms, drive, tables):
         return True
     if control.streak > control.patience:
@@ -99,6 +102,7 @@ def choose_method(place: Place, friction: Friction, room: float, state: Any, con
 @fast
 def after_series(length: float, control: Any) -> None:
     """Count series steps of equal length."""
+    control.waited += 1
     control.streak = control.streak + 1 if abs(length - control.last) < ALIKE * length else 0
     control.last = length
 
@@ -106,10 +110,12 @@ def after_series(length: float, control: Any) -> None:
 @fast
 def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
     """Back to the series where the next rung is too short to be worth it, or where there is none."""
-    length = tables.rungs[control.level].length if control.level < LEVELS else 0.0
+    length = tables.rungs[control.level].length if control.level < tables.rungs.shape[0] else 0.0
     if control.method == CREEP and length * control.slope < WORTH:
         control.method = SERIES
         control.released = control.slope
+        control.waited = 0
+        control.calm = min(2 * control.calm, CALM_MOST)
     elif control.method == STIFF and length * limits.base_rate < SERIES_REACH:
         control.method = SERIES
 
