@@ -27,8 +27,9 @@ RETURN = 3.0
 """Growth of rho since stick was left for the series after which it is tried again."""
 CALM, CALM_MOST = 8, 256
 """Half the series steps after which it is tried again in any case; doubled each time."""
-MANIFOLD = 0.3
-"""Largest second-order error of the projection, sigma delta^2, per error allowed in stick."""
+PROJECTED = 2.0
+"""Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta, so
+it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
 SLOW = 3.0
 """The slip speed is at least this many projections, so that v = 0 is not passed by one."""
 FIRST = 0.2
@@ -69,7 +70,7 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
     if not rho * shortest > WORTH_SHORTEST or room < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
-    if not delta * delta * limits.sigma < MANIFOLD * limits.creep_tolerance or abs(v) < SLOW * abs(delta):
+    if not abs(delta) < PROJECTED * limits.creep_tolerance or abs(v) < SLOW * abs(delta):
         return False
     state.slip_speed += delta
     state.plate_speed -= limits.kappa * delta
