@@ -21,6 +21,8 @@ INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("
 """Command topics with the group of the scene that says whether they are used, and what they command."""
 PER_CYCLE = 50
 """Values of a signal kept in each engine cycle, for a picture."""
+MOST_PARTS = 64
+"""Pieces of a signal, one for each batch that brought some of it, that are kept before they are joined."""
 Signal = tuple[NDArray[np.int64], Floats]
 
 
@@ -95,8 +97,9 @@ class ControlLog:
         last = np.flatnonzero(np.diff(part, append=-1))
         held = self._steps.setdefault(name, [])
         held.append((signal[0][last], signal[1][last]))
-        while sum(len(stamps) for stamps, _ in held[1:]) > MOST_STEPS:
-            held.pop(0)
+        if len(held) > MOST_PARTS:
+            held[:] = [(np.concatenate([part[0] for part in held])[-MOST_STEPS:],
+                        np.concatenate([part[1] for part in held])[-MOST_STEPS:])]
 
     def _means_of(self, t: Floats, slip_speed: Floats, fresh: Fresh) -> None:
         """Cycle means; a gap starts them anew."""
