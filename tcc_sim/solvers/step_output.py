@@ -6,6 +6,7 @@ and may run across the end of that cycle; its polynomials are the rows SLIP, ANG
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -113,22 +114,16 @@ def end_cycle(output: Any, cycles: Any, slip_speed: float, plate_angle: float, p
 
 
 @fast
-def record(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, first: int, per_cycle: int,
-           stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any, workspace: Any) -> None:
-    """Keep what a step says. `first` is the number of the engine cycle where the run starts.
+def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, output: Any, cycles: Any,
+               workspace: Any) -> None:
+    """Extremes of a step that the end of the cycle cuts at `cut` (beyond x: not at all); time in stick `behind` it.
 
     The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
     """
-    if per_cycle > 0:
-        keep_samples(rows, degree, unit, x, tau, period, per_cycle, output, samples, angle)
-    cut = (period - tau) / unit
-    time = (first + output.cycle) * period + tau
-    behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
-    if tau + x * unit < period:
+    if cut > x:
         output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
                                                                workspace)
     else:
-        cut = min(cut, x)
         if cut < x:
             to_bernstein(rows, SLIP, degree, cut, workspace)
         output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
@@ -140,3 +135,18 @@ def record(rows: Any, degree: int, unit: float, x: float, tau: float, period: fl
             later_part(workspace, BERNSTEIN, degree, cut / x)
             output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest,
                                                                    output.lowest, workspace)
+
+
+@fast
+def record(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, first: int, per_cycle: int,
+           stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any, workspace: Any) -> None:
+    """Keep what a step says. `first` is the number of the engine cycle where the run starts.
+
+    The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+    """
+    if per_cycle > 0:
+        keep_samples(rows, degree, unit, x, tau, period, per_cycle, output, samples, angle)
+    cut = (period - tau) / unit
+    time = (first + output.cycle) * period + tau
+    behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
+    keep_cycle(rows, degree, x, min(cut, x) if tau + x * unit >= period else math.inf, behind, output, cycles, workspace)
