@@ -26,6 +26,8 @@ LINEAR_ORDER = 28
 FALLING_ORDER = 20
 """Order where the friction coefficient varies: a term costs in proportion to its order."""
 SHORTENING = 0.9
+TYPICAL = 2.0
+"""About how many units of time a step lasts."""
 NO_EVENT, BREAKAWAY, REST, LAW_VARIES = range(4)
 
 
@@ -38,6 +40,8 @@ class Step(NamedTuple):
     event: int
     direction: int
     """Direction of slip behind a breakaway."""
+    reach: float
+    """How far the slip speed moves at most, rad/s."""
 
 
 def stuck(rows: Any, unit: Any, linear: Linear, ratio: Any, pulsation: Any) -> Iterator[int]:
@@ -86,35 +90,35 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
         if size * x**k > bounds.truncation:
             x = SHORTENING * math.exp(math.log(bounds.truncation / size) / k)
     x = min(x, remaining / unit)
+    reach_up = polynomial.variation(rows, UPWARD, LINEAR_ORDER, x)
+    reach_down = polynomial.variation(rows, DOWNWARD, LINEAR_ORDER, x)
+    if rows[UPWARD, 0] > reach_up + bounds.torque_tolerance and rows[DOWNWARD, 0] > reach_down + bounds.torque_tolerance:
+        return Step(unit, x, LINEAR_ORDER, NO_EVENT, 0, 0.0)
     up = polynomial.first_crossing(rows, UPWARD, LINEAR_ORDER, x, 1.0, 0.0, bounds.torque_tolerance, workspace)
     down = polynomial.first_crossing(rows, DOWNWARD, LINEAR_ORDER, x, 1.0, 0.0, bounds.torque_tolerance, workspace)
     if min(up, down) <= x:
-        return Step(unit, min(up, down), LINEAR_ORDER, BREAKAWAY, 1 if up < down else -1)
-    return Step(unit, x, LINEAR_ORDER, NO_EVENT, 0)
+        return Step(unit, min(up, down), LINEAR_ORDER, BREAKAWAY, 1 if up < down else -1, 0.0)
+    return Step(unit, x, LINEAR_ORDER, NO_EVENT, 0, 0.0)
 
 
 @fast
 def series_length(rows: Any, order: int, x: float, truncation: float, scale: float) -> float:
-    """A length of at most x at whose end the last two terms are below `truncation`, of the larger of the first terms of
-    the slip speed, and of `scale` for the plate speed.
+    """A length of at most x at whose end the last two terms are below `truncation`, of the largest of the first terms
+    of the slip speed, and of `scale` for the plate speed.
     """
     for k in range(order - 1, order + 1):
-        last = abs(rows[SLIP, k])
-        largest = 0.0
-        power = 1.0
+        largest, at, power = 0.0, 0, 1.0
         for i in range(4):
-            largest = max(largest, abs(rows[SLIP, i]) * power)
-            power *= x
-        power = x**k
-        if last * power > truncation * largest:
-            best = 0.0
-            for i in range(4):
-                if rows[SLIP, i] != 0.0:
-                    best = max(best, math.exp(math.log(truncation * abs(rows[SLIP, i]) / last) / (k - i)))
-            x = min(x, SHORTENING * best)
-            power = x**k
-        if abs(rows[SPEED, k]) * power > truncation * scale:
-            x = min(x, SHORTENING * math.exp(math.log(truncation * scale / abs(rows[SPEED, k])) / k))
+            term = abs(rows[SLIP, i]) * power
+            if term > largest:
+                largest, at = term, i
+            power *= TYPICAL
+        last = abs(rows[SLIP, k])
+        if last > 0.0 and largest > 0.0:
+            x = min(x, SHORTENING * math.exp(math.log(truncation * abs(rows[SLIP, at]) / last) / (k - at)))
+        last = abs(rows[SPEED, k])
+        if last > 0.0:
+            x = min(x, SHORTENING * math.exp(math.log(truncation * scale / last) / k))
     return x
 
 
@@ -155,15 +159,15 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
         # Where alpha |change of v| is large the terms of the exponential rise before they fall.
         while stribeck[1] * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
             x *= 0.8
-    if mode == FREE:
-        polynomial.to_bernstein(rows, SLIP, order, x, workspace)
-        return Step(unit, x, order, NO_EVENT, 0)
+    reach = polynomial.variation(rows, SLIP, order, x)
+    if mode == FREE or sign * v - reach > level + bounds.slip_tolerance:
+        return Step(unit, x, order, NO_EVENT, 0, reach)
     if state.at_rest == 1:
         if sign * rows[SLIP, 1] < -bounds.steepest * unit:
-            return Step(unit, 0.0, order, REST, 0)
+            return Step(unit, 0.0, order, REST, 0, reach)
         if sign * rows[SLIP, 1] < 0.0:
             rows[SLIP, 1] = 0.0
     end = polynomial.first_crossing(rows, SLIP, order, x, sign, level, bounds.slip_tolerance, workspace)
     if end <= x:
-        return Step(unit, end, order, REST if level == 0.0 else LAW_VARIES, 0)
-    return Step(unit, x, order, NO_EVENT, 0)
+        return Step(unit, end, order, REST if level == 0.0 else LAW_VARIES, 0, reach)
+    return Step(unit, x, order, NO_EVENT, 0, reach)

@@ -9,7 +9,7 @@ from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load
 
 EXACT = 1e-16
 """Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
-SHARE = 1e-3
+SHARE = 5e-3
 """Truncation of one step, of the tolerance asked for."""
 
 

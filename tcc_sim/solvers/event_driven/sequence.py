@@ -132,6 +132,8 @@ def keep(step: Step, mode: int, tau: float, period: float, per_cycle: int, ends:
     behind = 0.0
     if mode == STICK:
         behind = keep_stick(output, 0.0, step.x, cut, step.unit)
+    if cut > step.x and rows[SLIP, 0] + step.reach <= output.highest and rows[SLIP, 0] - step.reach >= output.lowest:
+        return
     to_bernstein(rows, SLIP, step.degree, step.x, workspace)
     keep_cycle(rows, step.degree, step.x, cut, behind, output, cycles, workspace)
 
