@@ -90,15 +90,21 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
         if size * x**k > bounds.truncation:
             x = SHORTENING * math.exp(math.log(bounds.truncation / size) / k)
     x = min(x, remaining / unit)
-    reach_up = polynomial.variation(rows, UPWARD, LINEAR_ORDER, x)
-    reach_down = polynomial.variation(rows, DOWNWARD, LINEAR_ORDER, x)
-    if rows[UPWARD, 0] > reach_up + bounds.torque_tolerance and rows[DOWNWARD, 0] > reach_down + bounds.torque_tolerance:
-        return Step(unit, x, LINEAR_ORDER, NO_EVENT, 0, 0.0)
-    up = polynomial.first_crossing(rows, UPWARD, LINEAR_ORDER, x, 1.0, 0.0, bounds.torque_tolerance, workspace)
-    down = polynomial.first_crossing(rows, DOWNWARD, LINEAR_ORDER, x, 1.0, 0.0, bounds.torque_tolerance, workspace)
+    return stick_event(bounds, unit, x, LINEAR_ORDER, rows, workspace)
+
+
+@fast
+def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, workspace: Any) -> Step:
+    """A step in stick up to x, or to where one of the margins to breakaway falls to 0 before."""
+    tolerance = bounds.torque_tolerance
+    if (rows[UPWARD, 0] > polynomial.variation(rows, UPWARD, order, x) + tolerance
+            and rows[DOWNWARD, 0] > polynomial.variation(rows, DOWNWARD, order, x) + tolerance):
+        return Step(unit, x, order, NO_EVENT, 0, 0.0)
+    up = polynomial.first_crossing(rows, UPWARD, order, x, 1.0, 0.0, tolerance, workspace)
+    down = polynomial.first_crossing(rows, DOWNWARD, order, x, 1.0, 0.0, tolerance, workspace)
     if min(up, down) <= x:
-        return Step(unit, min(up, down), LINEAR_ORDER, BREAKAWAY, 1 if up < down else -1, 0.0)
-    return Step(unit, x, LINEAR_ORDER, NO_EVENT, 0, 0.0)
+        return Step(unit, min(up, down), order, BREAKAWAY, 1 if up < down else -1, 0.0)
+    return Step(unit, x, order, NO_EVENT, 0, 0.0)
 
 
 @fast
@@ -159,8 +165,16 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
         # Where alpha |change of v| is large the terms of the exponential rise before they fall.
         while stribeck[1] * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
             x *= 0.8
+    return slip_event(bounds, unit, x, order, level, state, rows, workspace)
+
+
+@fast
+def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, state: Any, rows: Any,
+               workspace: Any) -> Step:
+    """A step in slip up to x, or to where |v| falls to `level` before: to 0, or to where mubar begins to vary."""
+    sign = float(state.mode)
     reach = polynomial.variation(rows, SLIP, order, x)
-    if mode == FREE or sign * v - reach > level + bounds.slip_tolerance:
+    if state.mode == FREE or sign * rows[SLIP, 0] - reach > level + bounds.slip_tolerance:
         return Step(unit, x, order, NO_EVENT, 0, reach)
     if state.at_rest == 1:
         if sign * rows[SLIP, 1] < -bounds.steepest * unit:

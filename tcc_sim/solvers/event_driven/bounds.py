@@ -12,6 +12,9 @@ EXACT = 1e-16
 SHARE = 5e-3
 """Truncation of one step, of the tolerance asked for."""
 
+STIFF = 10.0
+"""Damping over the critical one from which the fast part is left to collocation; a series takes it along below."""
+
 
 class Bounds(NamedTuple):
     """Constants of a run: s, 1/s, rad/s, N m."""
@@ -35,6 +38,12 @@ class Bounds(NamedTuple):
     """Slip speeds closer than this are equal."""
     speed_scale: float
     """Size of the plate speed."""
+    stiff_slip: bool
+    """In slip the damper is much faster than everything else."""
+    stiff_stick: bool
+    """The same in stick."""
+    creep: float
+    """Size of the plate speed where the damper holds it, rad/s."""
     steepest: float
     """Slip that begins at breakaway may fall this fast, rad/s^2, in rounding."""
 
@@ -51,11 +60,19 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     if terms.stribeck is not None:
         truncation = max(SHARE * rtol, EXACT)
         far = max(math.log(terms.stribeck[0] / (0.03 * SHARE * rtol)), 1.0) / terms.stribeck[1]
+
+    def stiff(inertia: float) -> bool:
+        """Whether the fast part dies down long before the slow part and the excitation have changed."""
+        fast = damping / inertia
+        return fast > STIFF * math.sqrt(stiffness / inertia) and fast > STIFF**2 * (excitation + 2.0 * math.pi / period)
+
     return Bounds(
         period=period, ratio=ratio, clamped=terms.pulsation is not None and terms.pulsation[0] > terms.mean_load,
         slip_rate=math.sqrt(stiffness / plate) + damping / plate + excitation,
         stick_rate=math.sqrt(stiffness / (flywheel + plate)) + damping / (flywheel + plate) + excitation,
         far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
+        stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
+        creep=min(scale, torque / max(damping, 1e-300)),
         steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate))
 
 

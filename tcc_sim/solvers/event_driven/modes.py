@@ -17,9 +17,11 @@ NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
 
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),
-                  ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64)])
+                  ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64),
+                  ("length", np.float64)])
 """Where a run is: the state (rad/s, rad, rad/s, rad); its mode; seconds into the engine cycle; the load's phase at the
-start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0.
+start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0; the mode
+at the start of the run; the length of the next step of a stiff arc, s.
 """
 
 

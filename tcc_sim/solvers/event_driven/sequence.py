@@ -23,6 +23,7 @@ from tcc_sim.solvers.event_driven.arcs import (
 )
 from tcc_sim.solvers.event_driven.bounds import Bounds
 from tcc_sim.solvers.event_driven.modes import FREE, NEGATIVE, POSITIVE, STICK, mode_at_rest, mode_of
+from tcc_sim.solvers.event_driven.stiff_arcs import stiff_arc
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
 from tcc_sim.solvers.step_output import keep_cycle, keep_samples, keep_stick
@@ -54,6 +55,7 @@ def load_phase(ratio: float, phase: float, cycle: float) -> float:
 def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
     """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
     state.load_edge = math.inf
+    state.length = fresh_length(terms.linear)
     loaded = terms.mean_load > 0.0
     if bounds.clamped:
         state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation)
@@ -65,15 +67,25 @@ def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> N
 
 @fast
 def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, rows: Any,
-            workspace: Any) -> Step:
+            nodes: Any, matrices: Any, workspace: Any) -> Step:
     """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
     remaining = min(goal, state.load_edge) - state.tau
     excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+    if nodes is not None:
+        if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
+            return stiff_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+                             terms.stribeck, state, drive, remaining, rows, nodes, matrices, workspace)
     if state.mode == STICK:
         return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
                          remaining, rows, workspace)
     return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
                     state, drive, remaining, rows, workspace)
+
+
+@fast
+def fresh_length(linear: Linear) -> float:
+    """Length of a stiff step that shows the fast part, s."""
+    return float(linear[1] / max(linear[2], 1e-300))
 
 
 @fast
@@ -94,6 +106,8 @@ def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
     if abs(state.plate_speed) < 1e-26 * bounds.speed_scale:
         # An arc that has died down: products of what is left would be denormal, and slow.
         state.plate_speed = 0.0
+    if step.event != NO_EVENT or state.load_edge <= state.tau:
+        state.length = fresh_length(terms.linear)
     if step.event == BREAKAWAY:
         state.mode = step.direction
         state.at_rest = 1
@@ -150,10 +164,12 @@ def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> 
 @compiled
 def integrate(first: int, whole: int, rest: float, per_cycle: int, step_limit: int, event_limit: int,
               phase: tuple[float, float], bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any,
-              counters: Any, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any) -> int:
+              counters: Any, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any, nodes: Any,
+              matrices: Any) -> int:
     """Solve engine cycles from number `first` on: `whole` of them, and then `rest` seconds.
 
     `phase` is omega_f/omega and psi. Goes on where `state`, `counters` and `output` are; returns how it ended.
+    `nodes` and `matrices` are the work space of stiff arcs, None for a system that has none.
     """
     rows = np.zeros(SHAPE)
     workspace = np.zeros(polynomial.WORKSPACE)
@@ -171,7 +187,7 @@ def integrate(first: int, whole: int, rest: float, per_cycle: int, step_limit: i
             state.first_mode = state.mode
         goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
         mode, tau = state.mode, state.tau
-        step = advance(bounds, terms, waves, state, drive, goal, rows, workspace)
+        step = advance(bounds, terms, waves, state, drive, goal, rows, nodes, matrices, workspace)
         if not step.x >= 0.0:
             return NOT_FINITE
         if angle is not None:

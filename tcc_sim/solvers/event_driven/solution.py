@@ -29,6 +29,7 @@ from tcc_sim.solvers.event_driven.sequence import (
     UNKNOWN,
     integrate,
 )
+from tcc_sim.solvers.event_driven.stiff_arcs import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
@@ -58,7 +59,7 @@ def solve(problem: Problem) -> Trajectory:
     times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
-    state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN)
+    state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN, 0.0)
     output[0]["highest"] = output[0]["lowest"] = s.slip_speed
     cycles, samples = np.zeros(whole + 2, CYCLE), np.zeros((len(times), 5))
     cycles[0] = (s.slip_speed, s.plate_angle, s.plate_speed, 0.0, 0.0, 0.0)
@@ -66,12 +67,15 @@ def solve(problem: Problem) -> Trajectory:
     phase = (system.pressure.frequency_ratio, system.pressure.phase)
     bounds, waves, drive = bounds_of(terms, cycle, rtol), waves_of(terms), np.zeros(1, DRIVE)
     angle = True if problem.flywheel_angle else None
+    nodes = matrices = None
+    if bounds.stiff_slip or bounds.stiff_stick:
+        nodes, matrices = np.zeros(VALUES), np.zeros(MATRICES)
 
     def go_on(whole: int, rest: float) -> int:
         """March until the end, a failure or full buffers."""
         return int(integrate(problem.start_cycle, whole, rest, problem.samples_per_cycle, STEP_MAXIMUM, limit, phase,
                              bounds, terms, waves, state[0], drive[0], counters[0], output[0], cycles, samples, moves,
-                             angle))
+                             angle, nodes, matrices))
 
     go_on(0, 0.0)  # Compiling is not solving.
     began = time.perf_counter()
