@@ -1,4 +1,4 @@
-"""The exact engine at its edges: where the load starts at 0, where a run ends at an event, where the plate is overdamped."""
+"""The exact engine at its edges: a load that starts at 0, a run that ends at an event, an overdamped plate."""
 
 import math
 

@@ -188,7 +188,8 @@ def test_an_extreme_after_a_start_without_slope(slope):
     for sign in (1.0, -1.0):
         c[1, :4] *= sign
         highest, lowest = polynomial.extremes(c, 1, degree, 1.2, 0.0, 0.0, WORKSPACE)
-        assert (highest, lowest)[0 if c[1, 2] > 0.0 else 1] == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
+        found = highest if c[1, 2] > 0.0 else lowest
+        assert found == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
 
 
 def test_the_extremes_of_what_does_not_move():

@@ -1,4 +1,4 @@
-"""What the exact engine works out once for a system: rates that scale time, tolerances, and where the law is constant."""
+"""What the exact engine works out once for a system: rates that scale time, tolerances, where the law is constant."""
 
 from __future__ import annotations
 

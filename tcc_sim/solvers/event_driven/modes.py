@@ -13,15 +13,15 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.solvers.compiled import fast
 
 NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
-"""Negative slip, stick, positive slip, and no load because the pressure is clamped at 0; as `Transitions` names them."""
+"""Negative slip, stick, positive slip, and no load as the pressure is clamped at 0; as `Transitions` names them."""
 
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),
                   ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64),
                   ("length", np.float64)])
 """Where a run is: the state (rad/s, rad, rad/s, rad); its mode; seconds into the engine cycle; the load's phase at the
-start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0; the mode
-at the start of the run; the length of the next step of a stiff arc, s.
+start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0;
+the mode at the start of the run; the length of the next step of a stiff arc, s.
 """
 
 

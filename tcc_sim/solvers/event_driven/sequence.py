@@ -70,8 +70,9 @@ def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, go
             nodes: Any, matrices: Any, workspace: Any) -> Step:
     """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
     remaining = min(goal, state.load_edge) - state.tau
-    excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
-    if nodes is not None:
+    excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+           drive)
+    if nodes is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
         if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
             return stiff_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
                              terms.stribeck, state, drive, remaining, rows, nodes, matrices, workspace)

@@ -59,7 +59,8 @@ def solve(problem: Problem) -> Trajectory:
     times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
-    state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN, 0.0)
+    state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN,
+                0.0)
     output[0]["highest"] = output[0]["lowest"] = s.slip_speed
     cycles, samples = np.zeros(whole + 2, CYCLE), np.zeros((len(times), 5))
     cycles[0] = (s.slip_speed, s.plate_angle, s.plate_speed, 0.0, 0.0, 0.0)

@@ -172,7 +172,7 @@ def to_powers(rows: Any, row: int, start: float, at: Any, which: int) -> float:
         for i in range(NODES):
             rows[row, k] += POWERS[k, i + 1] * (at[which, i] - start)
     rows[row, 0] = start
-    return LAST_TERM * abs(rows[row, NODES])
+    return float(LAST_TERM * abs(rows[row, NODES]))
 
 
 @fast
@@ -222,14 +222,14 @@ def stiff_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
     if mode == STICK:
         for k in range(NODES + 1):
             rows[SLIP, k] = 0.0
-        for side in range(2):
+        for row in (UPWARD, DOWNWARD):
+            side = -1.0 if row == UPWARD else 1.0
             for i in range(NODES):
                 need = (linear[1] * at[TORQUE, i] + linear[0] * (linear[2] * at[UNKNOWN_SPEED, i]
                                                                 + linear[3] * at[PLATE, i])) / inertia
-                at[RESIDUAL, i] = bounds.ratio * at[LOAD_NODES, i] + (need if side == 1 else -need)
+                at[RESIDUAL, i] = bounds.ratio * at[LOAD_NODES, i] + side * need
             need = (linear[1] * drive.torque + linear[0] * (linear[2] * u0 + linear[3] * x0)) / inertia
-            to_powers(rows, DOWNWARD if side == 1 else UPWARD, bounds.ratio * drive.load + (need if side == 1 else -need),
-                      at, RESIDUAL)
+            to_powers(rows, row, bounds.ratio * drive.load + side * need, at, RESIDUAL)
         return stick_event(bounds, h, 1.0, NODES, rows, workspace)
     if state.at_rest == 1:
         friction = sign * bounds.ratio * drive.load
