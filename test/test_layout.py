@@ -24,7 +24,7 @@ ROS = ["nodes"]
 DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {
-    "numba": ["solvers.compiled", "solvers.unrolled"], "llvmlite": ["solvers.unrolled"],
+    "numba": ["solvers.compiled", "solvers.kernel_cache", "solvers.unrolled"], "llvmlite": ["solvers.unrolled"],
     "scipy": ["solvers", "analysis", "studies", "benchmarks"], "distributed": ["studies.cluster"],
     "dask": ["studies.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],

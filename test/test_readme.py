@@ -1,4 +1,4 @@
-"""The README says what the code says. `python test/test_readme.py` writes its tables anew."""
+"""README and its pages say what the code says. `python test/test_readme.py` writes their tables anew."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ from tcc_sim.topics import TOPICS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
+PAGES = [README, *(ROOT / ".github" / f"{name}.md" for name in (
+    "scenes", "nodes", "lockstep", "recordings", "solvers", "paper", "security"))]
+"""What people read; the reports that commands write are not among them."""
 NODES = ROOT / "tcc_sim" / "nodes"
 
 
@@ -89,17 +92,18 @@ def between(name: str) -> re.Pattern[str]:
 
 @pytest.mark.parametrize("name", tables())
 def test_a_table_says_what_the_code_says(name: str) -> None:
-    found = between(name).search(README.read_text())
-    assert found is not None, f"README.md has no table {name}"
-    assert found.group(2) == tables()[name], "python test/test_readme.py writes the tables of the README anew"
+    found = [match for page in PAGES if (match := between(name).search(page.read_text()))]
+    assert len(found) == 1, f"{len(found)} pages have a table {name}"
+    assert found[0].group(2) == tables()[name], "python test/test_readme.py writes the tables anew"
 
 
 def test_every_verb_is_documented() -> None:
-    text = README.read_text()
+    text = "".join(page.read_text() for page in PAGES)
     assert [verb for verb in VERBS if f"tcc-sim {verb}" not in text] == []
 
 
-@pytest.mark.parametrize("line", re.findall(r"^    (?:\S*/)?tcc-sim (.*)$", README.read_text(), re.MULTILINE))
+@pytest.mark.parametrize("line", [line for page in PAGES for line in re.findall(
+    r"^    (?:\S*/)?tcc-sim (.*)$", page.read_text(), re.MULTILINE)])
 def test_every_command_is_one_that_the_program_takes(line: str) -> None:
     words = shlex.split(line, comments=True)
     assert words[0] in VERBS
@@ -108,7 +112,7 @@ def test_every_command_is_one_that_the_program_takes(line: str) -> None:
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     """The block that starts with an import of this package, as it is printed."""
-    text = README.read_text()
+    text = next(text for page in PAGES if "    from tcc_sim import" in (text := page.read_text()))
     start = text.index("    from tcc_sim import")
     exec(textwrap.dedent(text[start:text.index("\n\n##", start)]), {})
     assert float(capsys.readouterr().out) > 0.0
@@ -122,13 +126,15 @@ def test_the_quick_start_is_one_line_each() -> None:
     assert "pytest -n 2" in blocks[1]
 
 
-def test_every_file_that_the_readme_names_is_there() -> None:
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README.read_text()):
-        assert (ROOT / target).exists(), target
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_file_that_a_page_names_is_there(page: Path) -> None:
+    for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), target
 
 
 if __name__ == "__main__":
-    text = README.read_text()
-    for title, rows in tables().items():
-        text = between(title).sub(lambda found, rows=rows: found.group(1) + rows + found.group(3), text)
-    README.write_text(text)
+    for page in PAGES:
+        text = page.read_text()
+        for title, rows in tables().items():
+            text = between(title).sub(lambda found, rows=rows: found.group(1) + rows + found.group(3), text)
+        page.write_text(text)

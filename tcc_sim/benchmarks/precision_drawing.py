@@ -19,7 +19,8 @@ LOOKS: dict[str, Look] = {
     "XPPAUT 2rb": (BROWN, "3", "-.", 0.7),
     "Siconos theta 1/2": (VIOLET, "h", "-.", 0.9), "Siconos theta 1": (VIOLET, "p", "-.", 0.9)}
 """Colour, marker, line and width of every solver; the package's own stand out."""
-ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"))
+ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"),
+        ("error_steady", "steady state"))
 SET_VALUED = ", set-valued"
 
 
@@ -32,7 +33,7 @@ def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
         matplotlib is not installed.
     """
     columns = list(dict.fromkeys(record["scene"].removesuffix(SET_VALUED) for record in scenes))
-    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 7.6) as drawn:
+    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 9.6) as drawn:
         axes = drawn.subplots(len(ROWS), max(len(columns), 1), sharex=True, sharey=True, squeeze=False)
         handles: dict[str, Any] = {}
         for record in scenes:
@@ -65,7 +66,7 @@ def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
 def _curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]) -> None:
     """Every solver's ladder in one panel."""
     for name in dict.fromkeys(row["solver"] for row in record["results"]):
-        rows = [row for row in record["results"] if row["solver"] == name]
+        rows = [row for row in record["results"] if row["solver"] == name and row[key] is not None]
         colour, marker, line, width = LOOKS.get(name, (style.INK, ".", "-", 0.9))
         handle, = axis.plot([row["seconds"] for row in rows], [max(row[key], 1e-16) for row in rows], color=colour,
                             marker=marker,

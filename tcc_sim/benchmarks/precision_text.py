@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tcc_sim.benchmarks.steady_state import comparison
 from tcc_sim.benchmarks.sweep_speed import speed_rows, speed_summary
 from tcc_sim.benchmarks.work_precision import fastest
 from tcc_sim.solvers import SOLVERS
@@ -17,16 +18,17 @@ def markdown(found: Record, picture: str) -> str:
     """The report: how it was made, the fastest settings, every run, and what was left out."""
     lines = ["# Error against run time", "", f"![error against run time]({picture})", "", *_method(found), ""]
     for record in found["scenes"]:
-        lines += _summary(record)
+        lines += _summary(record, found["scenes"])
     if found["sweep_speed"] is not None:
         lines += _speed(found["sweep_speed"])
     lines += ["## Every run", ""]
     for record in found["scenes"]:
         lines += [f"### {record['scene']}", "",
-                  "| solver | setting | final | section | maximum slip | time (ms) | steps |",
-                  "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+                  "| solver | setting | final | section | maximum slip | steady state | time (ms) | steps |",
+                  "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"]
         lines += [f"| {_name(r['solver'])} | {r['setting']:.3g} | {r['error_final']:.1e} | {r['error_section']:.1e} | "
-                  f"{r['error_max_slip']:.1e} | {1e3 * r['seconds']:.3g} | {'' if r['steps'] is None else r['steps']} |"
+                  f"{r['error_max_slip']:.1e} | {_or_dash(r['error_steady'])} | {1e3 * r['seconds']:.3g} | "
+                  f"{'' if r['steps'] is None else r['steps']} |"
                   for r in record["results"]]
         lines += ["", *(_omitted(record) if record["omitted"] else [])]
     return "\n".join(lines).rstrip() + "\n"
@@ -43,6 +45,8 @@ def _method(found: Record) -> list[str]:
         "largest slip speed.",
         f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing where the "
         "motion is chaotic.",
+        "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
+        "of the last cycles. Solvers that would take too long for it have none, nor have motions without a period.",
         "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; the first "
         "call, which compiles, is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive solvers and steps "
         "in s of fixed-step ones.",
@@ -59,13 +63,18 @@ def _method(found: Record) -> list[str]:
     return [line for text in out for line in (text, "")][:-1]
 
 
-def _summary(record: Record) -> list[str]:
-    """The fastest setting of each solver for some errors."""
+def _or_dash(value: float | None) -> str:
+    """An error, or a dash where there is none."""
+    return "-" if value is None else f"{value:.1e}"
+
+
+def _summary(record: Record, scenes: list[Record]) -> list[str]:
+    """The steady state of a scene, and the fastest setting of each solver for some errors."""
     best = [fastest(record, target) for target in TARGETS]
     reference = record["reference"]
     lines = [f"## {record['scene']}", "",
              f"{record['description']}. References: {' and '.join(reference['solvers'])}; floor "
-             f"{reference['floor']:.1e}.", "",
+             f"{reference['floor']:.1e}.", "", comparison(record, scenes), "",
              "| time (ms) for all three errors at most | " + " | ".join(f"{t:g}" for t in TARGETS) + " |",
              "| --- |" + " ---: |" * len(TARGETS)]
     names = [n for n in dict.fromkeys(r["solver"] for r in record["results"]) if any(n in b for b in best)]

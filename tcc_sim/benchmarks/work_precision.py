@@ -1,8 +1,9 @@
 """Error against run time for every registered solver and for other programs, in the manner of SciMLBenchmarks.
 
 Every solver runs over a ladder of tolerances or steps on each scene. The errors are those of the final state, of the
-stroboscopic section and of each cycle's largest slip speed, against SciPy references of `reference.py`; the time is the
-least CPU time of repeated runs, after a first one that compiles. What failed is listed with the reason.
+stroboscopic section and of each cycle's largest slip speed, against SciPy references of `references.py`, and that of
+the steady state that a long run from the initial state reaches (`steady_state.py`); the time is the least CPU time of
+repeated runs, after a first one that compiles. What failed is listed with the reason.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.benchmarks import peers
+from tcc_sim.benchmarks import peers, steady_state
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
@@ -69,6 +70,7 @@ class Effort:
     ladders: dict[str, tuple[float, ...]]
     peers: dict[str, tuple[float, ...]]
     long_cycles: int
+    steady_cycles: int = steady_state.CYCLES
 
 
 FULL = Effort(
@@ -90,7 +92,7 @@ QUICK = Effort(
      "rk45": (1e-5,),
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
     {"solve_ivp LSODA": (1e-6, 1e-8), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10), "Siconos theta 1/2": (1e-4, 3e-5)},
-    500)
+    500, steady_state.QUICK_CYCLES)
 
 
 def cases(effort: Effort) -> list[Case]:
@@ -116,7 +118,7 @@ def study(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record
     """
     effort = QUICK if quick else FULL
     chosen = cases(effort)
-    total = sum(2 + len(list(settings(case, effort))) for case in chosen)
+    total = sum(3 + len(list(settings(case, effort))) for case in chosen)
     count = 0
     for case in chosen:
         truths = []
@@ -124,7 +126,11 @@ def study(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record
             done(count, total, f"{case.name}: reference {method}")
             truths.append(reference(case.system, case.cycles, method, rtol))
             count += 1
-        record = case_record(case, truths)
+        method, rtol = effort.references[case.system.friction.law][0]
+        done(count, total, f"{case.name}: steady state")
+        steady = steady_state.steady_reference(case.system, effort.steady_cycles, method, rtol)
+        count += 1
+        record = case_record(case, truths, steady)
         for solver, setting in settings(case, effort):
             done(count, total, f"{case.name}: {solver} {setting:g}")
             record_run(record, case, solver, setting, truths[0], effort)
@@ -134,10 +140,11 @@ def study(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record
     done(total, total, "")
 
 
-def case_record(case: Case, truths: list[Reference]) -> Record:
+def case_record(case: Case, truths: list[Reference], steady: Record) -> Record:
     """The record of a scene without its runs."""
     return {"scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
-            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "results": [],
+            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "steady": steady,
+            "results": [],
             "omitted": [],
             "warm_up": {}, "long_run": []}
 
@@ -171,11 +178,31 @@ def record_run(record: Record, case: Case, solver: str, setting: float, truth: R
         found = errors(run.section, run.largest, truth)
         if not max(found) <= WRONG:
             raise peers.Failed(f"wrong: its largest relative error is {max(found):.2g}")
+        steady = _steady(record, case, solver, setting, run.seconds, effort)
     except (peers.Failed, TccError) as error:
         record["omitted"].append({"solver": solver, "setting": setting, "why": str(error)})
         return
     record["results"].append({"solver": solver, "setting": setting, "error_final": found[0], "error_section": found[1],
-                              "error_max_slip": found[2], "seconds": run.seconds, "steps": run.steps})
+                              "error_max_slip": found[2], "error_steady": steady, "seconds": run.seconds,
+                              "steps": run.steps})
+
+
+def _steady(record: Record, case: Case, solver: str, setting: float, seconds: float, effort: Effort) -> float | None:
+    """The error of the steady state, None where there is nothing to compare with or it would take too long."""
+    truth = record["steady"]
+    longer = replace_cycles(case, effort.steady_cycles)
+    if (solver not in steady_state.SOLVERS or truth["max_slip_speed"] is None
+            or seconds * longer.cycles / case.cycles > effort.longest):
+        return None
+    if solver in effort.peers:
+        run = _peer(longer, solver, setting)
+        return steady_state.steady_error(run.section, run.largest, truth)
+    options: dict[str, Any] = {SOLVERS[solver].setting: setting}
+    found = solve(case.system, cycles=longer.cycles, solver=solver, **options)
+    if found.status is not Status.DONE or found.cycles is None:
+        raise peers.Failed(f"{found.status.value}, in {longer.cycles} cycles")
+    largest = np.maximum(np.abs(found.cycles.highest), np.abs(found.cycles.lowest))
+    return steady_state.steady_error(found.cycles.section, largest, truth)
 
 
 def _peer(case: Case, solver: str, setting: float) -> peers.Run:

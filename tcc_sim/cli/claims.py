@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from tcc_sim.cli.arguments import new_file
 from tcc_sim.errors import InputError
@@ -15,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Where the table goes, and how many threads."""
     parser.add_argument("--json", metavar="FILE", type=Path, help="claims with numbers, criteria and verdicts")
     parser.add_argument("--markdown", metavar="FILE", type=Path, help="the same as a page")
+    parser.add_argument("--errata", metavar="FILE", type=Path, help="the paper's errata as a page, with numbers")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
 
@@ -22,15 +24,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
     from tcc_sim.output.files import draft
-    from tcc_sim.paper.claims import Verdict, judge, markdown, tally, text
+    from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
+    from tcc_sim.paper.evidence import Evidence
+    from tcc_sim.paper.mean_pressure import table
+    from tcc_sim.paper.pages import claims_page, errata_page, pressure_sentence, tally, text
 
-    for path in (arguments.json, arguments.markdown):
+    for path in (arguments.json, arguments.markdown, arguments.errata):
         if path is not None:
             new_file(path, arguments.force)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
 
     verdicts: list[Verdict] = []
+    pressures: dict[str, Any] | None = None
     interrupted = False
 
     def show(verdict: Verdict) -> None:
@@ -45,16 +51,24 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         judge(jobs=arguments.jobs, progress=True, each=show)
+        pressures = table(Evidence(TOLERANCE, arguments.jobs, progress=True))
+        for found in pressures["rows"]:
+            print(f"mean pressure {found['pressure'] / 1e3:g} kPa: {found['count']} of {len(found['fits'])} numbers "
+                  f"of the text")
+        if arguments.errata is not None:
+            with draft(arguments.errata) as part:
+                part.write_text(errata_page())
     except KeyboardInterrupt:
         interrupted = True
         print("tcc-sim: interrupted; the claims judged so far are kept", file=sys.stderr)
     if not verdicts:
         return 130
-    print(tally(verdicts))
+    print(tally(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
     if arguments.json is not None:
         with draft(arguments.json) as part:
-            part.write_text(json.dumps([v.as_json() for v in verdicts], allow_nan=False, indent=1) + "\n")
+            part.write_text(json.dumps({"claims": [v.as_json() for v in verdicts], "mean_pressure": pressures,
+                                        "complete": not interrupted}, allow_nan=False, indent=1) + "\n")
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
-            part.write_text(markdown(verdicts, complete=not interrupted))
+            part.write_text(claims_page(verdicts, pressures, complete=not interrupted))
     return 130 if interrupted else 0

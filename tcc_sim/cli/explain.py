@@ -22,6 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.scene)
     if arguments.json is not None:
         new_file(arguments.json)
+    from tcc_sim.output.closed_forms import closed_form_lines
     from tcc_sim.output.explanation import explain
 
     found = explain(scene)
@@ -37,6 +38,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"real-time step: one {step['tick_s'] * 1e3:g} ms tick in {step['sub_steps']} sub-steps costs "
               f"{step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
               f"{step['ratio']:.2f} times as much")
+        for name, own in step["own_calls"].items():
+            print(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
+    print("\n".join(closed_form_lines(found["closed_forms"])))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(found, indent=2) + "\n")
     return 0

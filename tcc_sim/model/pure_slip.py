@@ -1,9 +1,10 @@
-"""Pure slip in closed form for mu_k = mu_s: (12) to (18) of the paper, with a load that varies and several harmonics.
+"""Pure slip in closed form for mu_k = mu_s: (12) to (18) and (29) of the paper, with a load that varies and harmonics.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,20 +12,23 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import Floats, Sines, engine_series, load_series
+from tcc_sim.model.sines import Floats, Sines, common_cycles, engine_series, load_series
 
 
 @dataclass(frozen=True)
 class PureSlip:
     """The solution (14) of (12): v = a0 + a1 t + sines + transient, and the plate's motion.
 
+    direction : +1, or -1 where the slip is taken as negative
     a0 : rad/s; a1 = (Tm - Tsm)/I1 : rad/s^2 (the friction torque's sign turned where the slip is negative)
     slip : the sines a21, a22 of (14), with their phases; their mean is a0
     plate : steady plate angle, rad
     decay, stiffness : zeta omega_n (1/s) and omega_n^2 (1/s^2) of the plate on its spring, (17c-e)
     angle_offset, speed_offset : plate angle and speed at t = 0 less the steady ones, rad and rad/s: what decays
+    period : after which the sines repeat, s; 0 where omega_f/omega is no ratio of whole numbers
     """
 
+    direction: int
     a0: float
     a1: float
     slip: Sines
@@ -33,6 +37,7 @@ class PureSlip:
     stiffness: float
     angle_offset: float
     speed_offset: float
+    period: float
 
     def slip_speed(self, t: Any) -> Floats:
         """v(t) of (14), rad/s, at the times t (n,)."""
@@ -60,11 +65,36 @@ class PureSlip:
 
     @property
     def margin(self) -> float:
-        """|a0| - |a21| - |a22| of (16), rad/s; above 0 the steady slip speed never reaches 0.
+        """direction a0 - |a21| - |a22| of (16), rad/s; above 0 the steady slip never reaches 0 nor turns round.
 
-        Sines of one frequency (omega_f = omega) are added as phasors first: sharper than the print, and exact then.
+        The print has |a0|, which an a0 of the wrong sign passes too: friction would then drive the slip. Sines of one
+        frequency (omega_f = omega) are added as phasors first: sharper than the print, and exact then.
         """
-        return abs(self.a0) - self.slip.swing()
+        return self.direction * self.a0 - self.slip.swing()
+
+    @property
+    def least_slip_speed(self) -> float:
+        """The smallest direction v(t) over all t >= 0, rad/s: the motion is pure slip where it is above 0.
+
+        (16) leaves the transient out, which can bring a slip of any steady margin to 0. Found by branch and bound on
+        the second derivative; a lower bound where the driveline's damping is too light to follow the transient to its
+        end, or where omega and omega_f have no common period. -inf where a1 carries the slip through 0 in the end.
+        """
+        if self.direction * self.a1 < 0.0:
+            return -math.inf
+        # Of z'' + 2 decay z' + stiffness z = 0 the energy never grows, which bounds z, z' and so z''.
+        rate = -2.0 * self.decay * self.speed_offset - self.stiffness * self.angle_offset
+        energy = math.hypot(rate, math.sqrt(self.stiffness) * self.speed_offset)
+        largest = energy / math.sqrt(self.stiffness)
+        bend = float(self.slip.amplitude @ self.slip.frequency**2)
+        bend += (2.0 * self.decay + math.sqrt(self.stiffness)) * energy
+        fastest = max([math.sqrt(self.stiffness), *self.slip.frequency.tolist()])
+        fading = _fading_time(self.decay, self.stiffness) if largest > 0.0 else 0.0
+        if fading * fastest > LONGEST_PHASE:
+            return self.margin - largest
+        end = fading + (self.period or 0.0)
+        found = _smallest(lambda t: self.direction * self.slip_speed(t), bend, end, 0.1 / fastest)
+        return found if self.period else min(found, self.margin)
 
     def _transient(self, t: Any) -> tuple[Floats, Floats]:
         """The decaying plate angle and plate speed, for light, critical and heavy damping."""
@@ -74,6 +104,35 @@ class PureSlip:
         angle: Floats = x * (cosine + self.decay * sine) + w * sine
         speed: Floats = w * (cosine - self.decay * sine) - self.stiffness * x * sine
         return angle, speed
+
+
+LONGEST_PHASE = 2e4
+"""Phase of the fastest oscillation, rad, over which a transient is followed."""
+FADED = 36.0
+"""Natural logarithm of what a transient has shrunk by when it counts as gone."""
+
+
+def _fading_time(decay: float, stiffness: float) -> float:
+    """Time after which the plate's own motion is gone, s; inf where nothing damps it."""
+    square = decay * decay - stiffness
+    rate = decay if square <= 0.0 else stiffness / (decay + math.sqrt(square))
+    return FADED / rate if rate > 0.0 else math.inf
+
+
+def _smallest(value: Callable[[Floats], Floats], bend: float, end: float, width: float) -> float:
+    """The smallest value over [0, end], where the second derivative is at most `bend` in magnitude."""
+    t = np.arange(0.0, max(end, width), width)
+    best = math.inf
+    for _ in range(60):
+        least = np.minimum(value(t), value(t + width))
+        best = min(best, float(least.min()))
+        slack = bend * width * width / 8.0
+        t = t[least - slack < best]
+        if slack < 1e-12 * max(abs(best), 1.0):
+            break
+        width *= 0.5
+        t = np.concatenate([t, t + width])
+    return best
 
 
 def damped_pair(t: Floats, decay: float, stiffness: float) -> tuple[Floats, Floats]:
@@ -104,7 +163,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
         resonance the pressure excites exactly.
     """
     if system.friction_ratio != 1.0:
-        raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in closed form "
+        raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in "
+                         f"closed form "
                          f"needs it equal to friction.static_coefficient, {system.friction.static_coefficient:g}")
     torque, load = engine_series(system), load_series(system)
     if load.swing() > load.mean:
@@ -114,7 +174,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     def compliance(omega: float) -> complex:
         plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
         if plate == 0.0:
-            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no steady state")
+            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no "
+                             f"steady state")
         return sign / plate
 
     plate = load.through(compliance)
@@ -125,7 +186,44 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     a0 = start.slip_speed + start.plate_speed - float(swing(0.0))
     slip = Sines.of(a0, flywheel).plus(plate.rate(), -1.0)
     drive = net.mean if abs(net.mean) > 1e-14 * (abs(torque.mean) + load.mean) else 0.0
-    return PureSlip(a0=a0, a1=drive / d.flywheel_inertia, slip=slip, plate=plate,
+    return PureSlip(direction=int(sign), a0=a0, a1=drive / d.flywheel_inertia, slip=slip, plate=plate,
                     decay=d.damping / (2.0 * d.plate_inertia), stiffness=d.stiffness / d.plate_inertia,
                     angle_offset=start.plate_angle - float(plate(0.0)),
-                    speed_offset=start.plate_speed - float(plate.rate()(0.0)))
+                    speed_offset=start.plate_speed - float(plate.rate()(0.0)),
+                    period=common_cycles(system) * system.cycle)
+
+
+def equivalent_torque(system: System, direction: int = 1) -> Sines:
+    """Teq(t) of (29b) in its right form, N m: Te - (1 + I1/I2) Ts where the slip has this direction.
+
+    The print has lost Tsm after the bracket. Teq is not what drives the slip alone: (29a) has the plate's spring and
+    damper on its other side, and they hold Ts too by (12b); `slip_torque` is without them.
+    """
+    d, sign = system.driveline, float(np.sign(direction))
+    return engine_series(system).plus(load_series(system), -sign * (1.0 + d.flywheel_inertia / d.plate_inertia))
+
+
+def slip_torque(system: System, direction: int = 1) -> Sines:
+    """The torque that drives the steady slip, N m.
+
+    I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w: (29a) with the plate's
+    motion eliminated by (12b). At low frequency the factor of Ts is 1 and the amplitude |Tp - Tsp exp(i psi)|; it turns
+    its sign near omega_sn, so a load in phase with the torque damps the slip below omega_sn and drives it above: the
+    reversal of Figs. 8, 10, 11 and 13.
+
+    Raises
+    ------
+    InputError
+        An undamped driveline whose plate resonance the pressure excites exactly.
+    """
+    d, sign = system.driveline, float(np.sign(direction))
+
+    def share(omega: float) -> complex:
+        spring = complex(d.stiffness, d.damping * omega)
+        plate = spring - d.plate_inertia * omega**2
+        if plate == 0.0:
+            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no "
+                             f"steady state")
+        return (spring - (d.flywheel_inertia + d.plate_inertia) * omega**2) / plate
+
+    return engine_series(system).plus(load_series(system).through(share), -sign)

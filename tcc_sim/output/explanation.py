@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from tcc_sim.model.parameters import System
+from tcc_sim.output.closed_forms import closed_forms
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
-from tcc_sim.solvers.fixed_step import Stepper, march
+from tcc_sim.solvers.fixed_step import Stepper, advance
 from tcc_sim.solvers.terms import general_terms, held_and_left_out, terms_of
 from tcc_sim.topics import TOPICS, Topic
 
@@ -21,6 +25,8 @@ OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distribute
 TICK = 1e-3
 """The tick whose cost is measured, s."""
 REPEATS, TICKS = 7, 400
+FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents"}
+"""NumPy's functions that the kernels call, the dear part of a sub-step."""
 
 
 def explain(scene: Scene) -> dict[str, Any]:
@@ -29,20 +35,23 @@ def explain(scene: Scene) -> dict[str, Any]:
     Returns
     -------
     A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type
-    of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s` and their `ratio` (None where the real-time
-    solver does not apply: the set-valued law).
+    of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s`, their `ratio`, and per sub-step of the first tick
+    `own_calls` and `general_calls` of sine, exponential and hyperbolic tangent (None where the real-time solver does
+    not apply: the set-valued law); `closed_forms`: pure slip and pure stick as `closed_forms` gives them.
     """
     terms = terms_of(scene.system)
     held, left_out = held_and_left_out(terms)
     needed = [row.name for row in TOPICS if needs(scene, row)]
-    loaded = _modules(scene)
+    looked = _look(scene, terms.smoothing is not None)
+    loaded = looked["modules"]
     return {
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
         "terms": {"held": held, "left_out": left_out},
         "kernel": {name: _kind(value) for name, value in zip(terms._fields, terms)},
         "topics": {"held": needed, "left_out": [row.name for row in TOPICS if row.name not in needed]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
-        "step": _cost(scene) if terms.smoothing is not None else None,
+        "step": {**_cost(scene), **looked["calls"]} if terms.smoothing is not None else None,
+        "closed_forms": closed_forms(scene.system),
     }
 
 
@@ -66,32 +75,65 @@ def _kind(value: object) -> str:
     return f"{len(value)} numbers" if isinstance(value, tuple) else "number"
 
 
-def _modules(scene: Scene) -> list[str]:
-    """Which optional packages an offline solve of `scene` imports, looked up in a process of its own."""
-    code = ("import sys, json; from tcc_sim.scene import parse_scene; from tcc_sim.solvers import solve\n"
-            "solve(parse_scene(sys.stdin.read(), 'scene').system, cycles=1)\n"
-            f"print(json.dumps([m for m in {OPTIONAL_MODULES!r} if m in sys.modules]))")
-    ended = subprocess.run([sys.executable, "-c", code], input=scene.text(), capture_output=True, text=True, check=True)
-    found: list[str] = json.loads(ended.stdout)
+def _look(scene: Scene, real_time: bool) -> dict[str, Any]:
+    """What only a process of its own can tell: optional packages that an offline solve imports, and calls a sub-step.
+
+    There the kernels run as Python, so that nothing is compiled and their calls can be counted.
+    """
+    code = ("import json, sys\n"
+            "from tcc_sim.output.explanation import count_calls\n"
+            "from tcc_sim.scene import parse_scene\n"
+            "from tcc_sim.solvers import SOLVERS, choose\n"
+            "system = parse_scene(sys.stdin.read(), 'scene').system\n"
+            "SOLVERS[choose(system, 'auto')].load()\n"
+            f"modules = [m for m in {OPTIONAL_MODULES!r} if m in sys.modules]\n"
+            f"print(json.dumps({{'modules': modules, 'calls': count_calls(system) if {real_time} else {{}}}}))")
+    ended = subprocess.run([sys.executable, "-c", code], input=scene.text(), capture_output=True, text=True, check=True,
+                           env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
+    found: dict[str, Any] = json.loads(ended.stdout)
+    return found
+
+
+def count_calls(system: System) -> dict[str, dict[str, float]]:
+    """Calls per sub-step of the first tick, where the kernels are not compiled: `own_calls`, `general_calls`."""
+    found: dict[str, dict[str, float]] = {}
+    kept = {name: getattr(np, name) for name in FUNCTIONS}
+    for which, terms in (("own_calls", terms_of(system)), ("general_calls", general_terms(system))):
+        counts = dict.fromkeys(FUNCTIONS.values(), 0.0)
+
+        def counted(name: str, counts: dict[str, float] = counts) -> Callable[[Any], Any]:
+            def call(x: Any) -> Any:
+                counts[FUNCTIONS[name]] += 1.0
+                return kept[name](x)
+            return call
+
+        stepper = Stepper(system, TICK)
+        n = stepper.substeps
+        try:
+            for name in FUNCTIONS:
+                setattr(np, name, counted(name))
+            advance(stepper.state, 0.0, TICK / n, n, terms, True, None)
+        finally:
+            for name, function in kept.items():
+                setattr(np, name, function)
+        found[which] = {name: count / n for name, count in counts.items()}
     return found
 
 
 def _cost(scene: Scene) -> dict[str, float]:
-    """Seconds of a tick of the real-time solver with this scene's kernel and with every term on, in turn, fastest of
+    """Seconds of a tick of the node's solver with this scene's kernel and with every term on, in turn, fastest of
     several.
     """
     stepper = Stepper(scene.system, TICK)
     n = stepper.substeps
-    # The general kernel also integrates theta1, which the own one leaves out where nobody asks.
-    kernels = {"own": (stepper.terms, None, 3), "general": (general_terms(scene.system), True, 4)}
+    kernels = {"own": stepper.terms, "general": general_terms(scene.system)}
     best = dict.fromkeys(kernels, np.inf)
     for _ in range(REPEATS):
-        for name, (terms, flywheel, size) in kernels.items():
-            out = np.empty((TICKS * n, size))
-            march(stepper.state[:size].copy(), 0.0, TICK, 0, 1, n, terms, flywheel, out)
-            state = stepper.state[:size].copy()
+        for name, terms in kernels.items():
+            advance(stepper.state.copy(), 0.0, TICK / n, 1, terms, True, None)
+            state = stepper.state.copy()
             began = time.perf_counter()
-            march(state, 0.0, TICK, 0, TICKS, n, terms, flywheel, out)
+            advance(state, 0.0, TICK / n, TICKS * n, terms, True, None)
             best[name] = min(best[name], (time.perf_counter() - began) / TICKS)
     return {"tick_s": TICK, "sub_steps": n, "own_s": best["own"], "general_s": best["general"],
             "ratio": best["general"] / best["own"]}

@@ -129,8 +129,11 @@ _FIG02: dict[str, Value] = {**_kinetic(0.8), "pressure.mean": 500.0 / (0.24 * 0.
                             "pressure.amplitude": 100.0 / (0.24 * 0.08 * 0.1), "engine.frequency": 150.0}
 
 FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
-    PaperFigure(2, "The same stick-slip motion by five solvers", r"steady state at $\omega = 150$ rad/s, "
-                r"$T_{sm} = 500$ N m, $T_{sp} = 0.2T_{sm}$, $\mu_k = 0.8\mu_s$", "solvers", (Series("", _FIG02),)),
+    PaperFigure(2, "The same stick-slip motion by five solvers, and where each friction law settles",
+                r"$\omega = \omega_f = 150$ rad/s, $T_m = 300$, $T_p = 250$, $T_{sm} = 500$, $T_{sp} = 0.2T_{sm}$ N m, "
+                r"$\psi = 0$, $\mu_k = 0.8\mu_s$," "\n"
+                r"$\Omega_e = 150$ rad/s; (a) and (b) start from the steady state of law (7) with $\sigma = 50$ s/rad",
+                "solvers", (Series("", _FIG02),)),
     PaperFigure(3, "Smoothed friction law and its slope", r"$\alpha = 2$ s/rad, $\sigma = 50$ s/rad", "law",
                 _friction_ratios(1.0, 0.8, 0.75, 0.677)),
     PaperFigure(4, r"Effect of $\mu_k$ at constant normal load",
@@ -158,7 +161,7 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map",
                 _frequencies(1.0, THIRDS)),
     PaperFigure(12, r"Time histories for three $\omega_f$ at $\omega = 150$ rad/s",
-                rf"{QUARTER}, $\psi = 0$, $\mu_k = \mu_s$; dashed: $T_s$", "actuation",
+                rf"{QUARTER}, $\psi = 0$, $\mu_k = \mu_s$; dashed: $T_s$; dotted: $T_e$", "actuation",
                 tuple(Series(rf"$\omega_f = {name}\omega$",
                              {**_pressure(frequency_ratio=ratio), "engine.frequency": 150.0})
                       for name, ratio in (("0.5", 0.5), (r"\frac{2}{3}", 2.0 / 3.0), (r"\frac{4}{3}", 4.0 / 3.0)))),

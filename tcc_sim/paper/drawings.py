@@ -39,6 +39,9 @@ def draw(data: Data, stem: Path) -> None:
                        fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
+        for axis in drawn.axes:
+            # A tick label in mathematical typesetting takes ten times as long and looks the same.
+            axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
 
 
@@ -67,11 +70,54 @@ def _marks(axis: Any, data: Data) -> None:
         axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
 
 
+def settled(curve: Data) -> np.ndarray:
+    """(n,) whether the section repeats within the cycles solved; a record that does not say so counts as settled."""
+    return np.array([bool(x) for x in curve.get("settled", [True] * len(curve["theta2"]))])
+
+
 def _orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
-    """The section points over the parameter."""
-    counts = [len(p or ()) for p in curve["theta2"]]
-    axis.plot(np.repeat(x, counts), np.concatenate([np.array(p or (), dtype=np.float64) for p in curve["theta2"]]),
-              linestyle="none", marker=".", markersize=1.6, markeredgewidth=0.0, color=colour, rasterized=True)
+    """The section points over the parameter, pale where the section does not repeat yet or never does."""
+    done = settled(curve)
+    counts = np.array([len(p or ()) for p in curve["theta2"]])
+    points = np.concatenate([np.array(p or (), dtype=np.float64) for p in curve["theta2"]])
+    solid = np.repeat(done, counts)
+    place = np.repeat(x, counts)
+    for where, look in ((~solid, style.GREY), (solid, colour)):
+        axis.plot(place[where], points[where], linestyle="none", marker=".", markersize=1.6, markeredgewidth=0.0,
+                  color=look, rasterized=True)
+
+
+UNSETTLED = "hollow, grey: section does not repeat within these cycles"
+OTHER = "coexists: reached from a neighbour's state"
+SPIKE = "spike of a cold start beside it"
+
+
+def _maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+    """The largest slip speeds: full where the section repeats, hollow where it does not; what coexists, and spikes."""
+    values, done = _numbers(curve["max_slip_speed"]), settled(curve)
+    axis.plot(x, values, color=colour, linewidth=0.9, label=curve["label"])
+    at = np.array(x)
+    axis.plot(at[done], values[done], linestyle="none", color=colour, marker="o", markersize=1.6, markeredgewidth=0.0)
+    axis.plot(at[~done], values[~done], linestyle="none", color=colour, marker="o", markersize=2.4,
+              markerfacecolor="white", markeredgewidth=0.5)
+    rows = curve.get("coexisting", [])
+    axis.plot([x[r["index"]] for r in rows], [r["other"]["max_slip_speed"] for r in rows], linestyle="none", marker="D",
+              markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, color=colour)
+    spikes = [r for r in rows if r["spike"]]
+    axis.plot([x[r["index"]] for r in spikes], [r["max_slip_speed"] for r in spikes], linestyle="none", marker="v",
+              markersize=4.5, markerfacecolor="none", markeredgewidth=0.8, color=colour)
+
+
+def _legend_of_marks(axis: Any, curves: list[Data]) -> None:
+    """Entries for the marks that this picture has."""
+    rows = [r for curve in curves for r in curve.get("coexisting", [])]
+    looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
+    if any(not settled(c).all() for c in curves):
+        axis.plot([], [], marker="o", markersize=2.6, markeredgewidth=0.5, label=UNSETTLED, **looks)
+    if rows:
+        axis.plot([], [], marker="D", markersize=3.2, markeredgewidth=0.7, label=OTHER, **looks)
+    if any(r["spike"] for r in rows):
+        axis.plot([], [], marker="v", markersize=4.5, markeredgewidth=0.8, label=SPIKE, **looks)
 
 
 def _paint_map(drawn: Any, data: Data) -> None:
@@ -82,8 +128,7 @@ def _paint_map(drawn: Any, data: Data) -> None:
     orbits = [drawn.add_subplot(grid[k, 1]) for k in range(len(curves))]
     for k, curve in enumerate(curves):
         colour = style.CYCLE[k]
-        maxima.plot(x, _numbers(curve["max_slip_speed"]), color=colour, linewidth=0.9, marker="o", markersize=1.5,
-                    markeredgewidth=0.0, label=curve["label"])
+        _maxima(maxima, x, curve, colour)
         _orbit(orbits[k], x, curve, colour)
         orbits[k].set_ylabel(SECTION)
         orbits[k].set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
@@ -101,7 +146,15 @@ def _paint_map(drawn: Any, data: Data) -> None:
         axis.set_xlabel(AXES[data["axis"]])
     maxima.set_title("(a) maximum slip speed")
     orbits[0].set_title("(b) orbit diagrams")
-    maxima.legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none")
+    maxima.add_artist(maxima.legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none"))
+    known = len(maxima.lines)
+    _legend_of_marks(maxima, curves)
+    if maxima.lines[known:]:
+        from matplotlib.transforms import ScaledTranslation
+
+        below = maxima.transAxes + ScaledTranslation(-0.1, -0.36, drawn.dpi_scale_trans)
+        maxima.legend(handles=maxima.lines[known:], loc="upper left", bbox_to_anchor=(0.0, 0.0), bbox_transform=below,
+                      fontsize=6.5)
 
 
 def _top(x: list[float], curves: list[Data]) -> float:
@@ -124,7 +177,9 @@ def _paint_damping(drawn: Any, data: Data) -> None:
                      va="center")
     damping.set_ylabel("damping (N m s/rad)")
     style.legend_above(damping)
-    maxima.plot(x, _numbers(curve["max_slip_speed"]), color=style.BLUE, marker="o", markersize=1.5, markeredgewidth=0.0)
+    _maxima(maxima, data["x"], {**curve, "label": "_"}, style.BLUE)
+    _legend_of_marks(maxima, [curve])
+    style.legend_above(maxima)
     maxima.set_ylabel(MAXIMUM)
     maxima.set_ylim(bottom=0.0)
     _orbit(orbit, data["x"], curve, style.BLUE)
@@ -194,6 +249,6 @@ KINDS: dict[str, tuple[Callable[[Data], float], Callable[[Any, Data], None]]] = 
     "histories": (lambda data: 0.6 + 1.75 * len(data["panels"]), paper_histories.paint_histories),
     "delay": (lambda data: 4.4, paper_histories.paint_delay),
     "actuation": (lambda data: 0.6 + 1.4 * len(data["panels"]), paper_histories.paint_actuation),
-    "solvers": (lambda data: 4.4, paper_histories.paint_solvers),
+    "solvers": (lambda data: 6.2, paper_histories.paint_solvers),
 }
 """Height in inch and painter of every kind of figure."""

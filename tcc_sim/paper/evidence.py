@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model.parameters import Value
+from tcc_sim.analysis.summary import summarise_cycles
+from tcc_sim.model.parameters import System, Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.solvers import solve
 from tcc_sim.studies.point import Plan, solve_point
 from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
+from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
@@ -21,6 +25,14 @@ JUMP = 0.08
 """Least size of a jump, as a part of the largest value of its curve."""
 BISECTIONS = 8
 """Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
+CYCLES, DISCARD = 150, 50
+"""The paper's rule."""
+LATER = 500
+"""Further cycles for a motion that the paper's rule leaves before its section repeats."""
+LAST = 100
+"""Cycles at the end of a long run in which its period is looked for."""
+STEADY = 3000
+"""Cycles from (13) after which the motion of Fig. 2 is taken for its steady state."""
 
 Floats = NDArray[np.float64]
 Values = Mapping[str, Value]
@@ -68,16 +80,69 @@ class Evidence:
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
         """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
-        rtol = None if row.get("friction.law") == "set_valued" else self.rtol
-        return Plan(cycles=150, discard=50, direction=direction, rtol=rtol, lyapunov=lyapunov, damping=damping)
+        return Plan(cycles=CYCLES, discard=DISCARD, direction=direction, rtol=self._rtol(paper_system(row)),
+                    lyapunov=lyapunov, damping=damping)
 
     def motion(self, row: Values, *, lyapunov: bool = False) -> dict[str, Any]:
-        """The record of one motion from the initial state (13)."""
+        """The record of one motion from the initial state (13); its period is that of the settled motion."""
         name = json.dumps([sorted(row.items()), lyapunov])
         if name not in self._kept:
-            self._kept[name] = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov)).as_json()
+            point = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov))
+            record = point.as_record()
+            self._kept[name] = {**record, "period": self._period(paper_system(row), record)}
         found: dict[str, Any] = self._kept[name]
         return found
+
+    def periods(self, sweep: Sweep) -> NDArray[np.int64]:
+        """(n,) periods of the settled motions, 0 for none up to 16, -1 where the point failed.
+
+        What has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor not.
+        """
+        def at(k: int) -> int:
+            record = sweep.records[k]
+            if record is None or record["period"] is None:
+                return -1
+            if "settled_period" not in record:
+                record["settled_period"] = self._period(sweep.curve.at(k), record)
+            return int(record["settled_period"])
+
+        with ThreadPoolExecutor(self.jobs) as threads:
+            return np.array(list(threads.map(at, range(len(sweep.records)))), dtype=np.int64)
+
+    def _period(self, system: System, record: dict[str, Any]) -> int | None:
+        """The period of a record, from further cycles where its section does not repeat yet."""
+        period: int | None = record["period"]
+        if period is None or record.get("settled", True):
+            return period
+        run = solve(system, cycles=LATER, start_cycle=record["final_cycle"], state=State(*record["final"]),
+                    rtol=self._rtol(system))
+        if run.status is not Status.DONE or run.cycles is None:
+            return -1
+        return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=CYCLES + LATER - LAST).period
+
+    def _rtol(self, system: System) -> float | None:
+        """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
+        return None if system.friction.law == "set_valued" else self.rtol
+
+    def first_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
+        """Some cycles with samples from the initial state (13)."""
+        system = paper_system(row)
+        return solve(system, cycles=cycles, samples_per_cycle=samples, rtol=self._rtol(system)).raise_for_status()
+
+    def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
+        """Some cycles with samples, after those of the paper's rule."""
+        system = paper_system(row)
+        before = solve(system, cycles=CYCLES, rtol=self._rtol(system)).raise_for_status()
+        return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=CYCLES, state=before.final,
+                     rtol=self._rtol(system)).raise_for_status()
+
+    def steady(self, row: Values) -> dict[str, Any]:
+        """`period`, `max_slip_speed` (rad/s) and `settled` of the last cycles of a long run from (13)."""
+        system = paper_system(row)
+        run = solve(system, cycles=STEADY, rtol=self._rtol(system)).raise_for_status()
+        assert run.cycles is not None
+        found = summarise_cycles(run.cycles[STEADY - LAST:], system.cycle, first=STEADY - LAST)
+        return {"period": found.period, "max_slip_speed": found.max_slip_speed, "settled": found.settled}
 
     def maximum(self, row: Values, ratio: float) -> float:
         """The largest slip speed at one frequency ratio, NaN where it could not be solved."""
@@ -113,11 +178,6 @@ def steep(values: Floats) -> NDArray[np.int64]:
     return np.flatnonzero(np.abs(np.diff(values)) > JUMP * float(np.nanmax(values)))
 
 
-def periods(sweep: Sweep) -> NDArray[np.int64]:
-    """(n,) periods, 0 for none up to 16, -1 where the point failed."""
-    return np.array([-1 if r is None or r["period"] is None else r["period"] for r in sweep.records])
-
-
 def sticks(sweep: Sweep) -> NDArray[np.bool_]:
     """(n,) whether the motion is pure stick."""
     return np.array([r is not None and r["regime"] == "stick" for r in sweep.records])
@@ -144,5 +204,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "periods", "share_where",
-           "slips_at", "steep", "sticks", "with_kinetic"]
+__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
+           "steep", "sticks", "with_kinetic"]

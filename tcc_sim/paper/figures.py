@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,12 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, Value, replace, values_of
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, PaperFigure, Series, paper_system
+from tcc_sim.paper.coexistence import coexisting
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.studies.lyapunov import largest_lyapunov_exponent
 from tcc_sim.studies.sweep import Curve, Plan, Sweep, sweep_curves
-from tcc_sim.trajectory import Trajectory
+from tcc_sim.trajectory import State, Trajectory
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
@@ -47,6 +48,7 @@ class Manner:
     law : smoothed, as in the paper, or set_valued
     jobs : threads; None takes all cores
     progress : show a bar on a terminal
+    kept : curves that were swept already; figures share some of them
     """
 
     quick: bool = False
@@ -54,6 +56,7 @@ class Manner:
     law: str = "smoothed"
     jobs: int | None = None
     progress: bool = False
+    kept: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict, compare=False, repr=False)
 
 
 def check_manner(number: int, manner: Manner) -> None:
@@ -120,9 +123,16 @@ def _curves(row: PaperFigure, manner: Manner, plan: Plan) -> tuple[list[dict[str
     name, ratios, unit = _axis(row, manner)
     scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
     key_values = tuple(float(x) for x in scaled)
-    found = sweep_curves([Curve(_system(s, manner), row.over, key_values) for s in row.series], plan, jobs=manner.jobs,
-                         progress=manner.progress)
+    wanted = [Curve(_system(s, manner), row.over, key_values) for s in row.series]
+    missing = [curve for curve in wanted if (curve, plan) not in manner.kept]
+    if missing:
+        for sweep in sweep_curves(missing, plan, jobs=manner.jobs, progress=manner.progress):
+            manner.kept[sweep.curve, plan] = sweep
+    found = [manner.kept[curve, plan] for curve in wanted]
     curves = [curve_json(series, sweep) for series, sweep in zip(row.series, found)]
+    if row.kind == "map" and plan.direction == "cold":
+        for curve, sweep in zip(curves, found):
+            curve["coexisting"] = coexisting(sweep, manner.jobs)
     return curves, {"axis": name, "x": ratios.tolist(), "cycles": plan.cycles, "discarded": 50}
 
 
@@ -163,6 +173,12 @@ def _run_in(system: System, manner: Manner, cycles: int, samples: int = SAMPLES)
     after = solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=RUN_IN,
                   state=before.final).raise_for_status()
     return before, after
+
+
+def _state(run: Trajectory) -> list[float]:
+    """Slip speed, plate angle and plate speed at the end."""
+    last = run.final
+    return [last.slip_speed, last.plate_angle, last.plate_speed]
 
 
 def _samples(run: Trajectory, *names: str) -> dict[str, Any]:
@@ -214,7 +230,7 @@ def _actuation(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     for series in row.series:
         before, after = _run_in(_system(series, manner), manner, 9)
         panels.append({"label": series.label, "values": dict(series.values), "period": summarise(before).period,
-                       **_samples(after, "slip_speed", "saturation_torque")})
+                       **_samples(after, "slip_speed", "saturation_torque", "engine_torque")})
     return {"panels": panels}
 
 
@@ -246,15 +262,32 @@ SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
 }
 
 
+STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
+    (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
+    ("(6)", {"friction.law": "set_valued"}))
+STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
+"""Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
+
+
 def _solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 2: two cycles of the steady state (one where it has to be quick) by each solver, from the same state."""
+    """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
     system = paper_system(row.series[0].values)
-    start = solve(system, cycles=RUN_IN).raise_for_status().final
+    begin = QUICK_STEADY_CYCLES if manner.quick else STEADY_CYCLES
+    steady = []
+    for label, values in STEADY_LAWS:
+        before = solve(replace(system, values), cycles=begin).raise_for_status()
+        after = solve(replace(system, values), cycles=4, samples_per_cycle=SAMPLES // 2, start_cycle=begin,
+                      state=before.final).raise_for_status()
+        found = summarise(before, begin - 100)
+        steady.append({"label": label, "values": dict(values), "period": found.period, "settled": found.settled,
+                       "max_slip_speed": found.max_slip_speed, "final": _state(before),
+                       **_samples(after, "slip_speed")})
+    start = State(*steady[0]["final"])
     curves = []
     for solver, (label, law, setting) in SOLVER_CURVES.items():
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if manner.quick else 2, samples_per_cycle=SAMPLES,
-                    start_cycle=RUN_IN, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
+                    start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
         curves.append({"solver": solver, "label": label, "status": run.status.value,
                        "seconds": time.perf_counter() - begun,
                        **_samples(run, "slip_speed", "friction_torque")})
@@ -264,7 +297,7 @@ def _solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
         same = len(v) == len(reference)
         curve["rms_difference"] = float(np.sqrt(np.mean((v - reference) ** 2))
                                         / np.abs(reference).max()) if same else None
-    return {"cycle": system.cycle, "curves": curves}
+    return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}
 
 
 KINDS: dict[str, Callable[[PaperFigure, Manner], dict[str, Any]]] = {

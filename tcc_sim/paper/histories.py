@@ -54,7 +54,7 @@ def _diagnosis(panel: Data) -> str:
 
 
 def paint_delay(drawn: Any, data: Data) -> None:
-    """Fig. 9: engine torque and slip speed, with positive slip shaded."""
+    """Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
     grid = drawn.subplots(2, 2, sharex=True)
     for k, (axis, panel) in enumerate(zip(grid.ravel(), data["panels"])):
         t, v = np.array(panel["t"]), np.array(panel["slip_speed"])
@@ -71,17 +71,16 @@ def paint_delay(drawn: Any, data: Data) -> None:
             other.set_ylabel(r"$T_e$ (N m)", color=style.ORANGE)
         else:
             axis.set_ylabel(SLIP, color=style.BLUE)
-        axis.set_zorder(other.get_zorder() + 1)
-        axis.patch.set_visible(False)
         share = panel["first_half"]
-        text = "no positive slip" if share is None or not np.isfinite(share) else f"{100.0 * share:.0f} % in first half cycle"
+        none = share is None or not np.isfinite(share)
+        text = "no positive slip" if none else f"{100.0 * share:.0f} % in first half cycle"
         axis.set_title(text, loc="right", fontweight="normal", fontsize=7.0)
         if k > 1:
             axis.set_xlabel(CYCLES)
 
 
 def paint_actuation(drawn: Any, data: Data) -> None:
-    """Fig. 12: slip speed and saturation torque, with the start of every engine cycle."""
+    """Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
     axes = drawn.subplots(len(data["panels"]), 1, sharex=True)
     for k, (axis, panel) in enumerate(zip(axes, data["panels"])):
         t = np.array(panel["t"])
@@ -95,7 +94,8 @@ def paint_actuation(drawn: Any, data: Data) -> None:
                        fontsize=7.0)
         other = axis.twinx()
         other.plot(t, panel["saturation_torque"], color=style.GREY, linewidth=0.9, linestyle=(0, (4, 2)))
-        other.set_ylabel(r"$T_s$ (N m)", color=style.GREY)
+        other.plot(t, panel["engine_torque"], color=style.ORANGE, linewidth=0.8, linestyle=(0, (1, 1.5)))
+        other.set_ylabel(r"$T_s$, $T_e$ (N m)", color=style.GREY)
         other.grid(False)
         other.spines["right"].set_visible(True)
         other.tick_params(colors=style.GREY)
@@ -105,8 +105,8 @@ def paint_actuation(drawn: Any, data: Data) -> None:
 
 
 def paint_solvers(drawn: Any, data: Data) -> None:
-    """Fig. 2: slip speed by every solver, and where they part."""
-    whole, close = drawn.subplots(2, 1)
+    """Fig. 2: slip speed by every solver from one state, where they part, and where each law settles from (13)."""
+    whole, close, steady = drawn.subplots(3, 1)
     looks: dict[str, dict[str, Any]] = {
         "smoothed": {"color": style.SKY, "linewidth": 3.0}, "rk45": {"color": style.INK, "linewidth": 1.0},
         "bdf": {"color": style.ORANGE, "linestyle": (0, (1, 1.5)), "linewidth": 1.6},
@@ -130,4 +130,21 @@ def paint_solvers(drawn: Any, data: Data) -> None:
     handles, labels = whole.get_legend_handles_labels()
     whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
                  title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
-    style.panel_titles((whole, close), ["steady state", "leaving stick"])
+    _paint_steady(steady, data)
+    after = f"steady state of each law from (13), after {data['steady_cycles']} cycles"
+    style.panel_titles((whole, close, steady), ["from one state", "leaving stick", after])
+
+
+def _paint_steady(axis: Any, data: Data) -> None:
+    """What each friction law settles in."""
+    looks: tuple[dict[str, Any], ...] = (
+        {"color": style.SKY, "linewidth": 3.0}, {"color": style.PURPLE, "linewidth": 1.4},
+        {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))})
+    for row, look in zip(data["steady"], looks):
+        axis.plot(row["t"], row["slip_speed"], label=f"{row['label']}: period {row['period']}, "
+                  f"{row['max_slip_speed']:.2f} rad/s", **look)
+    axis.set_xlim(0.0, data["steady"][0]["t"][-1])
+    axis.set_ylim(top=1.4 * max(row["max_slip_speed"] for row in data["steady"]))
+    axis.set_ylabel(SLIP)
+    axis.set_xlabel(CYCLES)
+    axis.legend(loc="upper center", ncols=3, fontsize=6.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import import_module
 
 from tcc_sim.errors import InputError
@@ -76,7 +76,8 @@ def solve(system: System, *, cycles: int | None = None, duration: float | None =
     Raises
     ------
     InputError
-        An unknown solver, a solver that does not do this friction law, or a setting out of its range.
+        An unknown solver, a solver that does not do this friction law, a setting out of its range, or an initial state
+        that is not finite.
     """
     name = choose(system, solver)
     entry = SOLVERS[name]
@@ -92,6 +93,10 @@ def solve(system: System, *, cycles: int | None = None, duration: float | None =
     if state is None:
         i = system.initial
         state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
+    for quantity in fields(state):
+        value = getattr(state, quantity.name)
+        if not math.isfinite(value):
+            raise InputError(f"the initial {quantity.name.replace('_', ' ')} is {value}; it must be finite")
     return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
                                 flywheel_angle))
 

@@ -73,8 +73,10 @@ def save(drawn: Any, path: Path) -> Path:
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg, laid out once for both."""
+    # An engine lays out anew in every pass, and a picture with one is drawn twice, so it goes once it has done its work.
+    drawn.get_layout_engine().execute(drawn)
+    drawn.set_layout_engine(None)
     raster = save(drawn, stem.with_name(stem.name + ".png"))
-    drawn.set_layout_engine("none")
     return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 
 

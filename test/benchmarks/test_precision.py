@@ -5,15 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from tcc_sim.benchmarks import peers, sweep_speed
+from tcc_sim.benchmarks import peers, steady_state, sweep_speed
 from tcc_sim.benchmarks import work_precision as precision
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.paper.catalogue import paper_system
+from tcc_sim.paper.catalogue import FIGURES, paper_system
 
 KEYS = {"scene", "reference", "results", "omitted"}
-RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "seconds", "steps"}
+RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
+               "steps"}
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
         "engine.mean_torque": 300.0}
 
@@ -60,7 +61,7 @@ def tiny(monkeypatch):
                               {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
                                "lsoda": (1e-6,),
                                "rk4": (3.0,), "rk45": (1e-5,)},
-                              {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20)
+                              {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20, 1000)
     monkeypatch.setattr(precision, "QUICK", effort)
     monkeypatch.setattr(sweep_speed, "CYCLES", 10)
     monkeypatch.setattr(sweep_speed, "REPEATS", 1)
@@ -87,6 +88,11 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert "stability" in why["rk45"]
     exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
     assert max(exact[k] for k in precision.ERRORS) < 1e-9
+    steady = found["scenes"][0]["steady"]
+    assert (steady["period"], steady["cycles"]) == (1, 1000)
+    assert steady["max_slip_speed"] == pytest.approx(36.297, abs=2e-3)
+    assert steady["closure"] < 1e-4
+    assert rows["smoothed", 1e-9]["error_steady"] < 1e-4
     assert (folder / "precision.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (folder / "precision.svg").read_text()[:500]
     text = (folder / "precision.md").read_text()
@@ -104,6 +110,27 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert (speed["sweep"]["points"], speed["sweep"]["cycles"]) == (8, 80)
     assert "cycles a second and core at an error of at most 1e-06" in said
     assert text.count("| 0.83 | 0.36 |") == 1
+
+
+def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
+    """From (13) law (6) settles in period two with 63.74 rad/s, the paper's smoothing in period one with 36.30."""
+    records = []
+    for law, period, largest in (("smoothed", 1, 36.297), ("set_valued", 2, 63.742)):
+        system = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
+        found = steady_state.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
+        assert (found["period"], found["cycles"]) == (period, 1000)
+        assert found["max_slip_speed"] == pytest.approx(largest, abs=2e-3)
+        assert found["closure"] < 1e-4
+        records.append({"scene": "fig02" if law == "smoothed" else "fig02, set-valued", "law": law, "steady": found})
+    assert "the smoothing decides which motion is reached" in steady_state.comparison(records[0], records)
+    same = [records[0], {**records[1], "steady": records[0]["steady"]}]
+    assert "decides" not in steady_state.comparison(same[0], same)
+
+
+def test_the_steady_error_is_that_of_the_last_cycles():
+    section, largest = np.zeros((201, 3)), np.full(200, 5.0)
+    largest[:100], largest[150] = 80.0, 6.0
+    assert steady_state.steady_error(section, largest, {"max_slip_speed": 4.0}) == pytest.approx(0.5)
 
 
 def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():

@@ -166,6 +166,66 @@ def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
     assert found.margin == pytest.approx(found.steady_slip_speed(t).min(), abs=1e-6)
 
 
+def test_condition_16_has_a_sign():
+    """From v0 = -150 slip in direction +1 is no slip: friction would drive the flywheel ahead."""
+    backward = system_of(**{"pressure.mean": 125e3, "initial.slip_speed": -150.0})
+    assert closed_form.pure_slip(backward, 1).margin < 0.0
+    assert closed_form.pure_slip(backward, 1).least_slip_speed < 0.0
+    mirrored = replace(backward, {"engine.mean_torque": -300.0})
+    t = np.linspace(0.0, mirrored.cycle, 20001)
+    found = closed_form.pure_slip(mirrored, -1)
+    assert found.margin == pytest.approx((-found.steady_slip_speed(t)).min(), abs=1e-6)
+    assert found.margin > 0.0
+
+
+@pytest.mark.parametrize(("values", "speed"), [
+    ({}, 20.0), ({}, 60.0), ({"driveline.damping": 60.0}, 20.0), ({"driveline.damping": 0.05}, 45.0),
+    ({**LOAD, "pressure.frequency_ratio": 1.5, "pressure.amplitude": 30e3}, 20.0), ({**RICH}, 60.0)])
+def test_the_least_slip_speed_has_the_transient_in_it(values, speed):
+    system = system_of(values, **{"pressure.mean": 125e3, "initial.slip_speed": speed})
+    found = closed_form.pure_slip(system)
+    t = np.linspace(0.0, 1.2, 1_200_001)
+    least = found.slip_speed(t).min()
+    assert found.least_slip_speed <= least + 1e-9
+    assert found.least_slip_speed == pytest.approx(least, abs=2e-5)
+    if not values and speed == 20.0:
+        assert found.margin > 0.0 > found.least_slip_speed  # (16) as printed passes a slip that the transient ends.
+
+
+def test_without_a_common_period_or_damping_the_least_slip_speed_is_a_bound():
+    rows = {"pressure.mean": 125e3, "pressure.amplitude": 30e3, "initial.slip_speed": 80.0}
+    t = np.linspace(0.0, 20.0, 2_000_001)
+    for values in ({"pressure.frequency_ratio": math.sqrt(2)}, {"driveline.damping": 0.0}):
+        found = closed_form.pure_slip(system_of(values, **rows))
+        least = found.slip_speed(t).min()
+        assert least - 2.0 < found.least_slip_speed <= least + 1e-9
+    assert closed_form.pure_slip(system_of(**{**rows, "pressure.mean": 130e3})).least_slip_speed == -math.inf
+    assert closed_form.pure_slip(system_of(**{**rows, "pressure.mean": 120e3})).least_slip_speed > 0.0
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.1])
+@pytest.mark.parametrize("omega", [30.0, 116.7, 150.0])
+def test_29_from_the_motion_of_12(phase, omega):
+    """(29a) and I1 v' term by term, from the plate's steady motion under the load alone."""
+    system = system_of(**{"pressure.amplitude": 90e3, "pressure.phase": phase, "engine.frequency": omega})
+    d, t = system.driveline, np.linspace(0.0, system.cycle, 33)
+    spring = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
+    plate = system.saturation_amplitude * np.exp(1j * (omega * t + phase)) / spring
+    rate, bend = (1j * omega * plate).imag, (-omega**2 * plate).imag
+    torque = engine(system, t) - load(system, t)
+    slip = d.flywheel_inertia * (torque / d.flywheel_inertia - bend)
+    np.testing.assert_allclose(closed_form.slip_torque(system)(t), slip, atol=1e-9)
+    ratio = d.flywheel_inertia / d.plate_inertia
+    spring_torque = d.damping * rate + d.stiffness * (plate.imag + system.saturation_mean / d.stiffness)
+    np.testing.assert_allclose(closed_form.equivalent_torque(system)(t), slip - ratio * spring_torque, atol=1e-8)
+
+
+def test_29b_rises_with_tsp_while_what_drives_the_slip_falls():
+    rows = [system_of(**{"pressure.amplitude": 225e3 * x, "engine.frequency": 1.0}) for x in (0.0, 0.125, 0.25, 0.5)]
+    assert [closed_form.equivalent_torque(s).swing() for s in rows] == pytest.approx([250.0, 492.5, 1235.0, 2720.0])
+    assert [closed_form.slip_torque(s).swing() for s in rows] == pytest.approx([250.0, 182.5, 115.0, 20.0], abs=0.1)
+
+
 @pytest.mark.parametrize(("values", "message"), [
     ({"friction.kinetic_coefficient": 0.2}, "kinetic_coefficient"),
     ({"pressure.amplitude": 300e3}, "above pressure.mean"),

@@ -12,7 +12,7 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.model import closed_form
-from tcc_sim.paper import claims, claims_constant_load, claims_varying_load
+from tcc_sim.paper import claims, claims_constant_load, claims_model, claims_varying_load, mean_pressure
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.evidence import CONFIRMED, DEPENDS, NOT_CONFIRMED, Evidence, Finding, share_where
 
@@ -24,8 +24,8 @@ def evidence() -> Evidence:
 
 
 @pytest.mark.parametrize("claim", [
-    claims_constant_load.maximum_falls, claims_constant_load.slope_turns_negative, claims_constant_load.three_motions,
-    claims_varying_load.delay, claims_varying_load.period_is_denominator,
+    claims_model.maximum_falls, claims_model.slope_turns_negative, claims_constant_load.three_motions,
+    claims_model.pure_slip_guaranteed, claims_varying_load.delay, claims_varying_load.period_is_denominator,
 ])
 def test_claims_with_robust_numbers_hold(claim, evidence: Evidence) -> None:  # type: ignore[no-untyped-def]
     assert claim(evidence).verdict == CONFIRMED
@@ -76,14 +76,21 @@ def test_a_verdict_that_changes_with_the_tolerance_depends() -> None:
 
 
 def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    chosen = (claims_constant_load.maximum_falls, claims_constant_load.slope_turns_negative)
+    chosen = (claims_model.maximum_falls, claims_model.slope_turns_negative)
     monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
+    monkeypatch.setattr(mean_pressure, "NUMBERS", mean_pressure.NUMBERS[:2])
     assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
-    rows = json.loads((tmp_path / "c.json").read_text())
+    found = json.loads((tmp_path / "c.json").read_text())
+    rows = found["claims"]
+    assert found["complete"] is True
+    assert [row["pressure"] for row in found["mean_pressure"]["rows"]] == list(mean_pressure.PRESSURES)
     assert [{"figure", "claim", "values", "criterion", "verdict", "why"} <= row.keys() for row in rows] == [True, True]
     page = (tmp_path / "c.md").read_text()
     assert page.count("## 3: ") == 2
-    assert "confirmed" in capsys.readouterr().out
+    assert page.count(" of 2 |") == len(mean_pressure.PRESSURES)
+    said = capsys.readouterr().out
+    assert "confirmed" in said
+    assert "mean pressure 225 kPa: 2 of 2 numbers of the text" in said
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
 
 
@@ -92,18 +99,19 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monk
     def interrupted(evidence: Evidence) -> Finding:
         raise KeyboardInterrupt
 
-    for chosen, kept in (((claims_constant_load.maximum_falls, interrupted), 1), ((interrupted,), 0)):
+    for chosen, kept in (((claims_model.maximum_falls, interrupted), 1), ((interrupted,), 0)):
         monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
         page, rows = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
         assert main(["claims", "--json", str(rows), "--markdown", str(page)]) == 130
         assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
         assert rows.exists() == page.exists() == bool(kept)
-    assert len(json.loads((tmp_path / "1.json").read_text())) == 1
+    kept_rows = json.loads((tmp_path / "1.json").read_text())
+    assert (len(kept_rows["claims"]), kept_rows["mean_pressure"], kept_rows["complete"]) == (1, None, False)
     assert "Of 1 claims: 1 confirmed, 0 depend on a reading, 0 not confirmed." in (tmp_path / "1.md").read_text()
     assert "Interrupted" in (tmp_path / "1.md").read_text()
 
 
 def test_every_figure_with_a_claim_has_one_in_the_registry() -> None:
-    assert len(claims.CLAIMS) == len(set(claims.CLAIMS)) >= 25
+    assert len(claims.CLAIMS) == len(set(claims.CLAIMS)) >= 45
     assert share_where(np.array([True, False]), np.array([True, True])) == 0.5
     assert share_where(np.array([True]), np.array([False])) == 1.0

@@ -6,16 +6,21 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
+from tcc_sim.model.closed_form import stick_margin
 from tcc_sim.model.parameters import System
+from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, paper_system
+from tcc_sim.paper.coexistence import coexisting, stands_out
 from tcc_sim.paper.figures import Manner, figure_data, first_half
 from tcc_sim.solvers import solve
+from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
 
 
 def test_every_figure_from_2_to_18_has_a_row() -> None:
@@ -67,6 +72,98 @@ def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # ty
     assert main(["figure", str(number), "--out", str(tmp_path)]) == 0
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".png", ".svg"]
     assert json.loads((tmp_path / f"fig{number:02d}.json").read_text())["figure"] == number
+
+
+def test_figure_2_shows_where_each_law_settles() -> None:
+    """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
+    data = figure_data(2, Manner(quick=True))
+    assert [(s["period"], s["settled"]) for s in data["steady"]] == [(1, True), (2, True), (2, True)]
+    assert [s["max_slip_speed"] for s in data["steady"]] == pytest.approx([36.297, 63.657, 63.742], abs=2e-3)
+    # The solvers start there: the first curve closes after its cycle.
+    v = data["curves"][0]["slip_speed"]
+    assert v[0] == pytest.approx(v[-1], abs=1e-4)
+    for symbol in ("T_m", "T_p", r"\psi", r"\Omega_e"):
+        assert symbol in data["caption"]
+
+
+def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
+    """Fig. 14, psi = 0: at 0.1304 the cold start slips; from either neighbour's state it is the pure stick of (10)."""
+    series = FIGURES[14].series[0]
+    axis = np.linspace(0.05, 0.5, 57)[9:12]
+    curve = Curve(paper_system(series.values), "engine.frequency", tuple(float(x) * OMEGA_N for x in axis))
+    swept = sweep_curves([curve], Plan(cycles=100, discard=50), jobs=1)[0]
+    found = coexisting(swept, 1)
+    assert stick_margin(curve.at(1)).sticks
+    assert {row["index"] for row in found} == {1}
+    assert all(row["spike"] and row["max_slip_speed"] > 20.0 and row["other"]["max_slip_speed"] < 0.2 for row in found)
+    assert not stands_out(np.array([0.0, 5.0, 9.0]), 1, 1.0)
+    assert not stands_out(np.array([9.0, 5.0]), 1, 1.0)
+    assert stands_out(np.array([9.0, 5.0, 9.0]), 1, 1.0)
+
+
+def test_points_that_have_not_settled_are_drawn_apart() -> None:
+    from tcc_sim.paper import drawings
+    from tcc_sim.views import style
+
+    curve = {"label": "a curve", "max_slip_speed": [1.0, 2.0, 3.0], "settled": [True, False, None],
+             "theta2": [[0.1], [0.2, 0.3], None], "coexisting": [
+                 {"index": 1, "max_slip_speed": 2.0, "spike": True, "other": {"max_slip_speed": 9.0}}]}
+    with style.figure() as drawn:
+        axis, orbit = drawn.subplots(1, 2)
+        drawings._maxima(axis, [1.0, 2.0, 3.0], curve, style.BLUE)
+        marks = {str(line.get_marker()): line.get_xydata().tolist() for line in axis.lines if line.get_marker() != "o"}
+        assert marks["D"] == [[2.0, 9.0]]
+        assert marks["v"] == [[2.0, 2.0]]
+        full, hollow = [line for line in axis.lines if line.get_marker() == "o"]
+        assert (len(full.get_xdata()), len(hollow.get_xdata())) == (1, 2)
+        assert hollow.get_markerfacecolor() == "white"
+        drawings._orbit(orbit, [1.0, 2.0, 3.0], curve, style.BLUE)
+        pale, solid = orbit.lines
+        assert (pale.get_color(), len(pale.get_xdata())) == (style.GREY, 2)
+        assert (solid.get_color(), len(solid.get_xdata())) == (style.BLUE, 1)
+        known = len(axis.lines)
+        drawings._legend_of_marks(axis, [curve])
+        assert [line.get_label() for line in axis.lines[known:]] == [drawings.UNSETTLED, drawings.OTHER, drawings.SPIKE]
+    assert drawings.settled({"theta2": [1, 2]}).all()
+
+
+def test_figures_share_the_curves_that_they_have_in_common(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """Fig. 11 has the curve omega_f = omega of Fig. 10."""
+    swept: list[int] = []
+
+    def counted(curves, plan, **how):  # type: ignore[no-untyped-def]
+        swept.append(len(curves))
+        return sweep_curves([Curve(c.system, c.key, c.values[-1:]) for c in curves], plan, jobs=1)
+
+    def short(curves, plan, **how):  # type: ignore[no-untyped-def]
+        return [replace(s, curve=c) for s, c in zip(counted(curves, plan), curves)]
+
+    monkeypatch.setattr(figures, "sweep_curves", short)
+    monkeypatch.setattr(figures, "coexisting", lambda sweep, jobs: [])
+    manner = Manner(quick=True, law="set_valued")
+    data = [figure_data(number, manner) for number in (10, 11)]
+    assert swept == [3, 2]
+    assert data[0]["curves"][1]["max_slip_speed"] == data[1]["curves"][1]["max_slip_speed"]
+
+
+def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
+    from tcc_sim.paper import histories
+    from tcc_sim.views import style
+
+    panel = {"t": [0.0, 1.0, 2.0], "slip_speed": [0.0, 1.0, 0.0], "state": [0, 1, 0], "engine_torque": [3.0, 4.0, 5.0],
+             "saturation_torque": [6.0, 7.0, 8.0], "label": "a", "first_half": 0.5, "period": 1}
+    with style.figure() as drawn:
+        histories.paint_actuation(drawn, {"panels": [panel] * 2})
+        lines = [line.get_ydata().tolist() for axis in drawn.axes for line in axis.lines]
+        assert lines.count([3.0, 4.0, 5.0]) == lines.count([6.0, 7.0, 8.0]) == 2
+    with style.figure() as drawn:
+        histories.paint_delay(drawn, {"panels": [panel] * 4})
+        torque = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
+        shaded = [axis for axis in drawn.axes if axis.collections]
+        # Matplotlib draws axes of one order as they were made: what shades comes first, the torque above it.
+        for below, above in zip(shaded, torque):
+            assert (below.get_zorder(), drawn.axes.index(below)) < (above.get_zorder(), drawn.axes.index(above))
+            assert not above.patch.get_visible()
 
 
 def test_the_periods_of_figure_12_are_those_of_35() -> None:

@@ -1,0 +1,155 @@
+"""Periodic motions by harmonic balance: the series (30) to (34) of the paper in the form that balances.
+
+Printed, (30) to (32) start at n = 1 and (31) has Tm + Tp sin(omega t/N) for its first factor. Here the slip speed and
+the friction coefficient have a mean, and the load is Ts(t) of (5b):
+
+    v = a0 + sum a_n cos(n w t) + b_n sin(n w t),  w = omega/N                                     (30)
+    Tf = [Tsm + Tsp sin(omega_f t + psi)] [c0 + sum c_n cos(n w t) + d_n sin(n w t)]               (31)
+
+The mean of (32) is then Tf's, which must be Tm: c0 Tsm + (Tsp/2)(c_M sin psi + d_M cos psi) = Tm. Without c0 the
+product with the load's sine is all that is left, and |d_M| <= (4/pi) mu_s/mu_k: at most (2/pi) (mu_s/mu_k) Tsp.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model import friction
+from tcc_sim.model.parameters import System
+from tcc_sim.model.sines import Floats, engine_series, load_series
+
+LADDER = (0.001, 0.004, 0.01, 0.02, 0.04, 0.1, 0.2, 0.4, 1.0)
+"""Parts of sigma at which the balance is solved in turn, each from the one before: stick is all but linear first."""
+ITERATIONS, HALVINGS = 80, 12
+OVERSAMPLING = 8
+"""Points per harmonic at which the friction coefficient is taken."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """A periodic motion as series.
+
+    period : in engine cycles; base : w, rad/s
+    slip : (2 n + 1,) a0, a_1 ... a_n, b_1 ... b_n of (30), rad/s
+    coefficient : (2 n + 1,) c0, c_n, d_n of (31)
+    residual : largest remainder of any harmonic of (32), N m
+    """
+
+    period: int
+    base: float
+    slip: Floats
+    coefficient: Floats
+    residual: float
+
+    def slip_speed(self, t: Floats) -> Floats:
+        """v at the times t (n,), rad/s."""
+        return series(self.slip, self.base, t)
+
+
+def series(coefficients: Floats, base: float, t: Floats) -> Floats:
+    """a0 + sum a_n cos(n w t) + b_n sin(n w t) at the times t."""
+    count = len(coefficients) // 2
+    angle = np.multiply.outer(np.asarray(t, dtype=np.float64), base * np.arange(1, count + 1))
+    out: Floats = coefficients[0] + np.cos(angle) @ coefficients[1:count + 1] + np.sin(angle) @ coefficients[count + 1:]
+    return out
+
+
+def mean_friction_torque(system: System, coefficient: Floats, period: int, *, printed: bool = False) -> float:
+    """The mean of (31), N m: c0 Tsm and what the load's sine shares with the coefficient; printed, without c0."""
+    count, load = len(coefficient) // 2, load_series(system)
+    mean = 0.0 if printed else float(coefficient[0]) * load.mean
+    for frequency, amplitude, phase in zip(load.frequency, load.amplitude, load.phase):
+        order = round(float(frequency) / (system.engine.frequency / period))
+        if 1 <= order <= count:
+            mean += 0.5 * float(amplitude) * (float(coefficient[order]) * math.sin(phase)
+                                              + float(coefficient[count + order]) * math.cos(phase))
+    return mean
+
+
+def harmonic_balance(system: System, period: int, harmonics: int) -> Balance:
+    """Solve (32) for a motion of `period` engine cycles by Newton's method, from no slip and a soft friction law on.
+
+    The motion found may be unstable, and where several exist it is one of them.
+
+    Parameters
+    ----------
+    system : with the smoothed law and torques that repeat after `period` engine cycles
+    harmonics : n of the series, of w = omega/period
+
+    Raises
+    ------
+    InputError
+        The set-valued law, no whole period or no harmonic.
+    NumericalFailure
+        Newton's method did not end.
+    """
+    if system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {system.friction.law}; the harmonic balance is that of the smoothed law")
+    if period < 1 or harmonics < 1:
+        raise InputError(f"period is {period} and harmonics {harmonics}; both must be 1 or more")
+    d, base = system.driveline, system.engine.frequency / period
+    count = OVERSAMPLING * harmonics
+    angle = 2.0 * math.pi * np.arange(count) / count
+    load, engine = np.maximum(load_series(system)(angle / base), 0.0), engine_series(system)(angle / base)
+    order = np.arange(1, harmonics + 1)
+    grid = np.multiply.outer(angle, order)
+    basis = np.hstack([np.ones((count, 1)), np.cos(grid), np.sin(grid)])
+    project = basis.T * (2.0 / count)
+    project[0] *= 0.5
+    omega = order * base
+    # v = (Te - Tf)/(i w I1) - i w Tf/(K23 - w^2 I2 + i w C23), harmonic by harmonic.
+    engine_share = 1.0 / (1j * omega * d.flywheel_inertia)
+    mobility = engine_share + 1j * omega / (d.stiffness - d.plate_inertia * omega**2 + 1j * omega * d.damping)
+    linear = _real_form(1.0 / mobility)
+    torque = project @ engine
+    drive = _real_form(engine_share / mobility) @ torque
+    drive[0] = torque[0]
+    ratio = system.friction_ratio
+    stribeck = (ratio - 1.0, system.friction.decay) if ratio != 1.0 else None
+
+    slip = np.zeros(2 * harmonics + 1)
+    for part in LADDER:
+        slip, rest = _newton(slip, basis, project, linear, drive, load, part * system.friction.smoothing, stribeck)
+    coefficient = project @ friction.smoothed(basis @ slip, system.friction.smoothing, stribeck)
+    return Balance(period, base, slip, coefficient, rest)
+
+
+def _real_form(factor: NDArray[np.complex128]) -> Floats:
+    """The matrix that multiplies the phasors a - i b by `factor`, on (mean, a, b); the mean is left out."""
+    n = len(factor)
+    k = np.arange(1, n + 1)
+    out = np.zeros((2 * n + 1, 2 * n + 1))
+    out[k, k] = out[n + k, n + k] = factor.real
+    out[k, n + k], out[n + k, k] = factor.imag, -factor.imag
+    return out
+
+
+def _newton(slip: Floats, basis: Floats, project: Floats, linear: Floats, drive: Floats, load: Floats, sigma: float,
+            stribeck: friction.Stribeck) -> tuple[Floats, float]:
+    """The slip's coefficients for one smoothing factor, with halved steps, and the largest remainder, N m."""
+    def remainder(x: Floats) -> tuple[Floats, Floats]:
+        value, slope = friction.smoothed_and_slope(basis @ x, sigma, stribeck)
+        return linear @ x + project @ (load * value) - drive, load * slope
+
+    size = float(np.abs(drive).max()) + 1.0
+    rest, slope = remainder(slip)
+    for _ in range(ITERATIONS):
+        largest = float(np.abs(rest).max())
+        if largest <= 1e-11 * size:
+            return slip, largest
+        step = np.linalg.solve(linear + project @ (slope[:, None] * basis), rest)
+        for _ in range(HALVINGS):
+            further, slope = remainder(slip - step)
+            if float(np.abs(further).max()) < largest:
+                break
+            step = 0.5 * step
+        slip, rest = slip - step, further
+    if float(np.abs(rest).max()) <= 1e-8 * size:
+        return slip, float(np.abs(rest).max())
+    raise NumericalFailure(f"harmonic balance at sigma = {sigma:g} s/rad: a remainder of {np.abs(rest).max():.3g} N "
+                           f"m is left")

@@ -1,0 +1,60 @@
+"""Where a map of cold starts shows one of several motions: those reached from a neighbour's state instead of (13)."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.paper.evidence import JUMP, steep
+from tcc_sim.studies.point import handed_over, solve_point
+from tcc_sim.studies.simulation import Start
+from tcc_sim.studies.sweep import Sweep
+from tcc_sim.trajectory import State
+
+
+def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
+    """The motions that a neighbour's last state leads to where they differ from those of the cold start.
+
+    Looked for at both sides of every change of more than JUMP of the curve's largest value between neighbours that both
+    have a period: the scatter of an aperiodic motion's maximum is no other motion.
+
+    Returns
+    -------
+    One row for each: `index` along the curve, `value` of the key, `max_slip_speed` and `period` of the cold start's
+    motion and of the `other`, and `spike`: whether the cold start stands out from both of its neighbours.
+    """
+    largest = sweep.column("max_slip_speed")
+    size = float(np.nanmax(largest))
+    pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
+             if all((sweep.records[i] or {}).get("period") for i in (here, there))]
+
+    def follow(pair: tuple[int, int]) -> dict[str, Any] | None:
+        here, there = pair
+        own, neighbour = sweep.records[here], sweep.records[there]
+        assert own is not None
+        assert neighbour is not None
+        plan = replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
+        point = solve_point(sweep.curve.at(here), sweep.curve.values[here], plan,
+                            handed_over(sweep.curve.at(there), Start(State(*neighbour["final"]), neighbour["final_cycle"]),
+                                        sweep.curve.at(here)))
+        found = point.summary
+        if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
+            return None
+        return {"index": here, "value": sweep.curve.values[here], "max_slip_speed": float(largest[here]),
+                "period": own["period"], "other": {"max_slip_speed": found.max_slip_speed, "period": found.period},
+                "spike": stands_out(largest, here, JUMP * size)}
+
+    with ThreadPoolExecutor(jobs) as threads:
+        rows = [row for row in threads.map(follow, pairs) if row is not None]
+    return sorted(rows, key=lambda row: int(row["index"]))
+
+
+def stands_out(values: np.ndarray, k: int, least: float) -> bool:
+    """Whether a value lies above both of its neighbours, or below both, by more than `least`."""
+    if not 0 < k < len(values) - 1:
+        return False
+    left, right = values[k] - values[k - 1], values[k] - values[k + 1]
+    return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)

@@ -1,0 +1,108 @@
+"""The paper's errata in one list: what is printed, what is right, why, and where this package has the right form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from tcc_sim.paper import errata_numbers as numbers
+
+
+def nothing() -> dict[str, Any]:
+    """No numbers: the two forms differ in kind."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """One place of the paper.
+
+    where : equation, figure or section
+    printed, right : in words and formulas of plain text
+    why : the derivation in short
+    code : the module of this package that has the right form; empty where there is nothing to have
+    numbers : works out values that show the difference
+    """
+
+    where: str
+    printed: str
+    right: str
+    why: str
+    code: str = ""
+    numbers: Callable[[], dict[str, Any]] = nothing
+
+
+ERRATA: tuple[Erratum, ...] = (
+    Erratum("(4), (6)", "mubar in [0, mu_s/mu_k] at v = 0", "mubar in [-mu_s/mu_k, mu_s/mu_k]",
+            "in stick friction holds in both directions", "solvers.event_driven"),
+    Erratum("(8b), (25b)", "the arctangent of the quotient", "the four-quadrant arctangent",
+            "above omega_sn the denominator of (8b) is negative and the printed phase is off by pi", "model.pure_stick",
+            numbers.phases),
+    Erratum("(9)", "omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2)",
+            "I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2)",
+            "Tfi = Te - I1 theta1'', and theta1'' = theta2'' of (8a); (25a) is the same, and right", "model.pure_stick",
+            numbers.amplitude),
+    Erratum("(10)", "Tfi(t) <= mu_s N(t) R", "|Tfi(t)| <= mu_s N(t) R", "slip begins in either direction",
+            "model.pure_stick"),
+    Erratum("(11b)", "a period of 2 pi/omega", "N engine cycles for omega_f = (M/N) omega in lowest terms",
+            "mu_s N(t) R repeats with omega_f, so one engine cycle does not show its least margin", "model.pure_stick"),
+    Erratum("(16)", "|a0| > |a21| + |a22|", "a0 > |a21| + |a22|, and v > 0 through the transient of (14)",
+            "an a0 below 0 satisfies the print, but friction was taken for v > 0; and the transient can bring v to 0 "
+            "before there is a steady state", "model.pure_slip", numbers.slip_condition),
+    Erratum("(17a), (18)", "terms Tsm 2 zeta/(K23 omega_n), Tsm (2 zeta^2 - 1)/(K23 omega_d)",
+            "v = Omega_e + Tp/(I1 omega) (1 - cos(omega t)) - Tsm/(I2 omega_d) exp(-zeta omega_n t) sin(omega_d t)",
+            "the printed terms are an angle times a time: those of the integral of theta2, where its derivative "
+            "belongs. "
+            "(18) has no such term at all", "model.pure_slip", numbers.transient),
+    Erratum("(21)", "Cf equates the cyclic energy dissipation", "that is Cf = int T v dt/int v^2 dt, above 0 always",
+            "(21) weights the slope dT/dv with v^2; T is not (dT/dv) v, so it is another quantity, not an energy",
+            "analysis.damping", numbers.dissipation),
+    Erratum("(23)", "unstable where Cf < -C23", "unstable where Cf < 0; the oscillation grows from Cf near -C23 on",
+            "the characteristic polynomial of (22) is I1 I2 s^3 + [I1 (C23 + Cf) + I2 Cf] s^2 + (I1 K23 + Cf C23) s "
+            "+ Cf K23: its constant term makes a positive real root for any Cf < 0", "analysis.damping", numbers.roots),
+    Erratum("(27)", "omega_sn = K23/sqrt(I1 + I2)", "omega_sn = sqrt(K23/(I1 + I2))", "as (28) then uses it",
+            "model.parameters", numbers.stuck_frequency),
+    Erratum("(29b)", "[1 + I1/I2] with a lost symbol, sin(omega t + psi)",
+            "[1 + I1/I2] Tsm, and sin(omega_f t + psi)", "(2a) with Tf = Ts", "model.pure_slip"),
+    Erratum("(29b), Fig. 13", "a larger Tsp lowers Teq, which lowers slip",
+            "I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w",
+            "|Tp - (1 + I1/I2) Tsp| rises with Tsp while slip falls. The left side of (29a) holds Ts too, by (12b): "
+            "I1 (v' + "
+            "theta2'') = Te - Ts. With the plate's motion eliminated the amplitude at low frequency is |Tp - Tsp "
+            "exp(i psi)|",
+            "model.pure_slip", numbers.driving_torques),
+    Erratum("(29b), Fig. 8", "psi changes the reduction of Teq; the time delay reverses it at high frequency",
+            "the factor of Ts above turns its sign at omega_sn", "Teq of (29b) orders psi = 0, pi/2, pi alike at every "
+            "frequency, so it cannot show the reversal; the torque with the plate's motion eliminated does",
+            "model.pure_slip", numbers.phase_order),
+    Erratum("(30), (31), (32), (34)", "series from n = 1 on", "a0 in (30), c0 in (31), and the mean in (32), (34)",
+            "the mean of Tf is Tm. Without c0 only the product with the load's sine has a mean, of at most (2/pi) Tsp "
+            "for mu_k = mu_s; and slip in one direction has a mean", "model.harmonic_balance", numbers.series),
+    Erratum("(31)", "[Tm + Tp sin(omega t/N)]", "[Tsm + Tsp sin(M omega t/N + psi)]", "the first factor is Ts of (5b)",
+            "model.harmonic_balance"),
+    Erratum("(35)", "v = N whether M and N are commensurable or not", "v = N for M/N in lowest terms and mu_k = mu_s",
+            "2/4 is 1/2: period two. For mu_k < mu_s the motion doubles or loses its period by itself: the claims on "
+            "(35) "
+            "have the periods", "paper.claims_varying_load"),
+    Erratum("Section 5, Fig. 4", "the transition moves with mu_k because the law is smoothed",
+            "stick and stick-slip coexist, and (13) leads to the latter",
+            "the set-valued law moves the last slip as far: see the claim", "paper.claims_constant_load"),
+    Erratum("Captions of Figs. 3 and 13", "mu_k = 0.677 mu_s; effect of omega_f",
+            "0.667 is meant, if Fig. 5's is; effect of Tsp",
+            "Fig. 3 and the claims on it use 0.677 as printed", "paper.catalogue"),
+)
+"""In the order of the paper."""
+
+RIGHT = ("(1), (2), (3), (5), (7), (8a), (12) to (15), (19), (20), (22), (24), (25a), (26) within 0.06 rad for "
+         "omega/omega_n up to 0.5, (28), (29a), (33)")
+"""What was derived again and found as printed."""
+
+OPEN = (
+    ("the mean pressure of Figs. 4 to 18", "225 kPa; the table in the page of claims has others"),
+    ("what stays as mu_k changes", "N(t), so Tsm falls with mu_k and mu_s N R = 540 N m stays"),
+    ("the step of RK4 in Fig. 2", "several are shown"),
+    ("what (21) is in Fig. 5", "as printed, and the time mean of the negative slope, which has the printed order"),
+    ("how each value of a map starts", "from (13), the cold start; other directions are an option"),
+)
+"""What the paper leaves open, and what is taken here."""

@@ -1,0 +1,155 @@
+"""Numbers that show what the paper's errata come to: each function works out one, by name and value."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.model import closed_form
+from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
+from tcc_sim.paper.evidence import Values, with_kinetic
+from tcc_sim.solvers import solve
+
+
+def phases() -> dict[str, Any]:
+    """phi of (8b) on both sides of omega_sn, rad."""
+    system = paper_system()
+    d, out = system.driveline, {}
+    for ratio in (0.2, 0.4):
+        omega = ratio * OMEGA_N
+        printed = -math.atan(d.damping * omega / (d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2))
+        out[f"phi at {ratio:g}, printed and right (rad)"] = [printed, closed_form.stick_phase(system, omega)]
+    return out
+
+
+def amplitude() -> dict[str, Any]:
+    """The second amplitude of (9) at 0.36."""
+    d, omega = paper_system().driveline, 0.36 * OMEGA_N
+    stuck = d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2
+    return {"amplitude at 0.36, printed and right (N m)": [
+        omega**2 * 250.0 / abs(stuck), d.flywheel_inertia * omega**2 * 250.0 / abs(complex(stuck, d.damping * omega))]}
+
+
+SLIPPING: Values = {"pressure.mean": 125e3, "engine.frequency": 150.0}
+"""Table 1 with Tsm = Tm."""
+
+
+def slip_condition() -> dict[str, Any]:
+    """(16) from an engine that is slower than the plate, and from a slow one."""
+    out = {}
+    for speed in (-150.0, 30.0):
+        found = closed_form.pure_slip(paper_system({**SLIPPING, "initial.slip_speed": speed}))
+        out[f"Omega_e = {speed:g}: (16) as printed, with its sign, least slip with the transient (rad/s)"] = [
+            abs(found.a0) - found.slip.swing(), found.margin, found.least_slip_speed]
+    return out
+
+
+def transient() -> dict[str, Any]:
+    """The sine's amplitude in (17a), and that the printed terms are those of the integral of theta2."""
+    system = paper_system(SLIPPING)
+    d = system.driveline
+    decay, omega_n = 0.5 * d.damping / d.plate_inertia, system.natural_frequency
+    zeta, damped = decay / omega_n, math.sqrt(omega_n**2 - decay**2)
+    size = system.saturation_mean / d.stiffness
+    t = np.linspace(0.0, 0.1, 20001)
+    fade, cosine, sine = np.exp(-decay * t), np.cos(damped * t), np.sin(damped * t)
+    printed = size * fade * (2.0 * zeta / omega_n * cosine + (2.0 * zeta**2 - 1.0) / damped * sine)
+    angle = closed_form.pure_slip(system).plate_angle(t)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * np.diff(t))])
+    rest = integral - size * (t - 2.0 * zeta / omega_n)
+    return {"amplitude of the sine, printed and right (rad/s)": [size * (1.0 - 2.0 * zeta**2) / damped,
+                                                                 system.saturation_mean / (d.plate_inertia * damped)],
+            "printed terms less those of the integral of theta2, largest, relative":
+            float(np.abs(printed - rest).max() / np.abs(printed).max())}
+
+
+def dissipation() -> dict[str, Any]:
+    """(21) beside the damping that takes the friction torque's energy out of a cycle, mu_k = 0.667 mu_s."""
+    out = {}
+    for ratio in (0.12, 0.20, 0.25):
+        system = paper_system(with_kinetic(0.667, {"engine.frequency": ratio * OMEGA_N}))
+        before = solve(system, cycles=150).raise_for_status()
+        run = solve(system, cycles=16, samples_per_cycle=4096, start_cycle=150, state=before.final).raise_for_status()
+        power, square = run.friction_torque * run.slip_speed, run.slip_speed**2
+        assert before.cycles is not None
+        found = damping_of_cycles(system, before.cycles[134:], 134, 0)
+        out[f"at {ratio:g}, by energy and by (21) (N m s/rad)"] = [float(power.sum() / square.sum()), found.weighted]
+    return out
+
+
+def roots() -> dict[str, Any]:
+    """Roots of the characteristic polynomial of (22)."""
+    d = paper_system().driveline
+
+    def roots(damping: float) -> list[complex]:
+        i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+        return [complex(x) for x in np.roots([i1 * i2, i1 * (c + damping) + i2 * damping, i1 * k + damping * c,
+                                              damping * k])]
+
+    def pair(damping: float) -> float:
+        return max(x.real for x in roots(damping) if abs(x.imag) > 1.0)
+
+    low, high = -2.0 * d.damping, -0.5 * d.damping
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if pair(middle) > 0.0 else (low, middle)
+    return {"real root at Cf = -0.1, -0.3 (1/s)": [max(x.real for x in roots(c) if abs(x.imag) <= 1.0)
+                                                   for c in (-0.1, -0.3)],
+            "Cf at which the oscillatory pair crosses (N m s/rad)": 0.5 * (low + high)}
+
+
+def stuck_frequency() -> dict[str, Any]:
+    """(27) and its right form."""
+    d = paper_system().driveline
+    both = d.flywheel_inertia + d.plate_inertia
+    return {"printed and right (rad/s)": [d.stiffness / math.sqrt(both), math.sqrt(d.stiffness / both)]}
+
+
+def driving_torques() -> dict[str, Any]:
+    """What (29b) says for Fig. 13, what drives the slip, and the slip."""
+    out: dict[str, Any] = {}
+    still = [paper_system({**s.values, "engine.frequency": 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
+    out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
+        closed_form.equivalent_torque(s).swing() for s in still]
+    out["|Tp - Tsp| (N m)"] = [abs(s.engine.torque_amplitude - s.saturation_amplitude) for s in still]
+    for ratio in (0.20, 0.40):
+        rows = [paper_system({**s.values, "engine.frequency": ratio * OMEGA_N}) for s in FIGURES[13].series]
+        out[f"torque that drives the slip at {ratio:.2f}, plate motion eliminated (N m)"] = [
+            closed_form.slip_torque(s).swing() for s in rows]
+        largest = []
+        for system in rows:
+            cycles = solve(system, cycles=150).raise_for_status().cycles
+            assert cycles is not None
+            largest.append(float(np.abs(cycles.highest[50:]).max()))
+        out[f"largest slip speed at {ratio:.2f} (rad/s)"] = largest
+    return out
+
+
+def series() -> dict[str, Any]:
+    """The mean of (31) with and without c0, for omega_f = omega/2 at 150 rad/s."""
+    row: Values = {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": 0.5, "engine.frequency": 150.0}
+    system = paper_system(row)
+    before = solve(system, cycles=600).raise_for_status()
+    run = solve(system, cycles=2, samples_per_cycle=400, start_cycle=600, state=before.final).raise_for_status()
+    size = float(np.abs(run.slip_speed).max())
+    off = []
+    for count in (10, 20, 40):
+        found = harmonic_balance(system, 2, 2 * count)
+        off.append(float(np.sqrt(np.mean((found.slip_speed(run.t) - run.slip_speed) ** 2))) / size)
+    return {"mean friction torque, printed and with c0 (N m); Tm = 300": [
+        mean_friction_torque(system, found.coefficient, 2, printed=True),
+        mean_friction_torque(system, found.coefficient, 2)],
+        "most that the printed form allows, (2/pi) Tsp (N m)": 2.0 / math.pi * system.saturation_amplitude,
+        "a0, c0": [float(found.slip[0]), float(found.coefficient[0])],
+        "corrected series against the simulation, rms, 10, 20, 40 harmonics of omega": off}
+
+
+def phase_order() -> dict[str, Any]:
+    """The torque that drives the slip for psi = 0, pi/2, pi."""
+    return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
+        closed_form.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
+        for s in FIGURES[8].series] for ratio in (0.15, 0.40)}

@@ -1,0 +1,118 @@
+"""The mean pressure of Figs. 4 to 18, which the paper does not print: which one agrees with most of its text.
+
+The text's numbers that depend on it, each worked out at several pressures by the code that judges the claims.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model import closed_form
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
+from tcc_sim.paper.claims_constant_load import AT_036, NEAR, RATIOS
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, slips_at, with_kinetic
+from tcc_sim.paper.figures import first_half
+
+PRESSURES = (200e3, 210e3, 220e3, 225e3, 230e3, 240e3, 250e3, 260e3)
+"""Pa; Table 1 says 200 to 400 kPa."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of the text: where it stands, what it is, and what a mean pressure makes of it, with whether it fits."""
+
+    figure: str
+    text: str
+    found: Callable[[Evidence, float], tuple[Any, bool]]
+
+
+def table(evidence: Evidence, pressures: Sequence[float] = PRESSURES) -> dict[str, Any]:
+    """`numbers`: figure and text of each; `rows`: per pressure (Pa) the values, whether each fits, and how many do."""
+    rows = []
+    for pressure in pressures:
+        found = [number.found(evidence, pressure) for number in NUMBERS]
+        rows.append({"pressure": pressure, "values": [value for value, _ in found], "fits": [fits for _, fits in found],
+                     "count": sum(fits for _, fits in found)})
+    return {"numbers": [{"figure": n.figure, "text": n.text} for n in NUMBERS], "rows": rows}
+
+
+def best(found: dict[str, Any]) -> list[float]:
+    """The pressures, Pa, that agree with most numbers."""
+    most = max(row["count"] for row in found["rows"])
+    return [row["pressure"] for row in found["rows"] if row["count"] == most]
+
+
+def _near(value: float | None, place: float, within: float = NEAR) -> tuple[Any, bool]:
+    """A number and whether it is that of the text."""
+    return (None if value is None else round(value, 4)), value is not None and abs(value - place) <= within
+
+
+def _at(pressure: float, row: Values | None = None) -> Values:
+    """Scene keys of a row at another mean pressure, its amplitude in proportion."""
+    values = dict(row or {})
+    part = float(values.get("pressure.amplitude", 0.0)) / PRESSURE  # type: ignore[arg-type]
+    return {**values, "pressure.mean": pressure, "pressure.amplitude": part * pressure}
+
+
+def _stick_from_below(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 8, psi = 0: end of pure stick at low frequency by (10)."""
+    system = paper_system(_at(pressure, FIGURES[8].series[0].values))
+    limits = closed_form.stick_limits(system, 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60)
+    return _near(None if limits.lower is None else limits.lower / OMEGA_N, 0.18)
+
+
+def _stick_from_above(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 4: end of pure stick at high frequency by (10)."""
+    limits = closed_form.constant_load_limits(paper_system(_at(pressure)))
+    return _near(limits[-1] / OMEGA_N if limits else None, 0.4)
+
+
+def _first_slip(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 14, psi = 0: lowest slipping ratio from (13)."""
+    axis = np.round(np.arange(0.06, 0.2401, 0.003), 6)
+    found = slips_at(evidence.curves([_at(pressure, FIGURES[14].series[0].values)], axis)[0])
+    return _near(float(found.min()) if len(found) else None, 0.15)
+
+
+def _period_two(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 6: end of period two, followed upward."""
+    axis = RATIOS[RATIOS >= 0.74]
+    found = evidence.curves([_at(pressure, AT_036)], axis, over=KINETIC, direction="up")[0]
+    two = axis[evidence.periods(found) == 2]
+    return _near(float(two.max()) if len(two) else None, 0.92)
+
+
+def _aperiodic(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 6: highest ratio below 0.78 without a period, from (13)."""
+    axis = RATIOS[(RATIOS >= 0.6) & (RATIOS < 0.78)]
+    none = axis[evidence.periods(evidence.curves([_at(pressure, AT_036)], axis, over=KINETIC)[0]) == 0]
+    return _near(float(none.max()) if len(none) else None, 0.7, 0.05)
+
+
+def _three_periods(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 7: the periods, 0 for none."""
+    found = [evidence.motion(_at(pressure, with_kinetic(r, AT_036)))["period"] for r in (0.94, 0.74, 0.64)]
+    return found, found == [1, 2, 0]
+
+
+def _halves(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 9: part of the way slipped in the first half cycle."""
+    shares = [first_half(evidence.last_cycles(_at(pressure, s.values), 2, 500)) for s in FIGURES[9].series]
+    return [None if math.isnan(x) else round(x, 3) for x in shares], min(shares[:2]) > 0.8 and max(shares[2:]) < 0.2
+
+
+NUMBERS = (
+    Number("8", "psi = 0: pure stick below 0.18, by (10)", _stick_from_below),
+    Number("4", "stick again from near 0.4, by (10)", _stick_from_above),
+    Number("14", "psi = 0: pure stick below 0.15, from (13)", _first_slip),
+    Number("6", "period two from 0.92, followed upward", _period_two),
+    Number("6", "aperiodic from about 0.7, from (13)", _aperiodic),
+    Number("7", "periods 1, 2, none at 0.94, 0.74, 0.64", _three_periods),
+    Number("9", "part slipped in the first half cycle at 0.15, 0.18, 0.37, 0.40: above 0.8 twice, below 0.2 twice",
+           _halves),
+)

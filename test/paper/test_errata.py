@@ -1,0 +1,105 @@
+"""The list of errata: that each number is what a derivation by hand says, and that the page has all of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.paper import claims, claims_model, errata, errata_numbers, mean_pressure
+from tcc_sim.paper.evidence import Evidence
+
+
+def test_every_erratum_is_whole_and_its_module_is_there() -> None:
+    import importlib
+
+    assert len({e.where + e.printed for e in errata.ERRATA}) == len(errata.ERRATA) >= 18
+    for row in errata.ERRATA:
+        assert row.printed != row.right
+        assert row.why
+        if row.code:
+            importlib.import_module(f"tcc_sim.{row.code}")
+    listed = " ".join(e.where for e in errata.ERRATA)
+    for equation in ("(8b)", "(9)", "(10)", "(16)", "(17a)", "(18)", "(23)", "(25b)", "(27)", "(29b)", "(30)", "(31)",
+                     "(34)", "(35)"):
+        assert equation in listed
+
+
+def test_16_17_and_27_by_hand() -> None:
+    slip = list(errata_numbers.slip_condition().values())
+    assert slip[0][:2] == pytest.approx([400.0 / 3.0, -150.0])  # a0 = -150 + Tp/(I1 omega), swing 25/3.
+    assert slip[1][1] == pytest.approx(30.0)
+    assert slip[1][2] < 0.0
+    amplitude, rest = errata_numbers.transient().values()
+    wd = math.sqrt(150e3 - 15.0**2)
+    assert amplitude == pytest.approx([0.1 * (1.0 - 2.0 * 15.0**2 / 150e3) / wd, 300.0 / (0.02 * wd)])
+    assert rest < 1e-5
+    assert next(iter(errata_numbers.stuck_frequency().values())) == pytest.approx([3000.0 / math.sqrt(0.22),
+                                                                                   math.sqrt(3000.0 / 0.22)])
+
+
+def test_23_has_a_positive_root_for_any_negative_damping() -> None:
+    """The polynomial against the eigenvalues of (22) as a matrix."""
+    real, crossing = errata_numbers.roots().values()
+    for damping, root in zip((-0.1, -0.3), real):
+        matrix = np.array([[-damping / 0.2, damping / 0.2, 0.0],
+                           [damping / 0.02, -(0.6 + damping) / 0.02, -3000.0 / 0.02], [0.0, 1.0, 0.0]])
+        assert np.linalg.eigvals(matrix).real.max() == pytest.approx(root, rel=1e-9)
+        assert root > 0.0
+    assert crossing == pytest.approx(-0.6, abs=1e-3)
+
+
+def test_8_9_and_29_by_hand() -> None:
+    low, high = errata_numbers.phases().values()
+    assert low[0] == pytest.approx(low[1])
+    assert high[0] - high[1] == pytest.approx(math.pi)
+    printed, right = next(iter(errata_numbers.amplitude().values()))
+    assert printed / right == pytest.approx(5.0, rel=0.01)
+    found = errata_numbers.driving_torques()
+    assert list(found.values())[:2] == [pytest.approx([250.0, 492.5, 1235.0, 2720.0], rel=1e-5),
+                                        pytest.approx([250.0, 182.5, 115.0, 20.0])]
+    at_low, slip_low, at_high, slip_high = list(found.values())[2:]
+    assert sorted(at_low, reverse=True) == at_low
+    assert sorted(slip_low, reverse=True) == slip_low
+    assert sorted(at_high) == at_high
+    assert sorted(slip_high) == slip_high
+    below, above = errata_numbers.phase_order().values()
+    assert sorted(below) == below
+    assert sorted(above, reverse=True) == above
+
+
+def test_33_is_right_as_printed() -> None:
+    t, v, n, period = np.linspace(0.0, 7.0, 50), 3, 2, 5
+    a, b = t / period, n * t / v
+    more, less = (n / v + 1 / period) * t, (n / v - 1 / period) * t
+    np.testing.assert_allclose(np.sin(a) * np.cos(b), 0.5 * (np.sin(more) - np.sin(less)), atol=1e-14)
+    np.testing.assert_allclose(np.sin(a) * np.sin(b), 0.5 * (np.cos(less) - np.cos(more)), atol=1e-14)
+
+
+def test_the_command_writes_the_page(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__,
+                                                         "claims": (claims_model.maximum_falls,)})
+    monkeypatch.setattr(mean_pressure, "NUMBERS", mean_pressure.NUMBERS[:1])
+    monkeypatch.setattr(errata_numbers, "series", dict)
+    file = tmp_path / "errata.md"
+    assert main(["claims", "--errata", str(file)]) == 0
+    page = file.read_text()
+    assert page.count("\n## ") == len(errata.ERRATA) + 2
+    assert "5.1138" in page
+    assert main(["claims", "--errata", str(file)]) == 2
+
+
+def test_the_mean_pressure_agrees_with_the_text_by_the_closed_forms() -> None:
+    """(10) by hand: |Tm| + Tp G = mu_s N R at the upper limit of Fig. 4."""
+    kept = Evidence(1e-9, 1)
+    for pressure in (200e3, 225e3, 260e3):
+        value, fits = mean_pressure._stick_from_above(kept, pressure)
+        omega = value * math.sqrt(150e3)
+        spring = complex(3000.0, 0.6 * omega)
+        assert 300.0 + 250.0 * abs((spring - 0.02 * omega**2) / (spring - 0.22 * omega**2)) == pytest.approx(
+            540.0 * pressure / 225e3, rel=2e-3)
+        assert fits == (abs(value - 0.4) <= 0.02)
+    rows = [{"pressure": float(k), "count": count} for k, count in enumerate((3, 5, 5))]
+    assert mean_pressure.best({"numbers": [], "rows": rows}) == [1.0, 2.0]

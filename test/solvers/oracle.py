@@ -1,0 +1,51 @@
+"""An independent solution of the smoothed law: SciPy's Radau at tight tolerance on equations written out once more.
+
+Slow and plain; nothing of the package's solvers or model is used. Its fellow for the set-valued law is `piecewise`.
+"""
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+
+def coefficient_and_slope(v, ratio, decay, sigma):
+    """(7) and its derivative."""
+    falling, step = (ratio - 1.0) * math.exp(-decay * abs(v)), math.tanh(sigma * v)
+    slope = (1.0 + falling) * sigma * (1.0 - step * step) - decay * math.copysign(falling, v) * step
+    return (1.0 + falling) * step, slope
+
+
+def smoothed_states(system, state, cycles, per_cycle, rtol=1e-10, first=0):
+    """(cycles * per_cycle + 1, 4): slip speed, plate angle, plate speed, flywheel angle; restarted at every cycle."""
+    e, pr, f, d = system.engine, system.pressure, system.friction, system.driveline
+    i1, i2 = d.flywheel_inertia, d.plate_inertia
+    ratio = f.static_coefficient / f.kinetic_coefficient
+    per_pressure = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
+
+    def load(t):
+        phase = pr.frequency_ratio * e.frequency * t + pr.phase
+        return per_pressure * max(pr.mean + pr.amplitude * math.sin(phase), 0.0)
+
+    def rates(t, y):
+        te = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
+        for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
+            te += a * math.sin(n * e.frequency * t + phase)
+        tf = coefficient_and_slope(y[0], ratio, f.decay, f.smoothing)[0] * load(t)
+        plate = (tf - d.damping * y[2] - d.stiffness * y[1]) / i2
+        return [(te - tf) / i1 - plate, y[2], plate, y[0] + y[2]]
+
+    def jacobian(t, y):
+        g = coefficient_and_slope(y[0], ratio, f.decay, f.smoothing)[1] * load(t)
+        return np.array([[-g / i1 - g / i2, d.stiffness / i2, d.damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
+                         [g / i2, -d.stiffness / i2, -d.damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]])
+
+    y = np.array(state, dtype=float)
+    rows = [y[:, None]]
+    for n in range(first, first + cycles):
+        t = (n + np.arange(per_cycle + 1) / per_cycle) * system.cycle
+        found = solve_ivp(rates, (t[0], t[-1]), y, "Radau", t, rtol=rtol, jac=jacobian,
+                          atol=np.array([1.0 / max(1.0, f.smoothing / 50.0), 1e-2, 1.0, 0.1]) * rtol)
+        y = found.y[:, -1]
+        rows.append(found.y[:, 1:])
+    return np.hstack(rows).T
