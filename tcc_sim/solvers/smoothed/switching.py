@@ -31,7 +31,7 @@ CALM, CALM_MOST = 8, 256
 PROJECTED = 2.0
 """Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta, so
 it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
-SETTLED = 12
+SETTLED = 32
 """Series steps within the layer after which what decays has decayed: the state is on the slow manifold itself, not on the
 first-order one, and goes over to stick as it is."""
 CURVED = 0.3
