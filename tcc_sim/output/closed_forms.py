@@ -87,6 +87,6 @@ def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
         lines.append("  pure stick (8) to (11): none, the stuck resonance is excited undamped")
     else:
         possible = "is possible" if stick["sticks"] else "is not possible"
-        lines.append(f"  pure stick (10): margin {stick['margin']:.6g} N m, so it {possible}; plate angle (8) {stick['mean']:.6g} "
-                     f"rad and sines of {stick['amplitude']:.6g} rad")
+        lines.append(f"  pure stick (10): margin {stick['margin']:.6g} N m, so it {possible}; plate angle (8) "
+                     f"{stick['mean']:.6g} rad and sines of {stick['amplitude']:.6g} rad")
     return lines
