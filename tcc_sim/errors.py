@@ -8,13 +8,20 @@ LONGEST_SENTENCE = 1000
 """Characters of a refusal; what wrong input holds beyond that is left out."""
 
 
+def printable(text: str) -> str:
+    """`text` in printable characters, the others escaped: everything that comes from a file, a topic or a command line
+    passes through here before it reaches a terminal.
+    """
+    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode()
+                                                   for c in text)
+
+
 def one_line(text: str) -> str:
-    """`text` in printable characters: others are escaped, and the middle of what is too long is left out."""
+    """`text` in printable characters; the middle of what is too long is left out."""
     if len(text) > LONGEST_SENTENCE:
         half = LONGEST_SENTENCE // 2
         text = f"{text[:half]} ... {text[-half:]}"
-    return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode()
-                                                   for c in text)
+    return printable(text)
 
 
 class TccError(Exception):

@@ -10,7 +10,7 @@ from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import general_terms, terms_of
-from tcc_sim.topics import topic
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
 TICK = 1_000_000
 START = 10**18
@@ -66,19 +66,29 @@ def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, fricti
             for k in range(len(t))]
 
 
-def bag(directory, rows, scene, *, said=(), cut=False, lost=0):
-    """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag."""
+def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), **options):
+    """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag.
+
+    `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of who published from there on;
+    `targets` are (row, rad/s) that a slip controller was asked for; `options` are those of BagWriter."""
+    clock = clock or (lambda number: START + number * TICK)
     scene = load_scene(scene) if isinstance(scene, str) else scene
-    writer = BagWriter(directory, scene.text() if scene is not None else None)
-    joints = writer.channel("/joint_states", topic("joint_states").type)
-    applied = writer.channel("/applied_pressure", topic("applied_pressure").type) if not math.isnan(rows[-1][-1]) else 0
+    writer = BagWriter(directory, scene.text() if scene is not None else None, **options)
+    wished = writer.channel("/target_slip_speed", FLOAT64) if targets else 0
+    pressed = not math.isnan(rows[-1][-1])
+    joints, applied = {}, {}
+    for first, who in publishers or [(0, "")]:
+        joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)
+        applied[first] = writer.channel("/applied_pressure", FLUID_PRESSURE, publisher=who) if pressed else 0
     for number, (stamp, *columns, pressure) in enumerate(rows):
-        log = START + number * TICK
+        log, owner = clock(number), max(first for first in joints if first <= number)
         for text in (text for row, text in said if row == number):
             writer.describe(text, log_ns=log - TICK // 2)
-        writer.write(joints, log, log, cdr.joint_state(stamp, *columns), number)
-        if applied:
-            writer.write(applied, log, log, cdr.fluid_pressure(stamp, pressure), number)
+        for value in (value for row, value in targets if row == number):
+            writer.write(wished, log - TICK // 2, log - TICK // 2, cdr.float64(value))
+        writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns), number)
+        if pressed:
+            writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
         if number % 100 == 99:
             writer.flush()
     writer.flush()

@@ -24,7 +24,8 @@ ROS = ["nodes"]
 DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {
-    "numba": ["solvers.compiled"], "scipy": ["solvers", "analysis", "studies", "benchmarks"], "distributed": ["studies.cluster"],
+    "numba": ["solvers.compiled", "solvers.kernel_cache"],
+    "scipy": ["solvers", "analysis", "studies", "benchmarks"], "distributed": ["studies.cluster"],
     "dask": ["studies.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["scene", "recording", "messages"],

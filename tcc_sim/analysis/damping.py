@@ -1,26 +1,36 @@
-"""Equivalent viscous damping of the friction torque, (21), and its relatives, for the instability criterion (23)."""
+"""Equivalent viscous damping of the friction torque, (21), and its relatives, for the instability criterion (23).
+
+The averages are taken along the motion between the instants at which dT/dv changes its sign or jumps, so none of them
+is a sum over samples that a jump falls between.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tcc_sim.analysis.cycles import default_discard, first_cycle_of
 from tcc_sim.errors import InputError
-from tcc_sim.model import friction
+from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.tangent import passed
+from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 CYCLES = 16
 """Engine cycles that the averages are taken over."""
-SAMPLES = 8192
-"""Samples per cycle: the layer of the smoothed law is crossed in some 10 us."""
+TOLERANCE = 1e-9
+"""Of the motion and its integrals with the smoothed law."""
+PHASE = 0.07
+"""Growth of slip on the falling law between two samples, in natural logarithm; the error is about its fourth power."""
+FEWEST, MOST = 1024, 131072
+"""Samples per cycle with the set-valued law: between them the motion is interpolated from its equations."""
+STICK, FREE = 0, 2
+GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
+"""Half the abscissae and weights of the four-point rule."""
 
 
 @dataclass(frozen=True)
@@ -37,37 +47,8 @@ class Damping:
     threshold: float
 
 
-def equivalent_damping(trajectory: Trajectory, discard: int | None = None) -> Damping:
-    """The averages over the whole cycles after the first `discard`, by the trapezoidal rule on the samples.
-
-    Parameters
-    ----------
-    trajectory : densely sampled: the layer of the smoothed law, some 5/sigma wide in slip speed, must be resolved for
-        the
-        weighted average to be meaningful to more than its order
-    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100
-
-    Raises
-    ------
-    InputError
-        A trajectory without its system or with fewer than four samples in the cycles kept.
-    """
-    if trajectory.system is None:
-        raise InputError("the equivalent damping needs the system of the trajectory")
-    first = first_cycle_of(trajectory)
-    last = math.floor(float(trajectory.t[-1]) / trajectory.cycle + 1e-9)
-    dropped = default_discard(last - first) if discard is None else discard
-    slack = 1e-9 * trajectory.cycle
-    inside = (trajectory.t >= (first + dropped) * trajectory.cycle - slack) & (trajectory.t <= last * trajectory.cycle
-                                                                               + slack)
-    if dropped < 0 or int(inside.sum()) < 4:
-        raise InputError(f"--discard {dropped} leaves fewer than 4 of the {len(trajectory.t)} samples")
-    return _averages(_integrals(trajectory, inside), trajectory.system)
-
-
-def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int, *, solver: str = "auto",
-                      rtol: float | None = None, step: float | None = None) -> Damping:
-    """The averages over the last engine cycles, each solved from its state on the section with dense samples.
+def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -> Damping:
+    """The averages over the last engine cycles, each solved from its state on the section.
 
     So they are as good for a recording, whose ticks pass over the layer of the smoothed law, as for a solution.
 
@@ -75,24 +56,22 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int, *
     ----------
     cycles, first : the cycles, NaN where one is missing, and the number of the first of them, which gives its phase
     period : of the motion in engine cycles, 0 where there is none; whole periods are taken
-    solver, rtol, step : as `solvers.solve` takes them
 
     Returns
     -------
     Damping, NaN where no cycle can be solved
     """
     count = math.ceil(CYCLES / max(period, 1)) * max(period, 1)
-    total = np.zeros(4)
+    integrals, time = np.zeros(3), 0.0
     for n in range(max(len(cycles) - count, 0), len(cycles)):
         if not math.isfinite(cycles.highest[n]):
             continue
-        run = solve(system, cycles=1, solver=solver, rtol=rtol, step=step, samples_per_cycle=SAMPLES,
-                    start_cycle=first + n,
-                    state=State(*cycles.section[n].tolist()))
-        if run.status is not Status.DONE:
+        if not _integrated(system, cycles.section[n], first + n, integrals):
             return Damping(math.nan, math.nan, -system.driveline.damping)
-        total += _integrals(run, slice(None))
-    return _averages(total, system)
+        time += system.cycle
+    weighted, energy, negative = integrals.tolist()
+    return Damping(weighted / energy if energy > 0.0 else math.nan, negative / time if time > 0.0 else math.nan,
+                   -system.driveline.damping)
 
 
 def damping_as_json(found: Damping) -> dict[str, float | None]:
@@ -101,19 +80,82 @@ def damping_as_json(found: Damping) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in averages.items()}
 
 
-def _integrals(trajectory: Trajectory, inside: slice | NDArray[np.bool_]) -> Floats:
-    """Over time, (4,): dT/dv v^2, v^2, the negative part of dT/dv, and 1."""
-    t, v = trajectory.t[inside], trajectory.slip_speed[inside]
-    slope = slope_of_friction(trajectory)[inside]
-    return np.array([_trapezoid(slope * v * v, t), _trapezoid(v * v, t), _trapezoid(np.minimum(slope, 0.0), t),
-                     t[-1] - t[0]])
+def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:
+    """Add the integrals over one cycle of dT/dv v^2, v^2 and min(dT/dv, 0); False where it cannot be solved."""
+    if system.friction.law == "smoothed":
+        return passed(system, section.copy(), np.empty((3, 0)), number, TOLERANCE, integrals)
+    terms = terms_of(system)
+    falling = terms.stribeck[0] * terms.stribeck[1] if terms.stribeck is not None else 0.0
+    samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / PHASE)
+    run = solve(system, cycles=1, samples_per_cycle=min(max(samples, FEWEST), MOST), start_cycle=number,
+                state=State(*section.tolist()))
+    if run.status is not Status.DONE:
+        return False
+    integrals += integrals_of_arcs(run)
+    return True
 
 
-def _averages(integrals: Floats, system: System) -> Damping:
-    """What the integrals come to."""
-    weighted, energy, negative, time = integrals.tolist()
-    return Damping(weighted / energy if energy > 0.0 else math.nan, negative / time if time > 0.0 else math.nan,
-                   -system.driveline.damping)
+def integrals_of_arcs(run: Trajectory) -> Floats:
+    """The integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), of a sampled motion with the set-valued law.
+
+    Between samples and transitions the slip speed is the cubic through its values and its accelerations, which (2a),
+    (2b) give with the torque of the arc's own mode; it is 0 where the mode changes, unless the clutch is free there.
+    """
+    assert run.system is not None
+    terms, changes = terms_of(run.system), run.transitions
+    excess, decay = terms.stribeck if terms.stribeck is not None else (0.0, 0.0)
+    left, right, mode = _pieces(run)
+    h = right - left
+    ends = [_end(run, terms, at, np.where(mode == FREE, 1, mode), after) for at, after in ((left, True), (right, False))]
+    held = changes.time[(changes.before != FREE) & (changes.after != FREE)]
+    (p, dp), (q, dq) = ((np.where(np.isin(at, held), 0.0, v), h * a) for (v, a), at in zip(ends, (left, right)))
+    total = np.zeros(3)
+    for x, weight in zip(0.5 + GAUSS, WEIGHTS):
+        y = 1.0 - x
+        v = y * y * (p * (1.0 + 2.0 * x) + x * dp) + x * x * (q * (1.0 + 2.0 * y) - y * dq)
+        v = np.where(mode == STICK, 0.0, v)
+        load = equations.saturation_torque(left + x * h, terms.mean_load, terms.pulsation)
+        slope = np.where(mode == STICK, 0.0, -load * decay * excess * np.exp(-decay * np.abs(v)))
+        part = weight * h
+        total += [float(np.sum(part * slope * v * v)), float(np.sum(part * v * v)), float(np.sum(part * slope))]
+    return total
+
+
+def _pieces(run: Trajectory) -> tuple[Floats, Floats, Floats]:
+    """Start, end and mode of the pieces into which samples and transitions cut a run, (n,) each."""
+    changes = run.transitions
+    times = np.unique(np.concatenate([run.t, changes.time]))
+    left, right = times[:-1], times[1:]
+    if not len(changes.time):
+        inside = np.sign(run.slip_speed[:-1] + run.slip_speed[1:])
+        return left, right, np.where((run.state[:-1] == 0) & (run.state[1:] == 0), 0.0, inside)
+    place = np.searchsorted(changes.time, 0.5 * (left + right))
+    modes = np.concatenate([changes.before[:1], changes.after]).astype(np.float64)
+    return left, right, modes[place]
+
+
+def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -> tuple[Floats, Floats]:
+    """Slip speed and acceleration at one end of every piece, by Taylor's series from the sample on its own side.
+
+    `after` : the end is a start, so what lies behind it counts
+    """
+    assert run.system is not None
+    near = np.searchsorted(run.t, at, side="left" if after else "right") - (0 if after else 1)
+    near = np.clip(near, 0, len(run.t) - 1)
+    dt = at - run.t[near]
+    v, angle, speed = run.slip_speed[near], run.plate_angle[near], run.plate_speed[near]
+
+    def accelerations(t: Floats, v: Floats, angle: Floats, speed: Floats) -> tuple[Floats, Floats]:
+        engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
+        load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
+        sliding: Any = friction.sliding
+        torque = load * sliding(np.abs(v) * mode, mode, terms.stribeck)
+        slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
+        return slip, plate
+
+    slip, plate = accelerations(run.t[near], v, angle, speed)
+    v, angle, speed = v + slip * dt, angle + dt * (speed + 0.5 * dt * plate), speed + dt * plate
+    return v, accelerations(at, np.where(dt == 0.0, v, np.maximum(v * mode, 0.0) * mode), angle, speed)[0]
 
 
 def slope_of_friction(trajectory: Trajectory) -> Floats:
@@ -132,8 +174,3 @@ def slope_of_friction(trajectory: Trajectory) -> Floats:
     else:
         slope = np.zeros_like(v)
     return cast(Floats, trajectory.saturation_torque * slope)
-
-
-def _trapezoid(y: Floats, t: Floats) -> float:
-    """The trapezoidal rule; NumPy renamed its own between the versions that this package takes."""
-    return float(0.5 * np.sum((y[1:] + y[:-1]) * np.diff(t)))

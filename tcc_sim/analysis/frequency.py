@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcc_sim.analysis.continuity import Break, Continuity, Stamps
+from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats
 
 OPENING = 1 << 14
@@ -39,16 +39,16 @@ class FrequencyFinder:
     """
 
     def __init__(self) -> None:
-        self._continuity = Continuity()
+        self._continuity = StampCounter()
         self._best: _Run | None = None
         self._run = _Run()
 
-    def feed(self, stamp_ns: Stamps, engine_torque: Floats) -> None:
-        """Take the next batch: stamps in ns, torques in N m."""
+    def feed(self, stamp_ns: Stamps, engine_torque: Floats, run: int = 0) -> None:
+        """Take the next batch: stamps in ns, torques in N m, and the number of its run where that is known."""
         finite = np.isfinite(engine_torque)
         stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
-        for piece, preceded in self._continuity.pieces(stamp_ns):
-            if preceded is Break.RUN:
+        for piece, preceded in self._continuity.pieces(stamp_ns, run):
+            if preceded.begins_a_run:
                 self._settle()
             elif preceded is Break.GAP:
                 self._run.interrupt()
@@ -79,6 +79,7 @@ class _Run:
         self._t: list[Floats] = []
         self._torque: list[Floats] = []
         self._held = 0
+        self._opening: tuple[Floats, Floats] = (np.empty(0), np.empty(0))
 
     def take(self, t: Floats, torque: Floats) -> None:
         """Add samples that follow the last without a gap."""
@@ -114,7 +115,11 @@ class _Run:
         share = 0.5 * amplitude * amplitude / variance
         phase = np.unwrap(np.angle(values))
         slope = 0.0
-        if len(where) > 1:
+        if len(where) == 1:
+            frequency, amplitude = _fitted(self._rough, *self._opening)
+            slope = frequency - self._rough
+            share = 0.5 * amplitude * amplitude / variance
+        else:
             slope, start = np.polyfit(where - where[0], phase, 1)
             if float(np.sqrt(np.mean((phase - start - slope * (where - where[0])) ** 2))) > LARGEST_WANDER:
                 return None
@@ -126,7 +131,8 @@ class _Run:
             return
         t, torque = np.concatenate(self._t), np.concatenate(self._torque)
         if not self._rough:
-            self._rough = _strongest(t[:OPENING], torque[:OPENING])
+            self._opening = t[:OPENING], torque[:OPENING]
+            self._rough = _strongest(*self._opening)
             if not self._rough:
                 self._t, self._torque, self._held = [], [], 0
                 return
@@ -141,6 +147,25 @@ class _Run:
             self._blocks.append((float(0.5 * (block[0] + block[-1])), complex(c, -s)))
             t, torque = t[count:], torque[count:]
         self._t, self._torque, self._held = [t], [torque], len(t)
+
+
+def _sine(frequency: float, t: Floats, torque: Floats) -> tuple[float, float]:
+    """Sum of squares that a constant and a sine of this frequency leave, and the sine's amplitude."""
+    design = np.stack([np.ones_like(t), np.cos(frequency * t), np.sin(frequency * t)], axis=1)
+    found = np.linalg.lstsq(design, torque, rcond=None)[0]
+    left = torque - design @ found
+    return float(left @ left), float(np.hypot(found[1], found[2]))
+
+
+def _fitted(rough: float, t: Floats, torque: Floats) -> tuple[float, float]:
+    """Frequency and amplitude of a sine fitted to few cycles, whose Fourier peak is only near (0.7 to 1.4 times)."""
+    from scipy.optimize import minimize_scalar
+
+    t = t - t[0]
+    guess = min(np.linspace(0.7, 1.4, 71).tolist(), key=lambda factor: _sine(factor * rough, t, torque)[0])
+    best = minimize_scalar(lambda factor: _sine(factor * rough, t, torque)[0], bounds=(guess - 0.01, guess + 0.01),
+                           method="bounded", options={"xatol": 1e-10})
+    return float(best.x) * rough, _sine(float(best.x) * rough, t, torque)[1]
 
 
 def _strongest(t: Floats, torque: Floats) -> float:

@@ -1,4 +1,8 @@
-"""The period of a motion in engine cycles, found on its stroboscopic section and confirmed on further cycles."""
+"""The period of a motion in engine cycles, found on its stroboscopic section.
+
+A period is stated where the section repeats with it and with no divisor of it, now or, where it still settles, in the
+limit of its decay. Otherwise there is none yet.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +17,27 @@ from tcc_sim.trajectory import Cycles
 MAXIMUM_PERIOD = 16
 TOLERANCE = 1e-4
 """Repetition, relative to the size of the motion, that counts as settled."""
-WINDOWS = 6
-"""The kept cycles are cut into as many windows to see whether the section still settles geometrically."""
-CONVERGING_CHANGE = 0.05
+NEAR = 0.25
 """Largest change over a period, relative to the size of the motion, at the end of a run that still settles."""
-CONVERGING_DISTANCE = 0.1
+DISTANCE = 0.1
 """Largest distance that such a run may have left to its limit, relative to the size of the motion."""
+SAME = 0.05
+"""Part of the distance left to the limit that two of its points may lie apart and still be one."""
+MODES = 3
+"""Most modes of a decay: the section has three coordinates."""
+MISFIT, EXACT = 0.02, 1e-3
+"""Largest misfit of a decay, relative to its own size, and one at which fewer modes are enough."""
+LEAST_SHRINKING = 0.95
+"""Largest part of a difference that a decay leaves over a third of the run."""
+LEAST_DECAY = 0.05
+"""Least natural logarithm of a decay over the run that tells it from a motion that goes on for ever."""
+DOUBTFUL = 0.5
+"""A difference may be none in the limit where its decay leaves less than this part of it, as far as its size tells; and
+a decay whose rate falls below this part within the run may end before it is none."""
+SHRINKING = 0.02
+"""Least shrinking over the run, relative to what is left, that is looked at."""
+GROWTH = 2.0
+"""Growth of a difference from a third of the run to the next, twice, that shows a motion on its way elsewhere."""
 
 Floats = NDArray[np.float64]
 
@@ -27,12 +46,11 @@ Floats = NDArray[np.float64]
 class Periodicity:
     """The repetition of a section.
 
-    period : in engine cycles, 0 where none up to 16 is found
-    settled : whether the section repeats within the tolerance; a period that is found while the section still
-        converges geometrically is not settled
+    period : in engine cycles, 0 where none up to 16 can be stated yet
+    settled : whether the section repeats within the tolerance; a period that only the limit of a decay has is not
+        settled
     change : largest difference between the last two periods (of one cycle where there is no period), relative to the
-        size
-        of the motion; NaN where there are too few cycles
+        size of the motion; NaN where there are too few cycles
     """
 
     period: int
@@ -43,10 +61,11 @@ class Periodicity:
 def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAXIMUM_PERIOD) -> Periodicity:
     """The smallest number of engine cycles after which the section repeats.
 
-    A period p is accepted in two ways. Settled: over the last quarter of the cycles, and at least three periods, points
-    that are p cycles apart stay within `tolerance` of one another; a slow drift does not pass, since all of them are
-    compared and not only neighbours. Converging: the change over p cycles shrinks geometrically through the run, is
-    small at its end, and the motion has a small distance left to its limit. Speeds are measured by the largest speed of
+    Settled: over the last quarter of the cycles, and at least three periods, points that are p cycles apart stay within
+    `tolerance` of one another; a slow drift does not pass, since all of them are compared and not only neighbours.
+    Settling: the differences of points p cycles apart decay as a linear map of up to three modes does, and its limit,
+    which is near, repeats after p cycles. In both cases there is no period yet where the differences of points a
+    divisor of p apart may be dying out, or where those p apart still grow. Speeds are measured by the largest speed of
     the motion and angles by the largest angle on the section.
 
     Parameters
@@ -57,59 +76,144 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     maximum : longest period looked for, engine cycles
     """
     points = _scaled(cycles)
-    for period in range(1, maximum + 1):
-        if len(points) < 3 * period:
+    most = min(maximum, len(points) // 3)
+    if len(points) < 2 or most < 1:
+        return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
+    changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
+    candidates = (np.flatnonzero(changes <= max(NEAR, tolerance)) + 1).tolist()
+    for period in candidates:
+        if changes[period - 1] <= tolerance and _repeats(points, period, tolerance):
+            if _grows(points, period, tolerance):
+                return Periodicity(0, False, float(changes[0]))
+            if not any(_may_vanish(points, q, period) for q in _divisors(period)):
+                return Periodicity(period, True, _change(points, period))
             break
-        repeats = max(3, len(points) // 4 // period)
-        tail = points[len(points) - repeats * period:].reshape(repeats, period, -1)
-        change = _largest(tail[-1] - tail[-2])
-        if _largest(tail.max(axis=0) - tail.min(axis=0)) <= tolerance:
-            shorter = _fading_to(points, period)
-            if shorter:
-                return Periodicity(shorter, False, _largest(points[-1] - points[-1 - shorter]))
-            return Periodicity(period, True, change)
-        if _converges(points, period):
-            return Periodicity(period, False, change)
-    return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
+    for period in candidates:
+        limit = _limit(points, period)
+        if limit is not None:
+            found = _period_of(limit, _largest(limit - points[-period:]), tolerance)
+            return Periodicity(found, False, _change(points, found or 1))
+    return Periodicity(0, False, float(changes[0]))
 
 
-def _converges(points: Floats, period: int) -> bool:
-    """Whether the change over one period shrinks geometrically, to a limit that is near."""
-    change = np.abs(points[period:] - points[:-period]).max(axis=1)
-    width = len(change) // WINDOWS // period * period
-    if width < 3:
-        return False
-    largest = change[len(change) - WINDOWS * width:].reshape(WINDOWS, width).max(axis=1)[1:]
-    last = float(largest[-1])
-    if last <= 0.0 or last > CONVERGING_CHANGE or last > float(largest.min()):
-        return False
-    k = np.arange(len(largest))
-    logs = np.log(largest)
-    slope, start = np.polyfit(k, logs, 1)
-    decay = -float(slope) * (len(k) - 1)
-    if decay < 0.5 or float(np.std(logs - (start + slope * k))) > 0.15 * max(1.0, decay):
-        return False
-    # A spiral or an alternation goes nowhere while it shrinks: what counts is the net way of the last window.
-    way = _largest(points[-1] - points[-1 - width])
-    return way * math.exp(float(slope)) / -math.expm1(float(slope)) <= CONVERGING_DISTANCE
+def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLERANCE) -> bool:
+    """Whether the section of the cycles that follow stays within `tolerance` of the last period of those before."""
+    last = cycles.section[len(cycles.section) - period:]
+    apart = (further.section - last[(np.arange(len(further.section)) - 1) % period]) / _sizes(cycles)
+    return bool(np.abs(apart).max() <= tolerance)
 
 
-def _fading_to(points: Floats, period: int) -> int:
-    """A divisor of a period whose repetition only seems settled: what tells the two apart shrinks, to less than half;
-    or 0.
+def _repeats(points: Floats, period: int, tolerance: float) -> bool:
+    """Whether points a period apart stay together over the last quarter of the run, and at least three periods."""
+    repeats = max(3, len(points) // 4 // period)
+    tail = points[len(points) - repeats * period:].reshape(repeats, period, -1)
+    return _largest(tail.max(axis=0) - tail.min(axis=0)) <= tolerance
 
-    A slow alternation that dies out repeats after two cycles within any tolerance that is wider than its decay. The
-    limit of its size over three windows is that of A. C. Aitken's delta-squared process.
+
+def _change(points: Floats, period: int) -> float:
+    """Largest difference between the last two periods."""
+    pairs = points[max(len(points) - 2 * period, 0):]
+    return _largest(pairs[period:] - pairs[:-period])
+
+
+def _divisors(period: int) -> list[int]:
+    """The divisors of a number below it."""
+    return [q for q in range(1, period) if period % q == 0]
+
+
+def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, float] | None:
+    """Largest difference of points `lag` apart in the thirds of the run, each a whole multiple of `multiple` long."""
+    size = np.abs(points[lag:] - points[:-lag]).max(axis=1)
+    width = len(size) // 3 // multiple * multiple
+    if width == 0:
+        return None
+    a, b, c = size[len(size) - 3 * width:].reshape(3, width).max(axis=1).tolist()
+    return a, b, c
+
+
+def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
+    """Whether what tells a divisor from a period that repeats dies out, as far as its size tells.
+
+    A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its size
+    is that of A. C. Aitken's delta-squared process.
     """
-    for shorter in [q for q in range(1, period) if period % q == 0]:
-        size = np.abs(points[shorter:] - points[:-shorter]).max(axis=1)
-        width = len(size) // 3 // period * period
-        if width == 0:
-            continue
-        a, b, c = (float(size[len(size) - (3 - i) * width:][:width].max()) for i in range(3))
-        if c < b < a and (b - c) < (a - b) and c - (b - c) ** 2 / ((a - b) - (b - c)) < 0.5 * c:
-            return shorter
-    return 0
+    thirds = _thirds(points, shorter, period)
+    if thirds is None:
+        return False
+    a, b, c = thirds
+    if not (c < b < a and a - c > SHRINKING * c):
+        return False
+    return (b - c) >= (a - b) or c - (b - c) ** 2 / ((a - b) - (b - c)) < DOUBTFUL * c
+
+
+def _grows(points: Floats, period: int, tolerance: float) -> bool:
+    """Whether points that are still together part at a growing rate."""
+    thirds = _thirds(points, period, period)
+    if thirds is None:
+        return False
+    a, b, c = thirds
+    return c > 0.01 * tolerance and c > GROWTH * b and b > GROWTH * a
+
+
+def _limit(points: Floats, period: int) -> Floats | None:
+    """The points of one period to which a run settles, (period, 3), in the phases of the last ones; None for none.
+
+    It is that of the reduced rank extrapolation of R. P. Eddy (1979) and M. Mesina (1977). A spiral onto a torus decays
+    too, but at a rate that falls.
+    """
+    points = points[len(points) // 3:]
+    thirds = _thirds(points, period, period)
+    if thirds is None or thirds[2] > LEAST_SHRINKING * thirds[0]:
+        return None
+    general = next((x for x in (_decay(points, period, m) for m in range(MODES, 0, -1)) if x is not None), None)
+    if general is None or general[0] > MISFIT:
+        return None
+    fewer = (_decay(points, period, m) for m in range(1, len(general[1])))
+    misfit, coefficients, rate = next((x for x in fewer if x is not None and x[0] <= max(EXACT, 2.0 * general[0])),
+                                      general)
+    if rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
+        return None
+    modes = len(coefficients)
+    first, second = (_decay(part, period, modes) for part in np.array_split(points, 2))
+    if first is None or second is None or second[2] < DOUBTFUL * first[2]:
+        return None
+    ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]
+    limit: Floats = (ends[-1] - np.tensordot(coefficients, ends[:-1], 1)) / (1.0 - float(coefficients.sum()))
+    return limit if _largest(limit - points[-period:]) <= DISTANCE else None
+
+
+def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats, float] | None:
+    """Misfit, coefficients and rate, per period, of the linear recurrence that the differences of points follow; None
+    where there are too few of them.
+
+    The differences d_n = x_(n+p) - x_n of a linear map with m modes satisfy d_(n+mp) = sum_i c_i d_(n+ip), and decay as
+    the powers of the roots of z^m - sum_i c_i z^i. Every equation counts relative to its own size.
+    """
+    difference = points[period:] - points[:-period]
+    count = len(difference) - modes * period
+    if count < 2 * modes:
+        return None
+    columns = np.stack([difference[i * period:i * period + count] for i in range(modes + 1)])
+    size = np.abs(columns).max(axis=(0, 2))
+    if not size.min() > 0.0:
+        return None
+    columns = (columns / size[None, :, None]).reshape(modes + 1, -1)
+    coefficients = np.linalg.lstsq(columns[:-1].T, columns[-1], rcond=None)[0]
+    misfit = columns[-1] - coefficients @ columns[:-1]
+    roots = np.roots([1.0, *-coefficients[::-1]]) if modes > 1 else coefficients
+    return (math.sqrt(float(misfit @ misfit) / len(misfit)), coefficients,
+            -math.log(float(np.abs(roots).max(initial=1e-300))))
+
+
+def _period_of(limit: Floats, left: float, tolerance: float) -> int:
+    """The smallest divisor of the length of an orbit after which it repeats; 0 where the distance left to it, of which
+    some is uncertain, leaves that in doubt.
+    """
+    for shorter in _divisors(len(limit)):
+        apart = _largest(np.roll(limit, -shorter, axis=0) - limit)
+        if apart <= 4.0 * max(left, tolerance):
+            return shorter if apart <= max(SAME * left, tolerance) else 0
+    return len(limit)
 
 
 def _scaled(cycles: Cycles) -> Floats:
@@ -123,10 +227,18 @@ def _scaled(cycles: Cycles) -> Floats:
         points = points[int(np.flatnonzero(~finite)[-1]) + 1:]
     if not len(points):
         return points
-    speed = max(_largest(cycles.highest[first:]), _largest(cycles.lowest[first:]), _largest(points[:, [0, 2]]))
-    angle = max(_largest(points[:, 1]), 1e-6 * speed)
-    scaled: Floats = points / np.array([speed or 1.0, angle or 1.0, speed or 1.0])
+    scaled: Floats = points / _sizes(cycles[first:] if first else cycles, points)
     return scaled
+
+
+def _sizes(cycles: Cycles, points: Floats | None = None) -> Floats:
+    """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the largest
+    angle on the section.
+    """
+    points = cycles.section if points is None else points
+    speed = max(_largest(cycles.highest), _largest(cycles.lowest), _largest(points[:, [0, 2]]))
+    angle = max(_largest(points[:, 1]), 1e-6 * speed)
+    return np.array([speed or 1.0, angle or 1.0, speed or 1.0])
 
 
 def _largest(x: Floats) -> float:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tcc_sim.analysis.continuity import Break, Continuity, Stamps
 from tcc_sim.analysis.cycles import accelerations_of, default_discard
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
+from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, concatenated
@@ -102,20 +102,27 @@ class CycleStream:
 
     def __init__(self, system: System, cycle: float | None = None) -> None:
         self.cycle = system.cycle if cycle is None else cycle
-        self.continuity = Continuity()
+        self.continuity = StampCounter()
         self.not_finite = 0
         self.runs: list[RunCycles] = []
+        self.numbers: dict[int, int] = {}
+        """Which of `runs` has the batches of a run, by the number that these were fed with."""
         self._system = system
         self._stick_speed = stick_speed_of(terms_of(system))
         self._waiting: list[Floats] = []
         self._next = 0
 
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
-             engine_torque: Floats,
-             friction_torque: Floats) -> list[Piece]:
+             engine_torque: Floats, friction_torque: Floats, run: int = 0) -> list[Piece]:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
 
-        A sample that is not finite is left out and counted, which makes it a gap.
+        A sample that is not finite is left out and counted, which makes it a gap. `run` is the batch's own number where
+        the recording tells runs apart.
+
+        Raises
+        ------
+        InputError
+            There are fewer samples than engine cycles.
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
         rows = np.stack([t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque])
@@ -124,8 +131,9 @@ class CycleStream:
             self.not_finite += int(np.count_nonzero(~finite))
             rows, stamp_ns = rows[:, finite], stamp_ns[finite]
         found: list[Piece] = []
-        for piece, preceded in self.continuity.pieces(stamp_ns):
-            if preceded is Break.RUN:
+        for piece, preceded in self.continuity.pieces(stamp_ns, run):
+            if preceded.begins_a_run:
+                self.numbers[run] = len(self.runs)
                 self.runs.append(RunCycles())
             if preceded is not Break.NOTHING:
                 self._waiting = []
@@ -145,15 +153,16 @@ class CycleStream:
         number = max(range(len(self.runs)), key=lambda k: (self.runs[k].observed(), k))
         return number, self.runs[number]
 
-    def summary(self, discard: int | None = None, tolerance: float = RECORDING_TOLERANCE) -> Summary:
-        """The summary of the longest run.
+    def summary(self, discard: int | None = None, tolerance: float = RECORDING_TOLERANCE,
+                number: int | None = None) -> Summary:
+        """The summary of the longest run, or of the one with this number.
 
         Raises
         ------
         InputError
             No whole cycle, or none left after `discard`.
         """
-        run = self.longest()[1]
+        run = self.longest()[1] if number is None else self.runs[number]
         cycles, first, dropped = run.kept(discard)
         return replace(summarise_cycles(cycles, self.cycle, first=first, tolerance=tolerance), cycles=run.observed(),
                        discarded=dropped)
@@ -166,6 +175,9 @@ class CycleStream:
         if rows[0, -1] < (self._next + 1 - _SLACK) * self.cycle:
             return []
         rows = np.concatenate(self._waiting, axis=1)
+        if (rows[0, -1] - rows[0, 0]) / self.cycle > rows.shape[1]:
+            raise InputError(f"{rows.shape[1]} stamps lie {rows[0, -1] - rows[0, 0]:.3g} s apart and an engine cycle "
+                             f"takes {self.cycle:.3g} s: there must be at least one for each cycle")
         t, slip_speed, plate_angle, plate_speed, engine, friction = rows
         slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
         cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, cycle=self.cycle,

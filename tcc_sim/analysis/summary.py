@@ -5,7 +5,7 @@ them.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,23 +20,31 @@ PASSING = 5e-3
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, slots=True)
 class Summary:
     """What the kept cycles come to; the fields are the JSON keys of `simulate` and `analyse`.
 
     max_slip_speed : largest |v|, rad/s
     min_slip_speed : smallest v, signed, rad/s
-    period : in engine cycles, 0 where none up to 16 is found
+    period : in engine cycles, 0 where none up to 16 can be stated yet
     section : (plate angle in rad, slip speed in rad/s) at t = 2 pi n/omega over the last whole period, in order and
-        from
-        an n that is a multiple of the period; over all kept cycles where the period is 0
+        from an n that is a multiple of the period; over all kept cycles where the period is 0
     stick_fraction : time in stick over time, 0 to 1
     regime : stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick
     cycles, discarded : engine cycles observed, and those of them dropped at the start
-    settled : whether the section repeats within the tolerance; a period may be found while it still converges
+    settled : whether the section repeats within the tolerance; a period that is not settled is that of the limit to which
+        the section decays
     section_change : largest change over the last period, relative to the size of the motion
     solver : name of the solver
     elapsed_s : s of computing time
+
+    Examples
+    --------
+    >>> found = Summary(62.1, -0.01, 2, [(0.1, 0.5), (0.12, 0.4)], 0.73, "stick-slip", 150, 50, True, 1e-9, "smoothed", 0.1)
+    >>> found
+    <Summary by smoothed: 150 cycles, period 2, settled, stick-slip; largest |slip speed| 62.1 rad/s>
+    >>> found.columns()["stick_fraction"]
+    [0.73]
     """
 
     max_slip_speed: float
@@ -51,6 +59,16 @@ class Summary:
     section_change: float
     solver: str
     elapsed_s: float
+
+    def __repr__(self) -> str:
+        period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"
+        return (f"<Summary by {self.solver}: {self.cycles} cycles, {period}, {self.regime}; "
+                f"largest |slip speed| {self.max_slip_speed:.6g} rad/s>")
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The fields less the section as a table of one row, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it.
+        """
+        return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name != "section"}
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON values; a number that is not finite becomes null."""

@@ -10,6 +10,7 @@ import argparse
 import os
 import sys
 from importlib import import_module
+from keyword import iskeyword
 from typing import NoReturn
 
 from tcc_sim.errors import InputError, TccError, one_line
@@ -21,6 +22,7 @@ VERBS: dict[str, str] = {
     "analyse": "summarise a recording, show it in Rerun, solve it again",
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
+    "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
@@ -29,7 +31,7 @@ VERBS: dict[str, str] = {
     "stability": "try every engine on stiff and extreme scenes",
     "recover": "make a complete, indexed bag from a recording that was cut short or damaged",
 }
-"""Every verb with its line of help; its module is `tcc_sim.cli.<verb>`."""
+"""Every verb with its line of help; its module is `tcc_sim.cli.<verb>`, with an underscore after a Python keyword."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -49,7 +51,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     for name, text in VERBS.items():
         sub = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         if verb in (None, name):
-            import_module(f"tcc_sim.cli.{name}").add_arguments(sub)
+            import_module(f"tcc_sim.cli.{_module(name)}").add_arguments(sub)
     return parser
 
 
@@ -59,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     verb = next((w for w in words if w in VERBS), "")
     try:
         arguments = build_parser(verb).parse_args(words)
-        status: int = import_module(f"tcc_sim.cli.{arguments.verb}").run(arguments)
+        status: int = import_module(f"tcc_sim.cli.{_module(arguments.verb)}").run(arguments)
         sys.stdout.flush()
         return status
     except SystemExit as stop:
@@ -80,6 +82,11 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("tcc-sim: interrupted", file=sys.stderr)
         return 130
+
+
+def _module(verb: str) -> str:
+    """The name of a verb's module."""
+    return f"{verb}_" if iskeyword(verb) else verb
 
 
 def _version() -> str:

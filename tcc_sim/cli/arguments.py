@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 from tcc_sim.errors import InputError
+from tcc_sim.output.files import check_name, replaceable
 
 
 def number(low: float, high: float, unit: str) -> Callable[[str], float]:
@@ -45,11 +47,13 @@ def new_file(path: Path, force: bool = False) -> Path:
     Raises
     ------
     InputError
-        The file exists and `force` is off, it is a directory, or it has no directory to be in.
+        The file exists and `force` is off, what is there is no regular file, its name is too long, or it has no
+        directory to be in.
     """
+    check_name(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory; name a file")
-    if path.exists() and not force:
+    if replaceable(path) and not force:
         raise InputError(f"{path} exists; it is not overwritten")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
@@ -62,9 +66,10 @@ def new_directory(path: Path) -> Path:
     Raises
     ------
     InputError
-        It exists, or it has no directory to be in.
+        It exists, its name is too long, or it has no directory to be in.
     """
-    if path.exists():
+    check_name(path)
+    if os.path.lexists(path):
         raise InputError(f"{path} exists; name a directory that does not")
     if not path.absolute().parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.absolute().parent}")

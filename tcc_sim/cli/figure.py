@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
+    from tcc_sim.output.files import replaceable
     from tcc_sim.paper.catalogue import FIGURES
     from tcc_sim.paper.drawings import draw
     from tcc_sim.paper.figures import Manner, check_manner
@@ -45,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
     stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
-    there = [path for path in files if path.exists()]
+    there = [path for path in files if replaceable(path)]
     if there and not arguments.force:
         raise RecordingError(f"{there[0]} is there already; choose another --out, or --force to replace it")
     if arguments.jobs is not None and arguments.jobs < 1:

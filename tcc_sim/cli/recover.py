@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from tcc_sim.errors import one_line, printable
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import default_directory, recover
+
+TOPICS_SHOWN = 100
+"""Most topics that are listed."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,11 +24,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Recover and say what is missing."""
     recording = open_run(arguments.recording)
     found = recover(recording, arguments.out or default_directory(arguments.recording))
-    print(f"recovered {sum(found.messages.values())} messages into {found.directory}")
-    for topic, count in found.messages.items():
-        print(f"  {topic}: {count}")
+    print(printable(f"recovered {sum(found.messages.values())} messages into {found.directory}"))
+    for topic, count in list(found.messages.items())[:TOPICS_SHOWN]:
+        print(f"  {one_line(topic)}: {count}")
+    if len(found.messages) > TOPICS_SHOWN:
+        print(f"  and {len(found.messages) - TOPICS_SHOWN} more topics")
     for sentence in found.missing:
-        print(f"  missing: {sentence}")
+        print(f"  missing: {one_line(sentence)}")
     if not found.missing:
         print("  nothing is missing; the original was complete" if found.complete else "  nothing is missing")
     return 0

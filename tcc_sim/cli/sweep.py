@@ -13,15 +13,16 @@ from tcc_sim.errors import InputError, SweepInterrupted
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is swept, how, where, and where the results go."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", required=True,
-                        help="scene key and its evenly spaced values")
+    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", required=True, action="append",
+                        help="scene key and its evenly spaced values; given twice, a grid of two keys")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--cycles", metavar="N", type=int, default=150,
                         help="engine cycles solved per value (default 150)")
     parser.add_argument("--discard", metavar="N|auto", default=None,
                         help="cycles dropped (default 50); auto drops those until the section has settled, and solves no more")
     parser.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
-                        help="start every value from the scene's initial state, or go on from the neighbour's last state")
+                        help="start every value from the scene's initial state, or go on from the neighbour's last state along "
+                        "the first key, with the phases of torque and load")
     parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
     parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
     parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
@@ -39,11 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
     from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.sweep_table import sweep_lines
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.studies.sweep import Plan, sweep, values_of_range
+    from tcc_sim.studies.sweep import Curve, Grid, Plan, curves_of, sweep_curves, values_of_range
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    key, values = values_of_range(arguments.over)
+    if len(arguments.over) > 2:
+        raise InputError(f"--over is given {len(arguments.over)} times; a sweep has one key, a grid two")
+    (key, values), *second = map(values_of_range, arguments.over)
     plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
                 solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
                 lyapunov=arguments.lyapunov)
@@ -51,27 +55,22 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--json and --out are the same file, {arguments.json}")
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
+    curves = curves_of(scene.system, key, values, *second[0]) if second else [Curve(scene.system, key, tuple(values))]
     interrupted = False
     try:
-        found = sweep(scene.system, key, values, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
-                      progress=True)
+        sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out, progress=True)
     except SweepInterrupted as stop:
-        interrupted, found = True, stop.sweeps[0]
+        interrupted, sweeps = True, stop.sweeps
+    found = Grid(second[0][0], tuple(second[0][1]), sweeps) if second else sweeps[0]
     if arguments.json is not None:
         write_json(arguments.json, found.as_json())
     if arguments.json is None and arguments.out is None and not interrupted:
-        print(f"{key:>30}  max slip (rad/s)  period  stick fraction  regime")
-        for value, record in zip(values, found.records):
-            assert record is not None
-            if record["max_slip_speed"] is None:
-                print(f"{value:>30.9g}  {record['status']}")
-            else:
-                print(f"{value:>30.9g}  {record['max_slip_speed']:>16.9g}  {record['period']:>6}  "
-                      f"{record['stick_fraction']:>14.4f}  {record['regime']}")
+        print("\n".join(sweep_lines(sweeps, *second[0]) if second else sweep_lines(sweeps)))
     elif arguments.json != STANDARD_OUTPUT:
-        done = sum(r is not None for r in found.records)
-        failed = sum(r is not None and r["max_slip_speed"] is None for r in found.records)
-        print(f"{done} of {len(values)} values in {found.seconds:.3g} s" + (f"; {failed} failed" if failed else ""))
+        points = [p for s in sweeps for p in s.points]
+        failed = sum(p is not None and p.summary is None for p in points)
+        print(f"{sum(p is not None for p in points)} of {len(points)} values in {sweeps[0].seconds:.3g} s"
+              + (f"; {failed} failed" if failed else ""))
     if interrupted:
         kept = f"; the same command goes on from {arguments.out}" if arguments.out is not None else ""
         print(f"tcc-sim: interrupted{kept}", file=sys.stderr)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -20,68 +19,26 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, RecordingError, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes.message_types import message_class, qos_fields
 from tcc_sim.nodes.polling import hold_signals, poll, release_signals, run, subscribe, unknown_parameters
-from tcc_sim.recording.bag import RELIABLE, BagWriter
-from tcc_sim.recording.stamps import StampCount
+from tcc_sim.nodes.track import MOST_PUBLISHERS, Track
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 
 DEPTH = 20_000
 """Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
-_MOST_ASKED = 20
+PARAMETERS = ("output", "topics", "flush_period", "fsync_period", "max_bag_duration", "max_bag_size")
 SILENCE = 3.0
 """Real time, s, without states after which the recorder says so; the middleware takes 20 s to find that a publisher is
 dead.
 """
-
-
-class Track:
-    """One recorded topic: its subscription, its channel in the bag and what was lost of it."""
-
-    def __init__(self, topic: str, type_name: str) -> None:
-        self.topic = topic
-        self.type = type_name
-        self.subscription: Subscription[Any] | None = None
-        self.best_effort = False
-        self.latched = False
-        self.publishers: set[bytes] = set()
-        self.channel = 0
-        self.messages = 0
-        self.lost = 0
-        self.arrived = time.monotonic()
-        self.silence_told = False
-        self.stamps = StampCount() if type_name == JOINT_STATE else None
-        self._next: dict[bytes, int] = {}
-        self._asked: Counter[bytes] = Counter()
-        self._offered: set[bytes] = set()
-
-    def count(self, publisher: bytes, number: int) -> None:
-        """Count what is missing between this message and the one that the same publisher sent before it."""
-        expected = self._next.get(publisher, number)
-        if number > expected:
-            self.lost += number - expected
-        self._next[publisher] = number + 1
-
-    def asks_again(self, publishers: Sequence[bytes]) -> bool:
-        """Whether one of these has said nothing yet and should be asked again, which it is a limited number of times.
-
-        What a publisher keeps for late subscribers comes seconds late where others were killed just before; a new
-        subscription gets it at once.
-        """
-        self._offered.update(publishers)
-        if self._next and not self._offered & self._next.keys():
-            return False  # This middleware names publishers in two ways, so who is silent cannot be known.
-        silent = [publisher for publisher in publishers if publisher not in self._next
-                  and self._asked[publisher] < _MOST_ASKED]
-        self._asked.update(silent)
-        return bool(silent)
 
 
 class Recorder:
@@ -99,14 +56,26 @@ class Recorder:
         names = _parameter(node, "topics", [row.name for row in TOPICS], "topics to record")
         period = _parameter(node, "flush_period", 0.25,
                             "a kill loses at most this much and one drain, s; above 0 to 10")
+        sync = _parameter(node, "fsync_period", 0.0,
+                          "a power cut loses at most this much and one drain, s; 0 leaves it to the operating system")
+        duration = _parameter(node, "max_bag_duration", 3600.0,
+                              "a file of the bag that holds this much, s, is followed by another; 0 for no limit")
+        size = _parameter(node, "max_bag_size", 0,
+                          "a file of the bag that has this many bytes is followed by another; 0 for no limit")
         if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period <= 10.0:
             raise InputError(f"flush_period is {period!r} s; it must be a number above 0 to 10 s")
         if not isinstance(names,
                           list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
             raise InputError(f"topics is {names!r}; it must be a list of topic names")
+        for name, value, most in (("fsync_period", sync, 3600.0), ("max_bag_duration", duration, 1e9),
+                                  ("max_bag_size", size, 1e18)):
+            if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= most:
+                raise InputError(f"{name} is {value!r}; it must be a number from 0 to {most:g}")
         for name in unknown_parameters(node):
-            node.get_logger().warning(f"parameter {name} is unknown and has no effect; there are output, topics, flush_period")
+            node.get_logger().warning(f"parameter {name} is unknown and has no effect; there are "
+                                      f"{', '.join(PARAMETERS)}")
         self.flush_period = float(period)
+        self.fsync_period = float(sync)
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
         known = {node.resolve_topic_name(row.name): row.type for row in TOPICS}
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
@@ -122,17 +91,24 @@ class Recorder:
             self._add(topic, known[topic], topic in latched)
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self.bag = BagWriter(directory)
+        self.unsent: dict[str, int] = {}
+        """Messages by topic that their publisher counted and could not send, from whoever hears of it."""
+        self._told: dict[str, dict[str, int]] = {}
+        self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
+                             result=self._part_result)
 
     def spin(self) -> None:
         """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
-        flush = time.monotonic()
+        flush = synced = time.monotonic()
         while self.node.context.ok():
             wake = time.monotonic() + self.drain_period
             self.drain()
             if time.monotonic() >= flush:
                 self.bag.flush()
                 flush = time.monotonic() + self.flush_period - self.drain_period
+            if self.fsync_period and time.monotonic() >= synced + self.fsync_period - self.drain_period:
+                self.bag.sync()
+                synced = time.monotonic()
             if time.monotonic() >= self._next_look:
                 self.look()
                 self._next_look = time.monotonic() + _LOOK_PERIOD
@@ -149,13 +125,15 @@ class Recorder:
         """Write messages of one topic and count what is missing."""
         if not taken:
             return
-        if not track.channel:
-            track.channel = self.bag.channel(track.topic, track.type, self._offered(track.topic))
-        channel, write, count = track.channel, self.bag.write, track.count
+        write, count, channels = self.bag.write, track.count, track.channels
+        sources: list[int] = []
         for data, info in taken:
             number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
-            if number and publisher:
-                count(publisher["data"], number)
+            who = publisher["data"] if publisher else b""
+            if number and who:
+                count(who, number)
+            channel = channels.get(who) or self._channel(track, who)
+            sources.append(channel)
             received = info["received_timestamp"] or time.time_ns()
             if track.topic in self._scene_topics:
                 self._describe(data, info["source_timestamp"] or received)
@@ -165,7 +143,8 @@ class Recorder:
         track.messages += len(taken)
         track.arrived = time.monotonic()
         if track.stamps is not None:
-            track.stamps.add(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64))
+            track.stamps.pieces(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64),
+                                np.array(sources, dtype=np.int64))
 
     def _describe(self, data: bytes, said_ns: int) -> None:
         """Write a scene as a metadata record, which survives a kill at any moment after it.
@@ -176,7 +155,7 @@ class Recorder:
         try:
             self.bag.describe(cdr.read_string(data), log_ns=said_ns)
         except ValueError as error:
-            self.node.get_logger().warning(f"a scene is not understood: {error}")
+            self.node.get_logger().warning(f"a scene is not understood: {one_line(str(error))}")
 
     def look(self) -> None:
         """See who publishes: adapt to the quality of service offered, add topics by their type, tell of who is gone."""
@@ -219,13 +198,34 @@ class Recorder:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line.
         """
         self.drain()
+        self.bag.close(self._part_result())
+        found = {key: sum(counts.values()) for key, counts in self._figures().items()}
+        unsent = f", {found['unsent']} never sent" if "unsent" in found else ""
+        where = one_line(str(self.bag.directory))
+        return f"recorded {found['messages']} messages in {where}, {found['lost']} lost{unsent}"
+
+    def _figures(self) -> dict[str, dict[str, int]]:
+        """Messages, and those that are missing, by topic."""
         seen = [track for track in self.tracks.values() if track.messages]
-        lost = {track.topic: track.lost for track in seen}
-        self.bag.close({"messages": {track.topic: track.messages for track in seen}, "lost": lost,
-                        "missing_stamps": {track.topic: track.stamps.lost for track in seen
-                                           if track.stamps is not None}})
-        count = sum(track.messages for track in seen)
-        return f"recorded {count} messages in {self.bag.directory}, {sum(lost.values())} lost"
+        found = {"messages": {track.topic: track.messages for track in seen},
+                 "lost": {track.topic: track.lost for track in seen},
+                 "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}}
+        return found | ({"unsent": dict(self.unsent)} if any(self.unsent.values()) else {})
+
+    def _part_result(self) -> dict[str, dict[str, int]]:
+        """The figures of the part that ends: what came since the part before it."""
+        before, self._told = self._told, self._figures()
+        return {key: {topic: count - before.get(key, {}).get(topic, 0) for topic, count in counts.items()}
+                for key, counts in self._told.items()}
+
+    def _channel(self, track: Track, publisher: bytes) -> int:
+        """The bag's channel for what this publisher says on a topic; beyond MOST_PUBLISHERS they share one."""
+        if len(track.channels) >= MOST_PUBLISHERS:
+            publisher = b""
+        if publisher not in track.channels:
+            track.channels[publisher] = self.bag.channel(track.topic, track.type, self._offered(track.topic),
+                                                         publisher=publisher.hex())
+        return track.channels[publisher]
 
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:
         """Record a topic of a known type."""
@@ -276,9 +276,11 @@ def record() -> int:
             summary = recorder.close()
             sys.stdout.write(summary + "\n")
             sys.stdout.flush()
-    except OSError as error:
+    except (OSError, RecordingError) as error:
         recorder.bag.abandon()
-        sys.stderr.write(f"recorder: {recorder.bag.path} cannot be written: {error.strerror}; what is in it stays readable\n")
+        reason = error.strerror if isinstance(error, OSError) else error
+        sys.stderr.write(f"recorder: {one_line(f'{recorder.bag.path} cannot be written: {reason}')}; "
+                         "what is in it stays readable\n")
         return 1
     return 0
 

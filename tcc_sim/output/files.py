@@ -4,26 +4,97 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import stat
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from tcc_sim.errors import InputError
+
 STANDARD_OUTPUT = Path("-")
+_NAME, _PATH = 255, 4096
+"""Bytes of a name and of a whole path that Linux allows, where the file system does not say."""
+
+
+def check_name(path: Path, reserve: int = 0) -> None:
+    """Raise InputError where a name is longer than its file system allows, with `reserve` bytes to be added to it."""
+    whole = os.fsencode(path)
+    if b"\0" in whole:
+        raise InputError(f"the name {path} has a NUL in it, which no file can have")
+    try:
+        longest = os.pathconf(path.parent, "PC_NAME_MAX")
+    except (OSError, ValueError):
+        longest = _NAME
+    name = max(os.fsencode(path.name), *map(os.fsencode, path.parts), b"", key=len)
+    if len(name) > longest or len(os.fsencode(path.name)) + reserve > longest:
+        kept = f", and {reserve} of them are needed here" if reserve else ""
+        raise InputError(f"the name {path.name} is too long: {longest} bytes are allowed{kept}")
+    if len(whole) + reserve >= _PATH:
+        raise InputError(f"{path} is too long: {_PATH - 1} bytes are allowed")
+
+
+def replaceable(path: Path) -> bool:
+    """Whether something is at `path`.
+
+    Raises
+    ------
+    InputError
+        What is there is no regular file (a directory, a device, a pipe, a symbolic link), so that nothing may take its
+        place.
+    """
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return False
+    if not stat.S_ISREG(mode):
+        kinds = ((stat.S_ISDIR, "a directory"), (stat.S_ISLNK, "a symbolic link"), (stat.S_ISFIFO, "a pipe"),
+                 (stat.S_ISSOCK, "a socket"))
+        kind = next((word for test, word in kinds if test(mode)), "a device")
+        raise InputError(f"{path} is {kind}, which is never replaced; name a file")
+    return True
 
 
 @contextmanager
 def draft(path: Path) -> Iterator[Path]:
-    """A path beside `path`, of the same suffix, that takes its place when the `with` ends well and is removed
-    otherwise.
+    """A path of the same name that takes the place of `path` when the `with` ends well and is removed otherwise.
+
+    It lies in a new directory beside `path` that only this user can enter, with a name that nobody can know before, so
+    whatever opens it neither finds a file nor follows a link that somebody else put there. What appears at `path`
+    meanwhile is not replaced.
+
+    Raises
+    ------
+    InputError
+        Something is at `path` that is no regular file, or a file has appeared there.
     """
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    check_name(path)
+    existed = replaceable(path)
+    folder = Path(tempfile.mkdtemp(prefix=f".{path.stem[:32]}.", suffix=".part", dir=path.parent))
     try:
+        part = folder / path.name
         yield part
-        part.replace(path)
+        if replaceable(path) and existed:
+            part.replace(path)
+        else:
+            _link(part, path)
     finally:
-        part.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _link(part: Path, path: Path) -> None:
+    """Put a finished file where none is; where the file system knows no second names, as near to that as it allows."""
+    try:
+        os.link(part, path, follow_symlinks=False)
+    except FileExistsError:
+        raise InputError(f"{path} has appeared meanwhile and is not overwritten") from None
+    except OSError:
+        if path.exists():
+            raise InputError(f"{path} has appeared meanwhile and is not overwritten") from None
+        part.replace(path)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

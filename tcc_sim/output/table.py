@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.studies.lyapunov import Lyapunov
+from tcc_sim.studies.simulation import Simulation
 
 SECTION_LINES = 16
 """Most section points shown."""
@@ -18,13 +20,26 @@ def rows(pairs: list[tuple[str, str]]) -> list[str]:
     return [f"  {name:<{width}}  {value}" for name, value in pairs]
 
 
+def simulation_lines(name: str, found: Simulation) -> list[str]:
+    """A simulation of a scene: how it was solved, its summary, and the extras that were asked for."""
+    run = found.trajectory
+    lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {run.statistics.steps} steps in "
+             f"{run.statistics.seconds:.3g} s"]
+    pairs = summary_rows(found.summary) if found.summary is not None else [("status", found.status)]
+    if found.damping is not None:
+        pairs.append(damping_row(found.damping))
+    if found.lyapunov is not None:
+        pairs.append(lyapunov_row(found.lyapunov))
+    return [*lines, *rows(pairs)]
+
+
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     """The figures of a steady state with their units."""
     if summary.period:
         period = f"{summary.period} engine cycle{'s' if summary.period > 1 else ''}"
         period += ", settled" if summary.settled else f", still converging: it changes by {summary.section_change:.1e} of it"
     else:
-        period = "none up to 16 engine cycles"
+        period = f"none up to {MAXIMUM_PERIOD} engine cycles, as far as can be told yet"
     out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
            ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
            ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time"),

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.paper.evidence import JUMP, steep
-from tcc_sim.studies.point import solve_point
+from tcc_sim.studies.point import handed_over, solve_point
+from tcc_sim.studies.simulation import Start
 from tcc_sim.studies.sweep import Sweep
 from tcc_sim.trajectory import State
 
@@ -36,7 +37,9 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
         assert own is not None
         assert neighbour is not None
         plan = replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
-        point = solve_point(sweep.curve.at(here), sweep.curve.values[here], plan, State(*neighbour["final"]))
+        point = solve_point(sweep.curve.at(here), sweep.curve.values[here], plan,
+                            handed_over(sweep.curve.at(there), Start(State(*neighbour["final"]), neighbour["final_cycle"]),
+                                        sweep.curve.at(here)))
         found = point.summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None

@@ -88,7 +88,7 @@ class Evidence:
         name = json.dumps([sorted(row.items()), lyapunov])
         if name not in self._kept:
             point = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov))
-            record = {**point.as_json(), "final": list(point.final)}
+            record = point.as_record()
             self._kept[name] = {**record, "period": self._period(paper_system(row), record)}
         found: dict[str, Any] = self._kept[name]
         return found
@@ -114,7 +114,8 @@ class Evidence:
         period: int | None = record["period"]
         if period is None or record.get("settled", True):
             return period
-        run = solve(system, cycles=LATER, start_cycle=CYCLES, state=State(*record["final"]), rtol=self._rtol(system))
+        run = solve(system, cycles=LATER, start_cycle=record["final_cycle"], state=State(*record["final"]),
+                    rtol=self._rtol(system))
         if run.status is not Status.DONE or run.cycles is None:
             return -1
         return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=CYCLES + LATER - LAST).period

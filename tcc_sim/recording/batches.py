@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.records import Messages
+from tcc_sim.recording.stamps import Break, StampCounter
 
 Floats = NDArray[np.float64]
 _MOST_WAITING = 1 << 18
+_HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
 _VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
 
 
@@ -23,7 +25,8 @@ _VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "en
 class JointStates:
     """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles
     (rad), speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one
-    message of it is missing. `run` counts how often simulation time has started again within the recording.
+    message of it is missing. `run` counts how often simulation time has started again within the recording, `began`
+    says how this run came to start.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -37,6 +40,7 @@ class JointStates:
     friction_torque: Floats
     applied_pressure: Floats | None = None
     run: int = 0
+    began: Break = Break.START
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -48,40 +52,57 @@ class JointStates:
         return replace(self, **columns)
 
 
-def joint_states(data: NDArray[np.uint8], messages: Messages, channel: int) -> tuple[JointStates, int]:
-    """The joint_states of one chunk, and how many messages of the channel have another layout and were left out."""
-    times, rows, refused = _rows(data, messages, channel, *cdr.joint_state_template())
+class Heads(NamedTuple):
+    """What stands before the bytes of messages, (n,) arrays: channel, number at the publisher, times (ns)."""
+
+    channel: NDArray[np.uint16]
+    number: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+
+
+def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int]) -> tuple[JointStates, Heads, int]:
+    """The joint_states of one chunk in their order, and how many messages have another layout and were left out."""
+    heads, rows, refused = _rows(data, messages, channels, *cdr.joint_state_template())
     records = rows.view(cdr.JOINT_STATE)[:, 0]
     columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in _VALUES}
-    log_ns, sent_ns = times[:, 0], np.where(times[:, 1] > 0, times[:, 1], times[:, 0])
-    return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, sent_ns=sent_ns, **columns), refused
+    sent_ns = np.where(heads.sent_ns > 0, heads.sent_ns, heads.log_ns)
+    return JointStates(stamp_ns=cdr.stamps(records), log_ns=heads.log_ns, sent_ns=sent_ns, **columns), heads, refused
 
 
-def pressures(data: NDArray[np.uint8], messages: Messages, channel: int) -> tuple[NDArray[np.int64], Floats, int]:
+def pressures(data: NDArray[np.uint8], messages: Messages,
+              channels: list[int]) -> tuple[NDArray[np.int64], Floats, Heads, int]:
     """Stamps (ns) and values (Pa) of the applied pressure in one chunk, and how many messages were left out."""
-    _, rows, refused = _rows(data, messages, channel, *cdr.fluid_pressure_template())
+    heads, rows, refused = _rows(data, messages, channels, *cdr.fluid_pressure_template())
     records = rows.view(cdr.FLUID_PRESSURE)[:, 0]
-    return cdr.stamps(records), records["fluid_pressure"].astype(np.float64), refused
+    return cdr.stamps(records), records["fluid_pressure"].astype(np.float64), heads, refused
 
 
-def _rows(data: NDArray[np.uint8], messages: Messages, channel: int, expected: NDArray[np.uint8],
-          fixed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.uint8], int]:
-    """Times of receipt and of sending, (n, 2), and bytes of the channel's messages whose fixed bytes are as expected,
-    and the number of the others.
-    """
-    mine = messages.channel == channel
+def scalars(data: NDArray[np.uint8], messages: Messages, channels: list[int]) -> tuple[Floats, Heads, int]:
+    """Values of the Float64 messages in one chunk, and how many messages were left out."""
+    heads, rows, refused = _rows(data, messages, channels, *cdr.float64_template())
+    return rows[:, 4:].copy().view("<f8")[:, 0], heads, refused
+
+
+def _rows(data: NDArray[np.uint8], messages: Messages, channels: list[int], expected: NDArray[np.uint8],
+          fixed: NDArray[np.bool_]) -> tuple[Heads, NDArray[np.uint8], int]:
+    """Heads and bytes of the channels' messages whose fixed bytes are as expected, and the number of the others."""
+    mine = np.isin(messages.channel, channels)
     right_length = messages.length[mine] == 22 + len(expected)
     offset = messages.offset[mine][right_length]
     refused = len(right_length) - len(offset)
     if not len(offset):
-        return np.empty((0, 2), np.int64), np.empty((0, len(expected)), np.uint8), refused
+        nothing = np.empty(0, np.int64)
+        heads = Heads(nothing.astype(np.uint16), nothing, nothing, nothing)
+        return heads, np.empty((0, len(expected)), np.uint8), refused
     rows = sliding_window_view(data, len(expected))[offset + 22]
     mask = np.where(fixed, np.uint8(0xFF), np.uint8(0))
     wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
-    times = sliding_window_view(data, 16)[offset + 6].view("<i8")
     if wrong.any():
-        rows, times, refused = rows[~wrong], times[~wrong], refused + int(wrong.sum())
-    return times, rows, refused
+        rows, offset, refused = rows[~wrong], offset[~wrong], refused + int(wrong.sum())
+    head = sliding_window_view(data, _HEAD.itemsize)[offset].view(_HEAD)[:, 0]
+    return Heads(head["channel"], head["number"].astype(np.int64), head["log_ns"].astype(np.int64),
+                 head["sent_ns"].astype(np.int64)), rows, refused
 
 
 class PressureJoin:
@@ -92,25 +113,22 @@ class PressureJoin:
     def __init__(self) -> None:
         self.missing = 0
         self._waiting: deque[JointStates] = deque()
+        self._held = 0
         self._known: deque[tuple[int, NDArray[np.int64], Floats]] = deque()
-        self._run = 0
-        self._last: int | None = None
+        self._stamps = StampCounter()
+        self._run = -1
 
-    def add_pressures(self, stamps: NDArray[np.int64], values: Floats) -> None:
-        """Add applied pressures in the order of the recording."""
-        if not len(stamps):
-            return
-        before = stamps[0] if self._last is None else self._last
-        for piece in np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps, prepend=np.int64(before)) < 0)):
-            if len(piece):
-                if self._last is not None and stamps[piece[0]] < self._last:
-                    self._run += 1
-                self._known.append((self._run, stamps[piece], values[piece]))
-                self._last = int(stamps[piece[-1]])
+    def add_pressures(self, stamps: NDArray[np.int64], values: Floats, publisher: NDArray[np.int64],
+                      numbers: NDArray[np.int64]) -> None:
+        """Add applied pressures in the order of the recording; `publisher` and `numbers` as in StampCounter.pieces."""
+        for piece, preceded in self._stamps.pieces(stamps, publisher, numbers):
+            self._run += preceded.begins_a_run
+            self._known.append((self._run, stamps[piece], values[piece]))
 
     def add(self, batch: JointStates) -> Iterator[JointStates]:
         """Add joint_states; gives those whose pressure is known by now."""
         self._waiting.append(batch)
+        self._held += len(batch)
         return self._ready(finished=False)
 
     def finish(self) -> Iterator[JointStates]:
@@ -121,11 +139,12 @@ class PressureJoin:
         """Batches, or their first parts, up to the last pressure that is known."""
         while self._waiting:
             batch = self._waiting[0]
-            late = finished or batch.run < self._run or sum(map(len, self._waiting)) > _MOST_WAITING
+            late = finished or batch.run < self._run or self._held > _MOST_WAITING
             count = len(batch)
             if not late:
-                known = self._last if self._last is not None and batch.run == self._run else -1
-                count = int(np.searchsorted(batch.stamp_ns, known, side="right"))
+                known = self._stamps.last if self._stamps.last is not None and batch.run == self._run else None
+                count = int(np.searchsorted(batch.stamp_ns, known, side="right")) if known is not None else 0
+            self._held -= count
             if count:
                 yield self._joined(batch[:count])
             if count < len(batch):

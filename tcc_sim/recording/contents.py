@@ -8,12 +8,18 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from tcc_sim.errors import one_line
 from tcc_sim.recording import records
-from tcc_sim.recording.bag import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
+from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
 from tcc_sim.recording.records import DamagedChunk, Record
 from tcc_sim.recording.scene_records import SceneRecord
 
+MOST_TOPICS = 4096
+"""Channels, and types, that a recording may describe; records of more are passed over."""
 _UNCHUNKED = 1 << 20
+_LONGEST_NAME, _LONGEST_DEFINITION, _LONGEST_RESULT = 4096, 1 << 20, 1 << 18
+_LARGEST_VALUE = 1 << 24
+_MOST_PAIRS, _MOST_SENTENCES, _DIGITS = 1000, 20, 19
 _T = TypeVar("_T")
 
 
@@ -38,6 +44,11 @@ class Channel:
         """Message type."""
         return self.schema.type
 
+    @property
+    def publisher(self) -> str:
+        """Who published its messages, as the middleware identifies it; empty where the recording does not say."""
+        return self.metadata.get(PUBLISHER_KEY, "")
+
 
 @dataclass
 class Contents:
@@ -48,7 +59,8 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     expected: dict[int, int] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    damaged: list[str] = field(default_factory=list)
+    damaged: int = 0
+    """Records that describe the recording and cannot be used."""
     recovered: list[str] = field(default_factory=list)
     """What was missing when this recording was recovered from another."""
 
@@ -58,7 +70,8 @@ class Contents:
             if opcode == records.SCHEMA:
                 name, position = _string(body, 2)
                 _, position = _string(body, position)
-                self._keep(self.schemas, body, Schema(name, _string(body, position)[0]), checked)
+                text = _string(body, position, _LONGEST_DEFINITION)[0]
+                self._keep(self.schemas, body, Schema(name, text), checked)
             elif opcode == records.CHANNEL:
                 topic, position = _string(body, 4)
                 _, position = _string(body, position)
@@ -66,15 +79,26 @@ class Contents:
                 self._keep(self.channels, body, Channel(topic, schema, _pairs(body, position)), checked)
             elif opcode == records.STATISTICS:
                 self.expected = dict(struct.iter_unpack("<HQ", body[46:]))
-            elif opcode == records.METADATA:
+            elif opcode == records.METADATA and not checked:
                 self._metadata(body)
         except (struct.error, UnicodeDecodeError, KeyError, ValueError, RecursionError):
-            self.damaged.append("a record that describes the recording is damaged and was passed over")
+            self.damaged += 1
+
+    def warnings(self) -> list[str]:
+        """What is to be said of these records."""
+        found = []
+        if self.damaged == 1:
+            found.append("a record that describes the recording is damaged and was passed over")
+        elif self.damaged:
+            found.append(f"{self.damaged} records that describe the recording are damaged and were passed over")
+        return found + self.recovered
 
     @staticmethod
     def _keep(table: dict[int, _T], body: bytes, value: _T, checked: bool) -> None:
         """Enter a value under the number that its record starts with."""
         number = struct.unpack_from("<H", body)[0]
+        if number not in table and len(table) >= MOST_TOPICS:
+            raise ValueError("too many topics")
         if checked or number not in table:
             table[number] = value
 
@@ -83,37 +107,49 @@ class Contents:
         name, position = _string(body, 0)
         if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
             return
-        values = _pairs(body, position)
+        values = _pairs(body, position, _LARGEST_VALUE)
         if name == SCENE_RECORD:
             if values["sha256"] != digest(values["version"], values["scene"], values["log_time"]):
                 raise ValueError(name)
-            self.scenes.append(SceneRecord(values["scene"], values["version"], int(values["log_time"])))
-        else:
-            if values["sha256"] != digest(values["result"]):
+            if len(values["log_time"]) > _DIGITS:
                 raise ValueError(name)
-            if name == RESULT_RECORD:
-                self.result = json.loads(values["result"])
-            else:
-                self.recovered = [f"missing since its recovery: {sentence}"
-                                  for sentence in json.loads(values["result"])]
+            self.scenes.append(SceneRecord(values["scene"], values["version"], int(values["log_time"])))
+            return
+        if values["sha256"] != digest(values["result"]) or len(values["result"]) > _LONGEST_RESULT:
+            raise ValueError(name)
+        result = json.loads(values["result"])
+        if name == RESULT_RECORD:
+            if not isinstance(result, dict):
+                raise ValueError(name)
+            self.result = result
+        else:
+            if not isinstance(result, list) or not all(isinstance(sentence, str) for sentence in result):
+                raise ValueError(name)
+            self.recovered = [f"missing since its recovery: {one_line(sentence)}"
+                              for sentence in result[:_MOST_SENTENCES]]
+            if len(result) > _MOST_SENTENCES:
+                self.recovered.append(f"missing since its recovery: {len(result) - _MOST_SENTENCES} more places")
 
 
-def _string(body: bytes, position: int) -> tuple[str, int]:
-    """A length-prefixed string and where it ends."""
+def _string(body: bytes, position: int, longest: int = _LONGEST_NAME) -> tuple[str, int]:
+    """A length-prefixed string of at most `longest` bytes, and where it ends."""
     length = struct.unpack_from("<I", body, position)[0]
     end = position + 4 + length
-    if end > len(body):
-        raise ValueError("a string passes the end of its record")
+    if end > len(body) or length > longest:
+        raise ValueError("a string is too long for its record or for what it says")
     return body[position + 4:end].decode(), end
 
 
-def _pairs(body: bytes, position: int) -> dict[str, str]:
+def _pairs(body: bytes, position: int, longest: int = _LONGEST_DEFINITION) -> dict[str, str]:
     """A length-prefixed map of strings."""
     end = position + 4 + struct.unpack_from("<I", body, position)[0]
-    values, position = {}, position + 4
+    values: dict[str, str] = {}
+    position += 4
     while position < end:
+        if len(values) >= _MOST_PAIRS:
+            raise ValueError("a map has too many entries")
         key, position = _string(body, position)
-        values[key], position = _string(body, position)
+        values[key], position = _string(body, position, longest)
     return values
 
 
@@ -147,7 +183,8 @@ def chunks(stream: Iterable[Record], contents: Contents) -> Iterator[tuple[Recor
         yield Record(records.MESSAGE, 0, bytes(loose)), []
 
 
-def unpack(chunk: Record, indexes: list[bytes], contents: Contents) -> tuple[bytes, records.Messages]:
+def unpack(chunk: Record, indexes: list[bytes], contents: Contents,
+           expansion: records.Expansion) -> tuple[bytes, records.Messages]:
     """The bytes of a chunk and where its messages are; schemas and channels in it go into `contents`.
 
     Raises
@@ -155,19 +192,20 @@ def unpack(chunk: Record, indexes: list[bytes], contents: Contents) -> tuple[byt
     DamagedChunk
         The chunk cannot be used.
     """
-    data = chunk.body if chunk.opcode == records.MESSAGE else records.unpack_chunk(chunk.body)
+    data = chunk.body if chunk.opcode == records.MESSAGE else records.unpack_chunk(chunk.body, expansion)
     messages = records.locate(data, indexes)
     for opcode, offset, length in messages.others:
-        contents.add(opcode, data[offset:offset + length], checked=True)
+        if opcode in (records.SCHEMA, records.CHANNEL):
+            contents.add(opcode, data[offset:offset + length], checked=True)
     return data, messages
 
 
-def first_channels(stream: Iterable[Record], contents: Contents, wanted: str) -> None:
+def first_channels(stream: Iterable[Record], contents: Contents, wanted: str, expansion: records.Expansion) -> None:
     """Read chunks until one more than the first with a channel of type `wanted`: where no index names the topics."""
     enough = False
     for chunk, indexes in chunks(stream, Contents()):
         try:
-            unpack(chunk, indexes, contents)
+            unpack(chunk, indexes, contents, expansion)
         except DamagedChunk:
             continue
         if enough:

@@ -9,53 +9,65 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError
+from tcc_sim.errors import RecordingError, one_line
 from tcc_sim.recording import records
-from tcc_sim.recording.batches import JointStates, PressureJoin, joint_states, pressures
+from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures, scalars
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, unpack
-from tcc_sim.recording.records import DamagedChunk, Messages, Record, RecordStream
+from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
 from tcc_sim.recording.scene_records import SceneRecord
-from tcc_sim.recording.stamps import StampCount
-from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
+from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
-_MOST_RESTARTS = 1000
+MOST_TARGETS = 100_000
+"""Changes of the target slip speed that are kept of a recording."""
+_MOST_NAMED, _LARGEST_COUNT, _MOST_PARTS = 50, 10**18, 100_000
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
 """Takes the bytes of an unpacked chunk, where its messages are, and the channels known so far."""
 
 
 class Run:
-    """A recording. Made by `open_run`; iterate over `batches()`, then ask what was missing.
+    """A recording of one or several files. Made by `open_run`; iterate over `batches()`, then ask what was missing.
 
     topics : message type by topic
     complete : the recording was closed properly; False where it was cut short
-    result : what the recorder said at the end (lost messages by topic), None where it did not
+    result : what the recorder said at the end (lost messages by topic), of all files together; None where it did not
     warnings : one sentence per damage, complete after `batches()`
     messages : messages read by topic, complete after `batches()`
+    targets : (time of sending in ns, rad/s) of every change of the target slip speed, complete after `batches()`
+    size : bytes of all files
     """
 
     def __init__(self, paths: list[Path], topic: str | None = None) -> None:
         self.paths = paths
-        self.warnings: list[str] = []
+        self.warnings = Warnings()
         self.messages: dict[str, int] = {}
-        self.stamps = StampCount()
+        self.stamps = StampCounter()
         self.complete = True
         self.scenes: list[SceneRecord] = []
         self.result: dict[str, Any] | None = None
         self.topics: dict[str, str] = {}
+        self.targets: list[tuple[int, float]] = []
+        self.size = 0
         self._contents: dict[Path, Contents] = {}
+        self._publishers: dict[str, int] = {"": 0}
+        self._began = Break.START
         for path in paths:
             contents = self._contents[path] = Contents()
             with open_file(path) as file:
-                first_channels(named(path, RecordStream(file)), contents, JOINT_STATE)
+                size = file.seek(0, 2)
+                first_channels(named(path, RecordStream(file)), contents, JOINT_STATE, Expansion(size))
                 stream = RecordStream(file, chunks=False)
                 for record in named(path, stream):
                     contents.add(record.opcode, record.body)
+            self.size += size
             self.complete &= stream.complete
             self.scenes += contents.scenes
-            self.result = contents.result or self.result
+            self.result = _together(self.result, contents.result)
             self.topics.update({channel.topic: channel.type for channel in contents.channels.values()})
+        self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording says its scene again.
         self.joint_states_topic = topic or _choose(self.topics)
 
     @property
@@ -73,23 +85,26 @@ class Run:
         """joint_states messages that are missing between those read, by their stamps."""
         return self.stamps.lost
 
-    def batches(self) -> Iterator[JointStates]:
-        """The joint_states in the order of the recording, about one batch per chunk.
+    def batches(self, tap: Tap | None = None) -> Iterator[JointStates]:
+        """The joint_states in the order of the recording, about one batch per chunk; `tap` sees every chunk.
 
         Raises
         ------
         RecordingError
-            Nothing can be read, there are no joint_states, or several publishers are mixed in them.
+            Nothing can be read, there are no joint_states, or several publishers are mixed in them with nothing to tell
+            them apart.
         """
-        yield from self.read()
+        yield from self.read(tap)
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
 
     def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
-        self.warnings, self.messages, self.stamps = [], dict.fromkeys(self.topics, 0), StampCount()
-        pressure = _pressure_topic(self.joint_states_topic)
+        self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
+        self.targets, self._began = [], Break.START
+        pressure = _beside(self.joint_states_topic, "applied_pressure")
+        target = _beside(self.joint_states_topic, "target_slip_speed")
         join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
         refused: Counter[str] = Counter()
         for path in self.paths:
@@ -97,39 +112,57 @@ class Run:
                 if tap is not None:
                     tap(data, messages, channels)
                 array = np.frombuffer(data, dtype=np.uint8)
-                for channel, row in channels.items():
-                    if join is not None and (row.topic, row.type) == (pressure, FLUID_PRESSURE):
-                        stamps, values, left_out = pressures(array, messages, channel)
-                        refused[row.topic] += left_out
-                        join.add_pressures(stamps, values)
-                for channel, row in channels.items():
-                    if (row.topic, row.type) == (self.joint_states_topic, JOINT_STATE):
-                        batch, left_out = joint_states(array, messages, channel)
-                        refused[row.topic] += left_out
-                        for part in self._runs(batch):
-                            yield from (part,) if join is None else join.add(part)
+                here = np.flatnonzero(np.bincount(messages.channel)).tolist() if len(messages.channel) else []
+                if join is not None and (found := _of(channels, here, pressure, FLUID_PRESSURE)):
+                    stamps, values, heads, left_out = pressures(array, messages, found)
+                    refused[pressure] += left_out
+                    join.add_pressures(stamps, values, self._publisher(heads, channels), heads.number)
+                if found := _of(channels, here, target, FLOAT64):
+                    values, heads, left_out = scalars(array, messages, found)
+                    refused[target] += left_out
+                    self._take_targets(values, heads)
+                if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
+                    batch, heads, left_out = joint_states(array, messages, found)
+                    refused[self.joint_states_topic] += left_out
+                    for part in self._runs(batch, self._publisher(heads, channels), heads.number):
+                        yield from (part,) if join is None else join.add(part)
         if join is not None:
             yield from join.finish()
             if join.missing:
                 self.warnings.append(f"the applied pressure is missing at {join.missing} ticks")
         self._conclude(refused)
 
-    def _runs(self, batch: JointStates) -> Iterator[JointStates]:
-        """The batch, parted where simulation time starts again, without repeated stamps."""
-        first, last = self.stamps.restarts, self.stamps.last
-        starts = self.stamps.add(batch.stamp_ns).tolist()
-        if self.stamps.restarts > _MOST_RESTARTS:
-            raise RecordingError(f"{self.joint_states_topic}: simulation time falls back more than {_MOST_RESTARTS} times; "
-                                 "several publishers are mixed")
-        if self.stamps.repeated and len(batch):
-            batch = batch[np.diff(batch.stamp_ns,
-                                  prepend=batch.stamp_ns[0] - 1 if last is None else np.int64(last)) != 0]
-            starts = np.flatnonzero(np.diff(batch.stamp_ns,
-                                            prepend=np.int64(-1 if last is None else last)) < 0).tolist()
-        for number, (start, end) in enumerate(zip([0, *starts], [*starts, len(batch)])):
-            if end > start:
-                part = batch[start:end]
-                yield part if not first + number else replace(part, run=first + number)
+    def _publisher(self, heads: Heads, channels: Mapping[int, Channel]) -> NDArray[np.int64]:
+        """A number for whoever published each message; 0 where the recording does not say."""
+        if not len(heads.channel):
+            return np.empty(0, np.int64)
+        numbers, place = np.unique(heads.channel, return_inverse=True)
+        known = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
+                 for channel in numbers.tolist()]
+        return np.array(known, dtype=np.int64)[place]
+
+    def _take_targets(self, values: NDArray[np.float64], heads: Heads) -> None:
+        """Keep the changes of the target slip speed."""
+        for value, sent, received in zip(values.tolist(), heads.sent_ns.tolist(), heads.log_ns.tolist()):
+            if (not self.targets or self.targets[-1][1] != value) and len(self.targets) < MOST_TARGETS:
+                self.targets.append((sent if sent > 0 else received, value))
+
+    def _runs(self, batch: JointStates, publisher: NDArray[np.int64],
+              numbers: NDArray[np.int64]) -> Iterator[JointStates]:
+        """The batch, parted where simulation time starts again, without repeated stamps and what came too late."""
+        run, kept = self.stamps.runs - 1, np.zeros(len(batch), dtype=np.bool_)
+        starts = [0]
+        began = [self._began]
+        for piece, preceded in self.stamps.pieces(batch.stamp_ns, publisher, numbers):
+            kept[piece] = True
+            if preceded.begins_a_run:
+                starts.append(piece.start)
+                began.append(preceded)
+        self._began = began[-1]
+        for number, (start, end) in enumerate(zip(starts, [*starts[1:], len(batch)])):
+            if kept[start:end].any():
+                part = batch[start:end] if kept[start:end].all() else batch[start:end][kept[start:end]]
+                yield replace(part, run=run + number, began=began[number])
 
     def _chunks(self, path: Path) -> Iterator[tuple[bytes, Messages, dict[int, Channel]]]:
         """Unpacked chunks of one file with their messages; damaged ones are passed over with a warning."""
@@ -137,25 +170,28 @@ class Run:
         contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas))
         seen, unchecked = Counter[int](), False
         with open_file(path) as file:
-            stream = RecordStream(file, warnings=self.warnings)
+            stream, expansion = RecordStream(file, warnings=self.warnings), Expansion(file.seek(0, 2))
             for chunk, indexes in chunks(named(path, stream), contents):
                 try:
-                    data, messages = unpack(chunk, indexes, contents)
+                    data, messages = unpack(chunk, indexes, contents, expansion)
                 except DamagedChunk as error:
-                    self.warnings.append(f"the chunk at byte {chunk.offset} is left out: {error}")
+                    self.warnings.place(f"the chunk at byte {chunk.offset} is left out: {error}")
                     continue
                 unchecked = unchecked or chunk.opcode == records.MESSAGE or not records.has_checksum(chunk.body)
-                counts = np.bincount(messages.channel)
-                seen.update({channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()})
+                if len(messages.channel):
+                    counts = np.bincount(messages.channel)
+                    seen.update({channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()})
                 yield data, messages, contents.channels
             complete = stream.complete
         for channel, row in contents.channels.items():
             self.messages[row.topic] = self.messages.get(row.topic, 0) + seen[channel]
-        self.warnings.extend(contents.damaged + contents.recovered)
+        self.warnings.conclude()
+        self.warnings.extend(contents.warnings())
         if unchecked:
             self.warnings.append("some messages carry no checksum: damage in them would go unnoticed")
         if (nameless := set(seen) - set(contents.channels)):
-            self.warnings.append(f"{sum(seen[c] for c in nameless)} messages belong to channels whose description is lost")
+            count = sum(seen[channel] for channel in nameless)
+            self.warnings.append(f"{count} messages belong to channels whose description is lost")
         short = sum(max(0, count - seen[channel]) for channel, count in contents.expected.items()) if complete else 0
         if short:
             self.warnings.append(f"{short} of {sum(contents.expected.values())} messages could not be read")
@@ -167,16 +203,30 @@ class Run:
                 self.warnings.append(f"{count} messages of {topic} have another layout and were left out")
         if not self.complete:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
-        if self.stamps.lost:
-            self.warnings.append(f"{self.stamps.lost} messages of {self.joint_states_topic} are missing, by their stamps")
-        lost = self.result.get("lost") if isinstance(self.result, dict) else None
-        for topic, count in lost.items() if isinstance(lost, dict) else ():
-            if isinstance(count, int) and count > 0 and topic != self.joint_states_topic:
-                self.warnings.append(f"{count} messages of {topic} were lost while recording")
-        if self.stamps.restarts:
-            self.warnings.append(f"simulation time started again {self.stamps.restarts} times: these are separate runs")
-        if self.stamps.repeated:
-            self.warnings.append(f"{self.stamps.repeated} repeated stamps were left out")
+        if missing := _missing_parts(self.paths):
+            self.warnings.append(f"part {missing[0]} is missing" if len(missing) == 1 else
+                                 f"{len(missing)} parts are missing, the first is part {missing[0]}")
+        stamps = self.stamps
+        if stamps.lost:
+            self.warnings.append(f"{stamps.lost} messages of {self.joint_states_topic} are missing, by their stamps")
+        result = self.result or {}
+        for key, what in (("lost", "were lost while recording"), ("unsent", "could not be sent by their publisher")):
+            counts = result.get(key)
+            for topic, count in list(counts.items())[:_MOST_NAMED] if isinstance(counts, dict) else ():
+                if isinstance(count, int) and count > 0 and not (key == "lost" and topic == self.joint_states_topic):
+                    self.warnings.append(f"{min(count, _LARGEST_COUNT)} messages of {one_line(topic)} {what}")
+        again = stamps.resets + stamps.restarts
+        if again:
+            self.warnings.append(f"simulation time started again {again} times ({stamps.resets} resets, "
+                                 f"{stamps.restarts} restarts): these are separate runs")
+        if stamps.repeated:
+            self.warnings.append(f"{stamps.repeated} repeated stamps were left out")
+        if stamps.late:
+            self.warnings.append(f"{stamps.late} messages of {self.joint_states_topic} were left out: they come from a "
+                                 "publisher that another one had taken over from; several drivelines ran at once")
+        if stamps.mixed:
+            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth {stamps.returns} "
+                                 "times between two runs; several publishers are mixed, and nothing tells them apart")
 
 
 def open_run(path: Path | str, topic: str | None = None) -> Run:
@@ -204,6 +254,31 @@ def _number(path: Path) -> tuple[int, str]:
     return (int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else 0, path.name)
 
 
+def _missing_parts(paths: list[Path]) -> list[int]:
+    """Numbers that are left out between those of the parts of a split recording, and before the first."""
+    numbers = {_number(path)[0] for path in paths}
+    return [n for n in range(min(max(numbers), _MOST_PARTS)) if n not in numbers] if len(paths) > 1 else []
+
+
+def _together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The results of two parts of a recording: counts by topic added, all else as the later one has it."""
+    if one is None or other is None:
+        return one or other
+    found = {**one, **other}
+    for key, value in other.items():
+        before = one.get(key)
+        if isinstance(value, dict) and isinstance(before, dict):
+            found[key] = {**before, **{topic: count + before.get(topic, 0) if isinstance(count, int) and isinstance(
+                before.get(topic, 0), int) else count for topic, count in value.items()}}
+    return found
+
+
+def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name: str) -> list[int]:
+    """Which of the channels that a chunk has messages of are of this topic and type."""
+    return [number for number in here if number in channels
+            and (channels[number].topic, channels[number].type) == (topic, type_name)]
+
+
 def open_file(path: Path) -> BinaryIO:
     """Open for reading."""
     try:
@@ -229,6 +304,6 @@ def _choose(topics: dict[str, str]) -> str:
     return min(named_so or found or ["/joint_states"], key=lambda name: (len(name), name))
 
 
-def _pressure_topic(joint_states_topic: str) -> str:
-    """The applied pressure beside this joint_states topic."""
-    return joint_states_topic.rpartition("/")[0] + "/applied_pressure"
+def _beside(joint_states_topic: str, name: str) -> str:
+    """Another topic beside this joint_states topic."""
+    return f"{joint_states_topic.rpartition('/')[0]}/{name}"

@@ -6,8 +6,10 @@ chunks, each followed by one index record per channel.
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
@@ -23,19 +25,67 @@ from tcc_sim.errors import RecordingError
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
 STATISTICS, METADATA, DATA_END = 0x0B, 0x0C, 0x0F
-LARGEST_CHUNK = 256 << 20
+LARGEST_CHUNK = 64 << 20
 """A chunk that claims more bytes than this, packed or unpacked, is refused."""
+LARGEST_EXPANSION = 100
+"""Times the size of its file that all chunks may unpack to, beside SMALLEST_EXPANSION; real ones come to 3 to 20."""
+SMALLEST_EXPANSION = 16 << 20
+"""Bytes that the chunks of any file may unpack to."""
+MOST_DESCRIPTIONS = 20_000
+"""Records of a chunk that are no messages; a chunk of a recorder has as many as it has topics, twice."""
+MOST_SENTENCES = 20
+"""Damaged places that are named one by one."""
 _LARGEST_RECORD = 16 << 20
 _SKIPPED = {9, 10, 8, 13, 14}
-_PIECE = 1 << 20
+_PIECE, _FIRST_PIECE = 1 << 20, 1 << 12
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _MESSAGE_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
-_COMPRESSIONS = {b"\x04\0\0\0zstd": 4, b"\x03\0\0\0lz4": 3}
+_COMPRESSION = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")
 
 
 class DamagedChunk(Exception):
     """A chunk that cannot be used; the sentence says why."""
+
+
+class Warnings(list[str]):
+    """One sentence per damage; of damaged places only the first MOST_SENTENCES are named, the others counted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._places = 0
+
+    def place(self, sentence: str) -> None:
+        """Add a damaged place."""
+        self._places += 1
+        if self._places <= MOST_SENTENCES:
+            self.append(sentence)
+
+    def conclude(self) -> None:
+        """Say how many places were not named."""
+        if self._places > MOST_SENTENCES:
+            self.append(f"{self._places - MOST_SENTENCES} more places are damaged")
+            self._places = 0
+
+
+class Expansion:
+    """How many bytes the chunks of a file may still unpack to."""
+
+    def __init__(self, file_size: int) -> None:
+        self.limit = self.left = SMALLEST_EXPANSION + LARGEST_EXPANSION * file_size
+
+    def take(self, count: int) -> None:
+        """Use some of it.
+
+        Raises
+        ------
+        DamagedChunk
+            There is not enough left.
+        """
+        if count > self.left:
+            raise DamagedChunk(f"with it the recording would unpack to more than {self.limit} bytes, the most allowed "
+                               "for a file of its size")
+        self.left -= count
 
 
 class Record(NamedTuple):
@@ -58,7 +108,7 @@ class RecordStream:
     file: BinaryIO
     chunks: bool = True
     complete: bool = False
-    warnings: list[str] = field(default_factory=list)
+    warnings: Warnings = field(default_factory=Warnings)
 
     def __iter__(self) -> Iterator[Record]:
         size = self.file.seek(0, 2)
@@ -79,7 +129,7 @@ class RecordStream:
                     if not (1 <= opcode <= DATA_END and end > size):
                         self.warnings.append(f"nothing can be read from byte {position} on")
                     return
-                self.warnings.append(f"bytes {position} to {found} are damaged and were passed over")
+                self.warnings.place(f"bytes {position} to {found} are damaged and were passed over")
                 position = found
                 continue
             wanted = opcode not in _SKIPPED and (self.chunks or opcode not in (CHUNK, MESSAGE_INDEX, MESSAGE))
@@ -92,16 +142,14 @@ class RecordStream:
 
     def _next_chunk(self, start: int, size: int) -> int | None:
         """Where the next believable chunk record starts at or after `start`, found by its compression name."""
-        position = start
+        position, length = start, _FIRST_PIECE
         while position < size:
             self.file.seek(position)
-            piece = self.file.read(_PIECE + 64)
-            candidates = sorted((at, width) for mark, width in _COMPRESSIONS.items() for at in _places(piece, mark))
-            for at, width in candidates:
-                found = position + at - _RECORD.size - 28
-                if found >= start and self._is_chunk(found, width, size):
+            for match in _COMPRESSION.finditer(self.file.read(length + 64)):
+                found = position + match.start() - _RECORD.size - 28
+                if found >= start and self._is_chunk(found, match.end() - match.start() - 4, size):
                     return found
-            position += _PIECE
+            position, length = position + length, min(2 * length, _PIECE)
         return None
 
     def _is_chunk(self, position: int, width: int, size: int) -> bool:
@@ -116,16 +164,8 @@ class RecordStream:
                     and length <= LARGEST_CHUNK)
 
 
-def _places(piece: bytes, mark: bytes) -> Iterator[int]:
-    """Every place of `mark` in `piece`."""
-    at = piece.find(mark)
-    while at >= 0:
-        yield at
-        at = piece.find(mark, at + 1)
-
-
-def unpack_chunk(body: bytes) -> bytes:
-    """The records inside a chunk, checked against its checksum.
+def unpack_chunk(body: bytes, expansion: Expansion | None = None) -> bytes:
+    """The records inside a chunk, checked against its checksum; what it unpacks to is taken from `expansion`.
 
     Raises
     ------
@@ -139,6 +179,8 @@ def unpack_chunk(body: bytes) -> bytes:
         raise DamagedChunk(f"it claims {unpacked} bytes; at most {LARGEST_CHUNK} are accepted")
     if width > 16 or len(body) < 40 + width or struct.unpack_from("<Q", body, 32 + width)[0] != len(body) - 40 - width:
         raise DamagedChunk("its lengths disagree")
+    if expansion is not None:
+        expansion.take(unpacked)
     compression, packed = body[32:32 + width], memoryview(body)[40 + width:]
     try:
         data = _unpack(compression, packed, unpacked)
@@ -196,16 +238,15 @@ def locate(data: bytes, indexes: list[bytes]) -> Messages:
         found = _tiled(data, np.sort(np.concatenate(starts)))
         if found is not None:
             return found
-    rows: list[tuple[int, int, int]] = []
+    rows = array("q")
     others: list[tuple[int, int, int]] = []
     _walk(data, 0, len(data), rows, others)
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return Messages(table[:, 0], table[:, 1], table[:, 2].astype(np.uint16), others)
 
 
-def _walk(data: bytes, start: int, end: int, rows: list[tuple[int, int, int]],
-          others: list[tuple[int, int, int]]) -> None:
-    """Follow the records from `start` to exactly `end`."""
+def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tuple[int, int, int]]) -> None:
+    """Follow the records from `start` to exactly `end`; three numbers go into `rows` for each message."""
     position = start
     unpack, message_head = _RECORD.unpack_from, struct.Struct("<H").unpack_from
     while position < end:
@@ -217,9 +258,11 @@ def _walk(data: bytes, start: int, end: int, rows: list[tuple[int, int, int]],
         if position > end or (opcode == MESSAGE and length < 22):
             raise DamagedChunk("its records do not fit into it")
         if opcode == MESSAGE:
-            rows.append((body, length, message_head(data, body)[0]))
-        else:
+            rows.extend((body, length, message_head(data, body)[0]))
+        elif len(others) < MOST_DESCRIPTIONS:
             others.append((opcode, body, length))
+        else:
+            raise DamagedChunk(f"more than {MOST_DESCRIPTIONS} of its records are no messages")
 
 
 def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
@@ -230,7 +273,7 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
         return None
     offset = starts.astype(np.int64)
     heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_MESSAGE_HEAD)[:, 0]
-    if not (heads["opcode"] == MESSAGE).all() or not (heads["length"] <= size).all() or not (heads["length"] >= 22).all():
+    if not ((heads["opcode"] == MESSAGE) & (heads["length"] >= 22) & (heads["length"] <= size)).all():
         return None
     length = heads["length"].astype(np.int64)
     ends = offset + _RECORD.size + length
@@ -238,7 +281,7 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
     if (after < before).any():
         return None
     others: list[tuple[int, int, int]] = []
-    rows: list[tuple[int, int, int]] = []
+    rows = array("q")
     try:
         for gap in np.flatnonzero(after > before):
             _walk(data, int(before[gap]), int(after[gap]), rows, others)

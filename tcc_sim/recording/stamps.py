@@ -1,58 +1,220 @@
-"""Gaps and restarts in the stamps of a run, which are whole multiples of the tick."""
+"""Gaps, resets and restarts in the stamps of a stream: the only place that says what they are, and counts them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-_MOST_DIFFERENCES = 100_000
+Stamps = NDArray[np.int64]
+MOST_DIFFERENCES = 100_000
+"""Different distances of stamps that are remembered of a run; a recording of a clock has a handful."""
+MOST_RETURNS = 3
+"""How often a run may go on where the one before it ended, by chance, where nothing says who published it."""
+
+
+class Break(Enum):
+    """What lies between a piece of a stream and the piece before it."""
+
+    NOTHING = "nothing"
+    GAP = "gap"
+    START = "start"
+    RESET = "reset"
+    RESTART = "restart"
+
+    @property
+    def begins_a_run(self) -> bool:
+        """Whether simulation time starts anew here."""
+        return self in (Break.START, Break.RESET, Break.RESTART)
 
 
 @dataclass
-class StampCount:
-    """Counts stamps as they arrive, in pieces of any size, and works out at the end how many are missing.
+class _Run:
+    """The distances of stamps in one run, from which its tick follows."""
 
-    The tick is the most frequent difference between stamps, so a gap at the very start does no harm. A stamp that falls
-    back starts a new run (a reset, or a driveline that was started again).
+    messages: int = 0
+    differences: Counter[int] = field(default_factory=Counter)
+    tick: int = 0
+
+    def add(self, steps: Stamps) -> None:
+        """Count distances, ns, all above 0; the tick is the most frequent of them, so a gap at the start does no harm.
+        """
+        values, counts = np.unique(steps, return_counts=True)
+        for value, count in zip(values.tolist(), counts.tolist()):
+            if value in self.differences or len(self.differences) < MOST_DIFFERENCES:
+                self.differences[value] += count
+                if self.differences[value] > self.differences[self.tick]:
+                    self.tick = value
+
+    def figures(self, tick: int) -> tuple[int, int, int]:
+        """Gaps, stamps that they leave out, and distances that are uneven without being a gap."""
+        gaps = lost = uneven = 0
+        for step, count in self.differences.items():
+            if 2 * step > 3 * tick:
+                gaps += count
+                lost += count * (round(step / tick) - 1)
+            elif abs(step - tick) > max(tick // 100, 2):
+                uneven += count
+        return gaps, lost, uneven
+
+
+@dataclass
+class StampCounter:
+    """Cuts batches of stamps, which come in the order of recording, into pieces without gaps, and counts what it finds.
+
+    A stamp more than one and a half ticks after the last is a gap; one equal to the last is left out (nothing moves
+    while the driveline is paused). Simulation time starts anew, and a run begins, where a stamp falls back (a reset)
+    and where another publisher takes over (a restart). Publishers are told apart by who they are; where a recording
+    does not say that, a stamp that falls back belongs to another one if the number that its publisher gave it falls
+    back too. Each run has a tick of its own.
     """
 
     messages: int = 0
+    runs: int = 0
+    resets: int = 0
     restarts: int = 0
     repeated: int = 0
+    late: int = 0
+    """Messages of a publisher that another one had taken over from; they are left out."""
+    returns: int = 0
+    """How often a run went on where the one before had ended, among publishers that nothing tells apart."""
     last: int | None = None
-    _differences: Counter[int] = field(default_factory=Counter)
+    _run: _Run = field(default_factory=_Run)
+    _longest: tuple[int, int] = (0, 0)
+    _settled: tuple[int, int, int] = (0, 0, 0)
+    _publisher: int = 0
+    _number: int = 0
+    _former: int | None = None
+    _gone: set[int] = field(default_factory=set)
 
-    def add(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Count consecutive stamps, ns; gives the positions in `stamps` at which a new run starts."""
+    def pieces(self, stamps: Stamps, publisher: NDArray[np.int64] | int = 0,
+               numbers: NDArray[np.int64] | None = None) -> list[tuple[slice, Break]]:
+        """The pieces of the next batch, each with what precedes it.
+
+        Parameters
+        ----------
+        stamps : (n,) array, ns
+        publisher : who published each of them, one number or (n,) array; 0 where nobody knows
+        numbers : (n,) array, the number that its publisher gave each; all 0 where it gave none
+        """
+        found: list[tuple[slice, Break]] = []
         if not len(stamps):
-            return np.empty(0, np.int64)
-        before = stamps[0] if self.last is None else self.last
+            return found
+        stamps = np.asarray(stamps, dtype=np.int64)
+        who = np.broadcast_to(np.asarray(publisher, dtype=np.int64), stamps.shape)
+        given = np.zeros(len(stamps), np.int64) if numbers is None else np.asarray(numbers, dtype=np.int64)
+        cuts = (1 + np.flatnonzero(np.diff(who))).tolist()
+        for begin, end in zip([0, *cuts], [*cuts, len(stamps)]):
+            if int(who[begin]) in self._gone:
+                self.late += end - begin
+            else:
+                self._one_publisher(stamps[begin:end], int(who[begin]), given[begin:end], begin, found)
+        return found
+
+    def _one_publisher(self, stamps: Stamps, publisher: int, numbers: Stamps, offset: int,
+                       found: list[tuple[slice, Break]]) -> None:
+        """Cut stamps of one publisher."""
+        taken_over = self.last is not None and publisher != self._publisher
+        fresh = self.last is None or taken_over
+        if taken_over:
+            self._gone.add(self._publisher)
+        before = stamps[0] - 1 if fresh or self.last is None else self.last
         steps = np.diff(stamps, prepend=np.int64(before))
+        starts = np.flatnonzero(steps < 0).tolist()
+        if fresh:
+            starts.insert(0, 0)
+        bounds = [*starts, len(stamps)] if starts and starts[0] == 0 else [0, *starts, len(stamps)]
+        for number, (begin, end) in enumerate(pairwise(bounds)):
+            kind = Break.NOTHING
+            if number or (starts and starts[0] == 0):
+                kind = self._begin(int(stamps[begin]), publisher, int(numbers[begin]), fresh and begin == 0)
+            self._cut(stamps, steps, slice(begin, end), kind, offset, found)
+            self.last, self._number = int(stamps[end - 1]), int(numbers[end - 1])
+        self._publisher = publisher
+
+    def _begin(self, stamp: int, publisher: int, number: int, fresh: bool) -> Break:
+        """Begin a run; how it came to it."""
+        self._settle()
+        self.runs += 1
         if self.last is None:
-            values, counts = np.unique(steps[1:], return_counts=True)
-        else:
-            values, counts = np.unique(steps, return_counts=True)
-        self.messages += len(stamps)
-        self.last = int(stamps[-1])
-        for value, count in zip(values.tolist(), counts.tolist()):
-            if value > 0 and (value in self._differences or len(self._differences) < _MOST_DIFFERENCES):
-                self._differences[value] += count
-            elif value == 0:
-                self.repeated += count
-        starts: NDArray[np.int64] = np.flatnonzero(steps < 0)
-        self.restarts += len(starts)
-        return starts
+            return Break.START
+        if not fresh and publisher == 0:
+            self._former = self.last
+        fallen = publisher == 0 and 0 < number < self._number
+        if fresh or fallen:
+            self.restarts += 1
+            return Break.RESTART
+        self.resets += 1
+        return Break.RESET
+
+    def _cut(self, stamps: Stamps, steps: Stamps, part: slice, kind: Break, offset: int,
+             found: list[tuple[slice, Break]]) -> None:
+        """Cut what belongs to one run at its gaps, and leave repeated stamps out."""
+        begin, end = part.start, part.stop
+        first = begin + kind.begins_a_run
+        forward = steps[first:end]
+        self.messages += end - begin
+        self._run.messages += end - begin
+        self._run.add(forward[forward > 0])
+        self._look_back(stamps[first:end], forward)
+        longest = self._run.tick + self._run.tick // 2 if self._run.tick else np.iinfo(np.int64).max
+        start = begin
+        for k in (first + np.flatnonzero((forward == 0) | (forward > longest))).tolist():
+            if k > start:
+                found.append((slice(offset + start, offset + k), kind))
+                kind = Break.NOTHING
+            start = k
+            if steps[k] == 0:
+                self.repeated += 1
+                start = k + 1
+            else:
+                kind = Break.GAP
+        if start < end:
+            found.append((slice(offset + start, offset + end), kind))
+
+    def _look_back(self, stamps: Stamps, steps: Stamps) -> None:
+        """Count where a run jumps to just after the end of the one before: two publishers by turns."""
+        if self._former is not None and len(stamps) and stamps[-1] > self._former:
+            k = int(np.argmax(stamps > self._former))
+            self.returns += int(stamps[k] - self._former < steps[k])
+            self._former = None
+
+    def _settle(self) -> None:
+        """Take the figures of the run that ends into those of the recording."""
+        self._settled = self._figures()
+        self._longest = max(self._longest, (self._run.messages, self._run.tick))
+        self._run = _Run(tick=self._run.tick)
+
+    def _figures(self) -> tuple[int, int, int]:
+        """Gaps, missing stamps and uneven distances up to now."""
+        gaps, lost, uneven = self._run.figures(self._run.tick)
+        return self._settled[0] + gaps, self._settled[1] + lost, self._settled[2] + uneven
 
     @property
     def tick(self) -> int:
-        """The most frequent difference, ns; 0 where there are fewer than two stamps."""
-        return self._differences.most_common(1)[0][0] if self._differences else 0
+        """Distance of stamps in the run with the most messages, ns; 0 where there are fewer than two."""
+        return max(self._longest, (self._run.messages, self._run.tick))[1]
+
+    @property
+    def gaps(self) -> int:
+        """Gaps within runs."""
+        return self._figures()[0]
 
     @property
     def lost(self) -> int:
-        """Stamps that are missing between those that were counted."""
-        tick = self.tick
-        return sum(count * (round(step / tick) - 1) for step, count in self._differences.items() if step > 1.5 * tick)
+        """Stamps that the gaps leave out."""
+        return self._figures()[1]
+
+    @property
+    def uneven(self) -> int:
+        """Distances, gaps apart, that differ from the tick by more than a hundredth of it."""
+        return self._figures()[2]
+
+    @property
+    def mixed(self) -> bool:
+        """Whether messages of several publishers stand among each other with nothing to tell them apart."""
+        return self.returns > MOST_RETURNS and 10 * self.returns > self.resets + self.restarts

@@ -8,7 +8,7 @@ import numpy as np
 
 from tcc_sim import __version__
 from tcc_sim.messages import cdr
-from tcc_sim.recording.bag import McapFile
+from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Trajectory
 

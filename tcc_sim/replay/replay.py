@@ -9,16 +9,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.analysis.continuity import Continuity
+import numpy as np
+
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.stamps import StampCounter
+from tcc_sim.replay.scene_places import MOST_SCENES, Place, ScenePlaces
+from tcc_sim.replay.segments import MOST_SEGMENTS, Segment, SegmentLog
 from tcc_sim.replay.tail import Tail
 from tcc_sim.replay.verification import Verification, Verifier
 from tcc_sim.scene import Scene, load_scene, parse_scene
@@ -28,6 +32,8 @@ from tcc_sim.trajectory import Cycles, Trajectory, modes_of
 if TYPE_CHECKING:
     from tcc_sim.views.rerun_stream import RerunStream
 
+SEGMENTS_SHOWN = 20
+"""Most segments in the table; --json has them all."""
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 
 
@@ -39,11 +45,12 @@ class Replay:
     trajectory : the last cycles of that run, at most 200 000 samples
     cycles, first_cycle : every engine cycle of that run, NaN where a gap was, and the number of the first
     frequency, frequency_source : rad/s that the cycles are counted with; given, scene or found
-    continuity : what the stamps say: gaps, missing ones, uneven ones, runs
+    continuity : what the stamps say: gaps, missing ones, uneven ones, runs, resets and restarts
     messages, lost_messages : joint_states read, and those missing between them
     complete : False where the recording was cut short
     warnings : one sentence per damage
     pace : simulated seconds per second of real time between the first and the last message, by when they were received
+    segments : the figures from each start, reset, restart or change of parameters to the next
     verification, damping : where they were asked for
     """
 
@@ -55,12 +62,13 @@ class Replay:
     first_cycle: int
     frequency: float
     frequency_source: str
-    continuity: Continuity
+    continuity: StampCounter
     messages: int
     lost_messages: int
     complete: bool
     warnings: tuple[str, ...]
     pace: float
+    segments: tuple[Segment, ...] = ()
     verification: Verification | None = None
     damping: Damping | None = None
 
@@ -72,8 +80,9 @@ class Replay:
                      frequency=self.frequency,
                      frequency_source=self.frequency_source, gaps=self.continuity.gaps,
                      uneven_stamps=self.continuity.uneven,
-                     tick_s=self.continuity.step * 1e-9, runs=self.continuity.runs,
-                     real_time_factor=self.pace if math.isfinite(self.pace) else None)
+                     tick_s=self.continuity.tick * 1e-9, runs=self.continuity.runs,
+                     real_time_factor=self.pace if math.isfinite(self.pace) else None,
+                     segments=[segment.as_json() for segment in self.segments])
         if self.damping is not None:
             found.update(damping_as_json(self.damping))
         if self.verification is not None:
@@ -85,7 +94,7 @@ class Replay:
 
     def lines(self) -> list[str]:
         """The result for a terminal."""
-        stamps = f"{self.continuity.step * 1e-6:.6g} ms apart" if self.continuity.step else "single"
+        stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
         stamps += f", {self.continuity.gaps} gaps" if self.continuity.gaps else ", no gap"
         if self.continuity.uneven:
             stamps += f", {self.continuity.uneven} of them uneven"
@@ -100,14 +109,20 @@ class Replay:
             table.append(damping_row(self.damping))
         if self.verification is not None:
             table.append(("solved again", self.verification.sentence()))
+        if len(self.segments) > 1 or any(segment.tracking is not None for segment in self.segments):
+            for number, segment in enumerate(self.segments[:SEGMENTS_SHOWN], 1):
+                table += segment.rows(number)
+            if len(self.segments) > SEGMENTS_SHOWN:
+                table.append(("", f"{len(self.segments) - SEGMENTS_SHOWN} more segments are in --json"))
         notes = [f"  note: {text}" for text in self.warnings]
-        return [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
+        lines = [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
+        return [printable(line) for line in lines]
 
     def _pace(self) -> list[tuple[str, str]]:
         """The rate that was reached, where real time was recorded."""
-        if not math.isfinite(self.pace) or not self.continuity.step:
+        if not math.isfinite(self.pace) or not self.continuity.tick:
             return []
-        return [("rate", f"{self.pace * 1e9 / self.continuity.step:.2f} Hz reached, {self.pace:.5f} of real time")]
+        return [("rate", f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time")]
 
     def markdown(self) -> str:
         """The result as a Markdown table."""
@@ -131,6 +146,8 @@ class Pace:
         if len(batch):
             before, self._last = self._last, (batch.run, int(batch.stamp_ns[-1]), int(batch.log_ns[-1]))
             begin = before if before is not None and before[0] == batch.run else self._last
+            if self._last[2] < begin[2]:
+                return  # The clock was set back: this batch says nothing.
             self._simulated += self._last[1] - begin[1]
             self._real += self._last[2] - begin[2]
 
@@ -176,14 +193,19 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     system = replace(own.system, engine=replace(own.system.engine, frequency=omega))
     cycle = 2.0 * math.pi / omega
     stream, tail = CycleStream(system, cycle), Tail(system, cycle)
-    verifier, pace = Verifier(run.scenes, own) if verify else None, Pace()
+    places = _places(run, progress)
+    verifier, pace = Verifier(run.scenes, places, own, run.size) if verify else None, Pace()
     with ExitStack() as stack:
+        stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
+        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, stream,
+                              discard)
         for batch in _watched(run, "reading", stack, progress):
             slip_speed = batch.flywheel_speed - batch.plate_speed
-            state = modes_of(slip_speed, tail.stick_speed)
+            state = modes_of(np.nan_to_num(slip_speed), tail.stick_speed)
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
-                                 batch.friction_torque)
+                                 batch.friction_torque, batch.run)
+            segments.feed(batch, slip_speed)
             tail.add(batch, slip_speed, state, stream)
             pace.add(batch)
             if verifier is not None:
@@ -202,11 +224,16 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         averages = damping_of_cycles(system, kept, begin, summary.period) if damping else None
         warnings = list(run.warnings)
         if len({record.parameters for record in run.scenes}) > 1:
-            warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures are worked out with the first")
+            warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures above the segments are worked "
+                            "out with the first")
+        if len(run.scenes) > MOST_SCENES:
+            warnings.append(f"only the first {MOST_SCENES} scenes are followed")
+        told = segments.finish(summary.solver, summary.elapsed_s)
+        if segments.count > MOST_SEGMENTS:
+            warnings.append(f"only the first {MOST_SEGMENTS} of {segments.count} segments have figures of their own")
         found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source,
-                       stream.continuity,
-                       run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
-                       verifier.result() if verifier is not None else None, averages)
+                       run.stamps, run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
+                       tuple(told), verifier.result() if verifier is not None else None, averages)
         if view is not None:
             view.text(found.markdown())
     return found
@@ -237,11 +264,22 @@ def _frequency(run: Run, scene: Scene, given: float | None, progress: bool) -> t
         finder = FrequencyFinder()
         with ExitStack() as stack:
             for batch in _watched(run, "frequency", stack, progress):
-                finder.feed(batch.stamp_ns, batch.engine_torque)
+                finder.feed(batch.stamp_ns, batch.engine_torque, batch.run)
         line = finder.line()
         if line is not None:
             return line.frequency, "found"
     return scene.system.engine.frequency, "scene"
+
+
+def _places(run: Run, progress: bool) -> list[Place]:
+    """From which states on the recording's scenes hold; it is read once more for that where there are several."""
+    if len(run.scenes) < 2:
+        return [Place(0, 0)] if run.scenes else []
+    found = ScenePlaces(run.scenes)
+    with ExitStack() as stack:
+        for batch in _watched(run, "scenes", stack, progress):
+            found.feed(batch)
+    return found.places()
 
 
 def _watched(run: Run, what: str, stack: ExitStack, progress: bool) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -28,8 +29,9 @@ class Tail:
         self.stick_speed = stick_speed_of(terms_of(system))
         self.run_started = False
         self._system, self._cycle = system, cycle
-        self._parts: list[_Part] = []
-        self._kept: tuple[int, list[_Part]] | None = None
+        self._parts: deque[_Part] = deque()
+        self._held = 0
+        self._kept: tuple[int, deque[_Part]] | None = None
         self._number = -1
 
     def add(self, batch: JointStates, slip_speed: Floats, state: Modes, stream: CycleStream) -> None:
@@ -38,13 +40,14 @@ class Tail:
         self.run_started = number != self._number and self._number >= 0
         if self.run_started:
             self._keep_longer(stream)
-            self._parts = []
+            self._parts, self._held = deque(), 0
         self._number = number
         self._parts.append((batch, slip_speed, state))
+        self._held += len(batch)
         self._stream = stream
         start = int(batch.stamp_ns[-1]) - round(TAIL_CYCLES * self._cycle * 1e9)
-        while len(self._parts) > 1 and (self._parts[0][0].stamp_ns[-1] < start or self._held() > 2 * TAIL_SAMPLES):
-            self._parts.pop(0)
+        while len(self._parts) > 1 and (self._parts[0][0].stamp_ns[-1] < start or self._held > 2 * TAIL_SAMPLES):
+            self._held -= len(self._parts.popleft()[0])
 
     def trajectory(self, solver: str) -> Trajectory:
         """The samples of the longest run's end."""
@@ -70,10 +73,6 @@ class Tail:
             engine_torque=engine, saturation_torque=load[late], friction_torque=friction,
             state=_joined([part[2] for part in parts])[late], cycle=self._cycle, solver=solver, system=self._system,
             flywheel_angle=flywheel)
-
-    def _held(self) -> int:
-        """Samples held."""
-        return sum(len(part[0]) for part in self._parts)
 
     def _keep_longer(self, stream: CycleStream) -> None:
         """Keep the end of the run at hand unless the one kept has more whole cycles."""

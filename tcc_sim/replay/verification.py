@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.scene_records import SceneRecord
+from tcc_sim.replay.scene_places import Place
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, terms_of
@@ -20,6 +22,10 @@ from tcc_sim.trajectory import Floats
 STEP_TOLERANCE = 1e-6
 """Largest difference, relative to each signal's maximum, where a tick is solved from the recorded state before it: the
 slip speed is then a difference of two recorded speeds, and a slip that starts amplifies the digits that it loses.
+"""
+SMALLEST_WORK, WORK_PER_BYTE = 30_000_000, 1000
+"""Sub-steps that solving a recording again may take: so many, and so many for each byte of it. A tick counts as 20
+more. Gaps may take half of it.
 """
 COLUMNS = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
 
@@ -47,8 +53,10 @@ class Verification:
     def sentence(self) -> str:
         """The result for people."""
         if self.verified:
-            how = "to the last bit" if self.exact == self.compared else f"within {STEP_TOLERANCE:g} (exactly for {self.exact})"
-            return f"verified: {self.compared} messages agree {how} with their solution from the recording alone"
+            how = "to the last bit" if self.exact == self.compared else (
+                f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
+            return (f"verified: {self.compared} messages agree {how} with their solution from the recording alone"
+                    f"{self.detail}")
         return f"not verified: {self.detail}"
 
 
@@ -59,14 +67,22 @@ class Verifier:
     input comes from a topic. Otherwise each tick is solved from the recorded state before it.
 
     Where parameters were changed while running, the driveline said its scene again, with the stamp of the first state
-    that the change led to and the kernel that went on; the change is made at that tick, in a gap too. A scene counts
-    from the first message on that was sent after it was said, so a reset, after which the changed values hold, goes on
-    with the last one. A pause leaves no trace.
+    that the change led to and the kernel that went on; the change is made at that tick, in a gap too. A pause leaves no
+    trace.
+
+    Parameters
+    ----------
+    scenes, places : of the recording, and the states from which on they hold (`ScenePlaces`)
+    fallback : scene of a recording that holds none
+    size : bytes of the recording, with which the work that it may cause grows
     """
 
-    def __init__(self, scenes: Sequence[SceneRecord], fallback: Scene) -> None:
-        self._scenes = sorted(scenes, key=lambda s: s.log_ns)
+    def __init__(self, scenes: Sequence[SceneRecord], places: Sequence[Place], fallback: Scene, size: int) -> None:
+        self._scenes, self._places = scenes, deque(places)
         self._place = -1
+        self._index = 0
+        self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
+        self._leapt = 0
         self._scene, self._general = fallback, False
         self._run = -1
         self._stepper: Stepper | None = None
@@ -96,11 +112,12 @@ class Verifier:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
             for k in range(begin, len(batch)):
-                solved[k] = self._next(int(batch.stamp_ns[k]), int(batch.sent_ns[k]), rows[k], pressure[k])
+                solved[k] = self._next(int(batch.stamp_ns[k]), self._index + k, rows[k], pressure[k])
                 exact[k] = self._exact
         except InputError as error:
             self._refusal = str(error)
             return
+        self._index += len(batch)
         self._compare(batch, recorded, solved, exact)
 
     def result(self) -> Verification:
@@ -109,16 +126,19 @@ class Verifier:
             return Verification(False, math.inf, 0, 0, None, self._refusal or "the recording holds no joint_states")
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
+        if self._leapt:
+            detail = (f"; the states after {self._leapt} gaps are not reached by solving through them, which is "
+                      f"allowed to take {self._work_limit} sub-steps")
         if self._first is not None:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
-                      f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another version or "
-                      "machine)")
+                      f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another "
+                      "version or machine)")
         return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
         """Start on a new run with the scene in force."""
         stamp = int(batch.stamp_ns[0])
-        if not self._take_over(int(batch.sent_ns[0]), stamp, beginning=True) and self._place < 0 and self._scenes:
+        if not self._take_over(self._index, stamp) and self._place < 0 and self._scenes:
             self._take_scene(0)
         scene = self._scene
         self._run = batch.run
@@ -131,20 +151,15 @@ class Verifier:
         if not self._exact:
             self._take(batch, 0)
 
-    def _take_over(self, sent_ns: int, stamp_ns: int, beginning: bool = False) -> bool:
-        """Go on to the last scene that was said by `sent_ns` and leads to the state of `stamp_ns`; whether there was
-        one.
-
-        Within a run they follow one another; where one begins, those of the run before it may still stand in between.
+    def _take_over(self, index: int, stamp_ns: int) -> bool:
+        """Go on to the last scene that holds from the state with this index on, or from an earlier one, and leads to
+        the state of `stamp_ns`; whether there was one.
         """
-        latest = self._place
-        for place in range(self._place + 1, len(self._scenes)):
-            record = self._scenes[place]
-            if record.log_ns > sent_ns or (record.first_stamp_ns > stamp_ns and not beginning):
-                break
-            if record.first_stamp_ns <= stamp_ns:
-                latest = place
-        if latest == self._place:
+        latest = None
+        while self._places and self._places[0].index <= index and (
+                self._scenes[self._places[0].scene].first_stamp_ns <= stamp_ns or self._places[0].index < index):
+            latest = self._places.popleft().scene
+        if latest is None:
             return False
         self._take_scene(latest)
         return True
@@ -177,7 +192,7 @@ class Verifier:
                                   batch.plate_speed[k],
                                   batch.flywheel_angle[k])
 
-    def _next(self, stamp: int, sent: int, row: list[float], pressure: float) -> list[float]:
+    def _next(self, stamp: int, index: int, row: list[float], pressure: float) -> list[float]:
         """Solve up to `stamp` with the scenes and inputs that its ticks applied; what the message should hold."""
         stepper = self._stepper
         assert stepper is not None
@@ -185,8 +200,10 @@ class Verifier:
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
         known = (end == begin + 1 or not any(self._topics)) and self._applied_is_known(row[4], pressure)
+        if known and not self._afford(end - begin):
+            known = False
         for tick in range(begin + 1 if known else end, end + 1):
-            if self._place + 1 < len(self._scenes) and self._take_over(sent, round(tick * self._stamp_step)):
+            if self._places and self._take_over(index, round(tick * self._stamp_step)):
                 self._use_scene()
             self._apply(row[4], pressure)
             if known:
@@ -197,6 +214,25 @@ class Verifier:
         if not self._exact:
             stepper.state[:] = row[2] - row[3], row[1], row[3], row[0]
         return solved
+
+    def _afford(self, ticks: int) -> bool:
+        """Whether the work that is left allows so many ticks; takes it.
+
+        Raises
+        ------
+        InputError
+            There is not enough for a single tick.
+        """
+        assert self._stepper is not None
+        cost = ticks * (self._stepper.substeps + 20)
+        if cost <= self._work - (self._work_limit // 2 if ticks > 1 else 0):
+            self._work -= cost
+            return True
+        if ticks == 1:
+            raise InputError(f"solving it again takes more than {self._work_limit} sub-steps, the most allowed for a "
+                             "recording of its size")
+        self._leapt += 1
+        return False
 
     def _applied_is_known(self, engine: float, pressure: float) -> bool:
         """Whether the recording holds the inputs of this tick."""

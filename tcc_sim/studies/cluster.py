@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import re
+import socket
+import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any
 
 from tcc_sim.errors import InputError, MissingPackage
 
-CONNECT_TIMEOUT = 10.0
-"""Seconds to wait for the scheduler."""
+CONNECT_TIMEOUT = 8.0
+"""Seconds that the scheduler has to answer."""
 LOST_WORKERS = 10
 """How many workers may die over one task before the task is given up."""
+ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
+"""Protocol, host and port."""
 
 
 @contextmanager
@@ -26,19 +34,53 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     MissingPackage
         distributed is not installed.
     InputError
-        No scheduler answers at `address`.
+        Not an address, or no scheduler answers there in time.
     """
+    if find_spec("distributed") is None:
+        raise MissingPackage("--dask needs the package distributed: install tcc_sim[cluster]")
+    parts = ADDRESS.fullmatch(address)
+    if parts is None or not 0 < int(parts[3]) < 65536:
+        raise InputError(f"--dask is {address!r}; it must be an address such as tcp://127.0.0.1:8786")
+    deadline = time.monotonic() + CONNECT_TIMEOUT
     try:
+        # A plain connection says at once that nothing listens; Dask would try again until its time is over.
+        within(deadline, lambda: socket.create_connection((parts[2].strip("[]"), int(parts[3])), CONNECT_TIMEOUT).close())
         import distributed
-    except ImportError:
-        raise MissingPackage("--dask needs the package distributed: install tcc_sim[cluster]") from None
-    try:
-        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"--dask {address}: no Dask scheduler answers ({error})") from None
+
+        client = within(max(deadline, time.monotonic() + 0.5 * CONNECT_TIMEOUT), lambda: distributed.Client(
+            address, timeout=0.4 * CONNECT_TIMEOUT, set_as_default=False))
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise InputError(f"--dask {address}: no Dask scheduler answers ({error or type(error).__name__})") from None
     with client:
         executor = client.get_executor(pure=False, retries=LOST_WORKERS)
         try:
             yield executor, lambda: sum(client.nthreads().values())
         finally:
             executor.shutdown(wait=False)
+
+
+def within(deadline: float, function: Callable[[], Any]) -> Any:
+    """What a function gives until a time of the monotonic clock, in a thread: looking up a name cannot be cut short.
+
+    Raises
+    ------
+    TimeoutError
+        It has not come back by then.
+    """
+    found: list[Any] = []
+    failed: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            found.append(function())
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(max(deadline - time.monotonic(), 0.0))
+    if failed:
+        raise failed[0]
+    if not found:
+        raise TimeoutError("timed out")
+    return found[0]

@@ -1,4 +1,4 @@
-"""Sweeps over a scene key: every point of one or more curves, on all cores or on a Dask cluster, in value order.
+"""Sweeps over one scene key or a grid of two, on all cores or on a Dask cluster, with results in value order.
 
 Points are independent where the direction is cold; up and down go along a curve from neighbour to neighbour, so there
 only the curves run side by side. The results do not depend on how many workers there are, nor on which of them did
@@ -13,109 +13,63 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted
-from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers import check_setting, choose
-from tcc_sim.studies.point import SUMMARY_KEYS, Plan, Point, solve_points
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.studies.point import Point, handed_over, point_of, solve_points
+from tcc_sim.studies.results import MOST_VALUES, Curve, Grid, Sweep
+from tcc_sim.studies.simulation import PAPER, Plan, Start
 from tcc_sim.studies.sweep_file import SweepFile
-from tcc_sim.trajectory import State
 
-MOST_VALUES = 1_000_000
-PAPER = Plan()
-"""150 cycles of which 50 are dropped, every point from the initial state."""
-NOT_SOLVED = "not solved: the sweep was interrupted"
 DASK_BATCH = 8
 """Points in one task on a cluster: a task costs the scheduler about a millisecond."""
 
-Record = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A system at many values of one scene key.
-
-    Raises
-    ------
-    InputError
-        No value or too many, an unknown key, or a value out of its range.
-    """
-
-    system: System
-    key: str
-    values: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if not 1 <= len(self.values) <= MOST_VALUES:
-            raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {MOST_VALUES}")
-        for value in self.values:
-            replace(self.system, {self.key: value})
-
-    def at(self, index: int) -> System:
-        """The system at one of the values."""
-        return replace(self.system, {self.key: self.values[index]})
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """The results along one curve, in the order of its values.
-
-    records : per value what `Point.as_json` gives; None where the sweep was interrupted before
-    seconds : wall time of the whole call
-    """
-
-    curve: Curve
-    plan: Plan
-    records: list[Record | None]
-    seconds: float
-
-    @property
-    def complete(self) -> bool:
-        """Whether every value was tried."""
-        return all(r is not None for r in self.records)
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """(n,) values of the key."""
-        return np.array(self.curve.values)
-
-    def column(self, name: str) -> NDArray[np.float64]:
-        """A number per value, (n,), NaN where there is none."""
-        found = [None if r is None else r.get(name) for r in self.records]
-        return np.array([np.nan if x is None else float(x) for x in found])
-
-    def as_json(self) -> dict[str, Any]:
-        """`over`, `values`, how it was done, and per value the keys of `simulate --json` in lists."""
-        plan, records = self.plan, self.records
-        names = [*SUMMARY_KEYS, "confirmed"]
-        names += [n for n in ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
-                  if any(r is not None and n in r for r in records)]
-        out: dict[str, Any] = {
-            "over": self.curve.key, "values": list(self.curve.values), "direction": plan.direction,
-            "discard": "default" if plan.discard is None else plan.discard, "complete": self.complete,
-            "seconds": self.seconds}
-        for name in names:
-            out[name] = [None if r is None else r.get(name) for r in records]
-        out["status"] = [NOT_SOLVED if r is None else r["status"] for r in records]
-        return out
+Points = list[list[Point | None]]
+"""Per curve and value what was found, None for what was not tried yet."""
 
 
 def sweep(system: System, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
-    """Solve `system` at every value of one scene key; `how` is as `sweep_curves` takes it."""
+    """Solve `system` at every value of one scene key; `how` is as `sweep_curves` takes it.
+
+    Examples
+    --------
+    >>> from tcc_sim import load_scene
+    >>> found = sweep(load_scene("slip").system, "engine.torque_amplitude", [0.0, 20.0], Plan(cycles=20))
+    >>> found
+    <Sweep over engine.torque_amplitude: 2 values from 0 to 20; 2 solved>
+    >>> found.columns()["period"].tolist()
+    [1, 1]
+    """
     return sweep_curves([Curve(system, key, tuple(map(float, values)))], plan, **how)[0]
 
 
 def sweep_grid(system: System, key: str, values: Sequence[float], second_key: str, second_values: Sequence[float],
-               plan: Plan = PAPER, **how: Any) -> list[Sweep]:
-    """Solve a grid of two scene keys: one Sweep over `key` for every value of `second_key`, in order."""
+               plan: Plan = PAPER, **how: Any) -> Grid:
+    """Solve a grid of two scene keys; up and down go along the first one, within every row."""
+    return Grid(second_key, tuple(map(float, second_values)),
+                sweep_curves(curves_of(system, key, values, second_key, second_values), plan, **how))
+
+
+def curves_of(system: System, key: str, values: Sequence[float], second_key: str,
+              second_values: Sequence[float]) -> list[Curve]:
+    """The rows of a grid: one curve over `key` for every value of `second_key`.
+
+    Raises
+    ------
+    InputError
+        The same key twice, no value or too many, an unknown key, or a value out of its range.
+    """
+    if key == second_key:
+        raise InputError(f"{key} is swept twice; a grid has two keys")
+    if not 1 <= len(values) * len(second_values) <= MOST_VALUES:
+        raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to {MOST_VALUES}")
     row = tuple(map(float, values))
-    return sweep_curves([Curve(replace(system, {second_key: x}), key, row) for x in second_values], plan, **how)
+    return [Curve(replace(system, {second_key: float(x)}), key, row) for x in second_values]
 
 
 def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
@@ -132,54 +86,64 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     Raises
     ------
     InputError
-        A wrong plan or number of jobs, or a file that holds something else.
+        A wrong plan or number of jobs, no scheduler, or a file that holds something else.
     SweepInterrupted
         Ctrl-C; it carries what was done until then.
     MissingPackage
         `dask` without the package distributed.
     """
     for curve in curves:
-        check_setting(choose(curve.system, plan.solver), plan.rtol, plan.step)
-        if plan.lyapunov and curve.system.friction.law != "smoothed":
-            raise InputError(f"friction.law is {curve.system.friction.law}; the Lyapunov exponent is that of the smoothed model")
+        plan.check(curve.system)
+    if isinstance(plan.discard, int):
+        plan.dropped(plan.cycles, 0)
     if jobs is not None and not 1 <= jobs <= 1024:
         raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
     began = time.perf_counter()
-    records: list[list[Record | None]] = [[None] * len(curve.values) for curve in curves]
-    file = SweepFile(out, curves, plan) if out is not None else None
+    points: Points = [[None] * len(curve.values) for curve in curves]
+
+    def take(c: int, i: int, record: dict[str, Any]) -> None:
+        if not (0 <= c < len(curves) and 0 <= i < len(curves[c].values)):
+            raise ValueError(f"the sweep has no value {i} of curve {c}")
+        points[c][i] = point_of(record, curves[c].at(i))
+
+    file: SweepFile | None = None
     try:
-        if file is not None:
-            for c, i, record in file.stored:
-                records[c][i] = record
-        with _executor(jobs, dask) as (executor, width), _bar(records, progress) as tick:
-            for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, records):
-                record = {**point.as_json(), "final": list(point.final)}
-                records[c][i] = record
-                if file is not None:
-                    file.append(c, i, record)
-                tick()
+        with _executor(jobs, dask) as (executor, width):
+            file = SweepFile(out, _header(curves, plan), take) if out is not None else None
+            with _bar(points, progress) as tick:
+                for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, points):
+                    points[c][i] = point
+                    if file is not None:
+                        file.append(c, i, point.as_record())
+                    tick()
     except KeyboardInterrupt:
-        raise SweepInterrupted(_results(curves, plan, records, began)) from None
+        raise SweepInterrupted(_results(curves, plan, points, began)) from None
     finally:
         if file is not None:
             file.close()
-    return _results(curves, plan, records, began)
+    return _results(curves, plan, points, began)
 
 
-def _results(curves: Sequence[Curve], plan: Plan, records: list[list[Record | None]], began: float) -> list[Sweep]:
+def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
+    """What tells one sweep from another."""
+    return {"version": __version__, "plan": plan.as_json(),
+            "curves": [{"over": c.key, "values": c.values, "scene": dict(values_of(c.system))} for c in curves]}
+
+
+def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) -> list[Sweep]:
     """One Sweep per curve."""
     seconds = time.perf_counter() - began
-    return [Sweep(curve, plan, found, seconds) for curve, found in zip(curves, records)]
+    return [Sweep(curve, plan, found, seconds) for curve, found in zip(curves, points)]
 
 
-Task = tuple[int, list[int], State | None]
+Task = tuple[int, list[int], Start | None]
 """Number of a curve, indices of its values in the order of solving, and where to go on from."""
 
 
 def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, width: Callable[[], int], batch: int,
-            records: list[list[Record | None]]) -> Iterator[tuple[int, int, Point]]:
-    """Every point that has no record yet, as it is done; few tasks are handed out ahead, so memory does not grow."""
-    ready = _tasks(curves, plan, batch, records)
+            points: Points) -> Iterator[tuple[int, int, Point]]:
+    """Every point that was not found yet, as it is done; few tasks are handed out ahead, so memory does not grow."""
+    ready = _tasks(curves, plan, batch, points)
     following: deque[Task] = deque()
     running: dict[Future[list[Point]], Task] = {}
     try:
@@ -188,39 +152,45 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, width: Call
                 task = following.popleft() if following else next(ready, None)
                 if task is None:
                     break
-                c, indices, state = task
+                c, indices, start = task
                 systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
-                running[executor.submit(solve_points, systems, values, plan, state)] = task
+                running[executor.submit(solve_points, systems, values, plan, start)] = task
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 c, indices, _ = running.pop(future)
-                points = future.result()
+                found = future.result()
                 if plan.direction != "cold":
                     rest = _order(curves[c], plan)
-                    rest = rest[rest.index(indices[-1]) + 1:]
+                    rest = rest[rest.index(indices[-1]) + 1:][:batch]
                     if rest:
-                        following.append((c, rest[:batch], State(*points[-1].final)))
-                for i, point in zip(indices, points):
+                        following.append((c, rest, _passed_on(curves[c], indices[-1], found[-1], rest[0])))
+                for i, point in zip(indices, found):
                     yield c, i, point
     finally:
         for future in running:
             future.cancel()
 
 
-def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, records: list[list[Record | None]]) -> Iterator[Task]:
+def _passed_on(curve: Curve, before: int, point: Point, following: int) -> Start:
+    """Where a value goes on from its neighbour."""
+    return handed_over(curve.at(before), point.end, curve.at(following))
+
+
+def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> Iterator[Task]:
     """What can be done at once: all that is missing, or for up and down the first missing piece of every curve."""
     for c, curve in enumerate(curves):
         order = _order(curve, plan)
-        missing = [i for i in order if records[c][i] is None]
+        missing = [i for i in order if points[c][i] is None]
         if plan.direction == "cold":
             for k in range(0, len(missing), batch):
                 yield c, missing[k:k + batch], None
         elif missing:
             # A file is written in the order of solving, so what is missing is the end of the curve.
             place = order.index(missing[0])
-            before = records[c][order[place - 1]] if place else None
-            yield c, order[place:place + batch], State(*before["final"]) if before is not None else None
+            neighbour = points[c][order[place - 1]] if place else None
+            yield c, order[place:place + batch], None if neighbour is None else _passed_on(curve, order[place - 1],
+                                                                                           neighbour, missing[0])
 
 
 def _order(curve: Curve, plan: Plan) -> list[int]:
@@ -254,11 +224,11 @@ def _executor(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Ca
 
 
 @contextmanager
-def _bar(records: Sequence[Sequence[Record | None]], progress: bool) -> Iterator[Callable[[], Any]]:
+def _bar(points: Points, progress: bool) -> Iterator[Callable[[], Any]]:
     """A function to call after every point; it moves a bar where standard error is a terminal."""
     from tqdm import tqdm
 
-    total, done = sum(map(len, records)), sum(r is not None for found in records for r in found)
+    total, done = sum(map(len, points)), sum(p is not None for found in points for p in found)
     with tqdm(total=total, initial=done, disable=None if progress else True, unit="point", smoothing=0.05) as bar:
         yield bar.update
 
@@ -287,4 +257,4 @@ def values_of_range(text: str) -> tuple[str, list[float]]:
     return key, [float(x) for x in np.linspace(start, stop, count)]
 
 
-__all__ = ["Curve", "Plan", "Sweep", "sweep", "sweep_curves", "sweep_grid", "values_of_range"]
+__all__ = ["Curve", "Grid", "Plan", "Sweep", "curves_of", "sweep", "sweep_curves", "sweep_grid", "values_of_range"]

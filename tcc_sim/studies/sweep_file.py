@@ -1,88 +1,87 @@
 """The file of a sweep that takes points as they are done and from which the sweep can go on: JSON, one line a point.
 
-The first line says which sweep it is. Numbers are written so that they are read back exactly, and a last line that was
-cut short is dropped.
+The first line says which sweep it is. Numbers are written so that they are read back exactly, every line ends with a
+checksum of its text, and a last line that was cut short is dropped: its point is solved again.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+import zlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NoReturn
 
-from tcc_sim import __version__
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import values_of
-from tcc_sim.studies.point import Plan, plan_as_json
-
-if TYPE_CHECKING:
-    from tcc_sim.studies.sweep import Curve
 
 FORMAT = "tcc_sim sweep"
+LONGEST_LINE = 1 << 28
+"""Bytes; the first line of a sweep over a million values has a tenth of that."""
+SUM = ', "crc32": "%08x"}\n'
+SUM_LENGTH = len(SUM % 0)
 
 
 class SweepFile:
-    """An open file of a sweep; `stored` lists the points found in it as (curve, index, record).
+    """An open file of a sweep.
+
+    Parameters
+    ----------
+    path : where it is, or will be
+    header : what tells the sweep from others; it becomes the first line
+    take : called with curve, index and record of every point found in the file; KeyError, TypeError and ValueError say
+        that no sweep wrote it
 
     Raises
     ------
     InputError
-        The path holds something else, or the points of another sweep.
+        The path holds something else, the points of another sweep, or a damaged line.
     OSError
         It cannot be read or written.
     """
 
-    def __init__(self, path: Path, curves: Sequence[Curve], plan: Plan) -> None:
-        self.stored: list[tuple[int, int, dict[str, Any]]] = []
-        header = json.loads(json.dumps(_header(curves, plan)))
-        whole = self._read(path, header, [len(curve.values) for curve in curves]) if path.exists() else 0
+    def __init__(self, path: Path, header: Mapping[str, Any],
+                 take: Callable[[int, int, dict[str, Any]], None]) -> None:
+        first = encoded({"format": FORMAT, **header})
+        whole = self._read(path, first, take) if path.exists() else 0
         self._stream = path.open("ab")
         self._stream.truncate(whole)
         if not whole:
-            self._write(header)
+            self._write(first)
 
-    def _read(self, path: Path, header: dict[str, Any], counts: list[int]) -> int:
+    @staticmethod
+    def _read(path: Path, first: bytes, take: Callable[[int, int, dict[str, Any]], None]) -> int:
         """Take the points of an existing file; returns the bytes that are whole lines."""
         if not path.is_file():
             raise InputError(f"{path}: not a file")
         whole = 0
         with path.open("rb") as stream:
-            for number, line in enumerate(stream):
-                if not line.endswith(b"\n"):
-                    if number == 0:
+            for number in range(1, 1 << 62):
+                line = stream.readline(LONGEST_LINE)
+                if not line.endswith(b"\n") and len(line) < LONGEST_LINE:
+                    # The end: nothing, or a line that was cut short, of which the first must be this sweep's own.
+                    if number == 1 and not first.startswith(line):
                         raise InputError(f"{path}: not the file of a sweep; it is left as it is")
-                    break
-                try:
-                    found = json.loads(line)
-                except ValueError:
-                    found = None
-                if number == 0:
-                    if not isinstance(found, dict) or found.get("format") != FORMAT:
-                        raise InputError(f"{path}: not the file of a sweep; it is left as it is")
-                    different = [k for k in header if found.get(k) != header[k]]
-                    if different:
-                        raise InputError(f"{path}: the file of another sweep ({', '.join(different)} differ); "
-                                         "it is left as it is")
+                    return whole
+                if number == 1:
+                    _check_header(path, line, first)
                 else:
                     try:
-                        c, i, record = int(found["curve"]), int(found["index"]), dict(found["record"])
-                        inside = 0 <= c < len(counts) and 0 <= i < counts[c] and {"status", "final"} <= record.keys()
-                    except (TypeError, KeyError, ValueError):
-                        inside = False
-                    if not inside:
-                        raise InputError(f"{path}: line {number + 1} is damaged; the file is left as it is")
-                    self.stored.append((c, i, record))
+                        found = decoded(line)
+                        take(int(found["curve"]), int(found["index"]), dict(found["record"]))
+                    except (TypeError, KeyError, ValueError, AttributeError, OverflowError) as error:
+                        raise InputError(f"{path}: line {number} is damaged ({error}); the file is left as it "
+                                         "is") from None
                 whole += len(line)
         return whole
 
-    def append(self, curve: int, index: int, record: dict[str, Any]) -> None:
+    def append(self, curve: int, index: int, record: Mapping[str, Any]) -> None:
         """Write one point and hand it to the operating system."""
-        self._write({"curve": curve, "index": index, "record": record})
+        self._write(encoded({"curve": curve, "index": index, "record": record}))
 
-    def _write(self, line: dict[str, Any]) -> None:
+    def _write(self, line: bytes) -> None:
         """One line."""
-        self._stream.write(json.dumps(line, allow_nan=False).encode() + b"\n")
+        self._stream.write(line)
         self._stream.flush()
 
     def close(self) -> None:
@@ -90,7 +89,66 @@ class SweepFile:
         self._stream.close()
 
 
-def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
-    """What tells one sweep from another."""
-    return {"format": FORMAT, "version": __version__, "plan": plan_as_json(plan),
-            "curves": [{"over": c.key, "values": c.values, "scene": dict(values_of(c.system))} for c in curves]}
+def encoded(values: Mapping[str, Any]) -> bytes:
+    """A line: an object whose last key is the checksum of what stands before it."""
+    body = json.dumps(values, allow_nan=False)[:-1]
+    return (body + SUM % zlib.crc32(body.encode())).encode()
+
+
+def decoded(line: bytes) -> dict[str, Any]:
+    """The object of a line.
+
+    Raises
+    ------
+    ValueError
+        A wrong checksum, or no object of finite numbers.
+    """
+    body, end = line[:-SUM_LENGTH], line[-SUM_LENGTH:]
+    if end != (SUM % zlib.crc32(body)).encode():
+        raise ValueError("its checksum is wrong or missing")
+    return _object(body + b"}")
+
+
+def _object(text: bytes) -> dict[str, Any]:
+    """An object of finite numbers in JSON; ValueError for anything else."""
+    try:
+        found = json.loads(text, parse_constant=_refused, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("it is nested too deep") from None
+    except UnicodeDecodeError:
+        raise ValueError("not text in UTF-8") from None
+    if not isinstance(found, dict):
+        raise ValueError("not an object")
+    return found
+
+
+def _refused(name: str) -> NoReturn:
+    """NaN and its like are no JSON."""
+    raise ValueError(f"{name} is not a number in JSON")
+
+
+def _finite(text: str) -> float:
+    """A number that a float can hold."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is beyond the range of numbers")
+    return value
+
+
+def _check_header(path: Path, line: bytes, first: bytes) -> None:
+    """Raise InputError unless the first line of a file is that of the same sweep."""
+    if line == first:
+        return
+    try:
+        found = _object(line)
+    except ValueError:
+        found = {}
+    if found.get("format") != FORMAT:
+        raise InputError(f"{path}: not the file of a sweep; it is left as it is")
+    try:
+        decoded(line)
+    except ValueError as error:
+        raise InputError(f"{path}: line 1 is damaged ({error}); the file is left as it is") from None
+    wanted = _object(first)
+    different = [k for k in wanted if k != "crc32" and found.get(k) != wanted[k]]
+    raise InputError(f"{path}: the file of another sweep ({', '.join(different)} differ); it is left as it is")

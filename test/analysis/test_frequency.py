@@ -77,3 +77,20 @@ def test_samples_that_are_not_finite_are_left_out():
     assert line_of(lambda t: np.where(np.arange(len(t)) % 1000 == 5, math.nan,
                                       250.0 * np.sin(150.0 * t))).frequency == (
         pytest.approx(150.0, rel=1e-6))
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.12, 0.2, 0.3])
+def test_a_run_of_a_single_block_is_fitted_as_a_whole(seconds):
+    """So short that there is one block, whose phase has no slope."""
+    found = line_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4), seconds=seconds)
+    assert found.frequency == pytest.approx(150.0, rel=1e-5)
+    assert found.amplitude == pytest.approx(250.0, rel=1e-4)
+    assert line_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t), seconds=0.015) is None
+
+
+def test_a_run_that_the_recording_numbers_anew_is_another_one():
+    finder = FrequencyFinder()
+    for run, frequency, start in ((0, 60.0, 0), (1, 150.0, 3000)):
+        k = np.arange(start, start + 3000 + 7000 * run)
+        finder.feed(k * STEP, np.sin(frequency * k * 1e-3), run)
+    assert finder.line().frequency == pytest.approx(150.0, rel=1e-6)

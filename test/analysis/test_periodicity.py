@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.periodicity import periodicity, stays
 from tcc_sim.trajectory import Cycles
 
 
@@ -122,3 +122,40 @@ def test_an_alternation_that_dies_out_slowly_is_no_period_two(alternation, perio
     section = np.stack([0.0 * n, 1.0 + (-1.0) ** n * alternation(n), 0.0 * n], axis=1)
     found = periodicity(Cycles(section, np.ones(59), np.zeros(59), np.zeros(59)), tolerance=1e-2)
     assert (found.period, found.settled) == (period, settled)
+
+
+def test_further_cycles_stay_on_a_period_in_its_own_phase():
+    pattern = np.array([0.3, -0.2, 0.9])
+    kept, further = embedded(np.tile(pattern, 30)[:62]), np.tile(pattern, 30)[61:75]
+    assert stays(kept, embedded(further), 3)
+    assert not stays(kept, embedded(np.roll(further, 1)), 3)
+    moved = further.copy()
+    moved[9] += 1e-3
+    assert not stays(kept, embedded(moved), 3)
+    assert stays(kept, embedded(moved), 3, tolerance=1e-2)
+
+
+def test_a_motion_on_its_way_elsewhere_has_no_period_yet():
+    """Together within the tolerance, and parting: a start beside an unstable motion."""
+    n = np.arange(101)
+    found = periodicity(embedded(1e-9 * 1.12 ** n))
+    assert (found.period, found.settled) == (0, False)
+
+
+@pytest.mark.parametrize("angle", [2.0 * math.pi / 3.0 + 0.002, 2.0 * math.pi / 5.0 - 0.001])
+@pytest.mark.parametrize("rate", [0.98, 0.99])
+def test_a_spiral_near_a_resonance_has_no_multiple_of_its_period(angle, rate):
+    n = np.arange(101)
+    for size in (1e-4, 1e-3, 1e-2, 0.05):
+        w = size * rate**n * np.exp(1j * angle * n)
+        section = np.stack([40.0 + 100.0 * w.real, 0.1 + 0.05 * w.imag, 30.0 * w.imag], axis=1)
+        found = periodicity(cycles_through(section))
+        assert found.period in (0, 1)
+        assert not found.settled or size == 1e-4
+
+
+def test_a_spiral_onto_a_torus_has_no_period():
+    n = np.arange(101)
+    w = (0.05 + 0.05 * 0.97**n) * np.exp(0.9j * n)
+    section = np.stack([40.0 + 100.0 * w.real, 0.1 + 0.05 * w.imag, 30.0 * w.imag], axis=1)
+    assert periodicity(cycles_through(section)).period == 0

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.continuity import Break, Continuity
 from tcc_sim.analysis.cycles import cycles_of
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
@@ -80,7 +79,7 @@ def test_a_gap_costs_the_cycles_that_it_touches():
     ticks = np.concatenate([np.arange(0, 2000), np.arange(2100, 4000), np.arange(4001, 8000)])
     stream, _ = fed(recorded(ticks), sizes_like("random"))
     c = stream.continuity
-    assert (c.gaps, c.missing, c.runs, c.samples, c.uneven) == (2, 101, 1, len(ticks), 0)
+    assert (c.gaps, c.lost, c.runs, c.messages, c.uneven) == (2, 101, 1, len(ticks), 0)
     whole = {n for n in range(int(7.999 / CYCLE)) if not any(n * CYCLE < g1 and (n + 1) * CYCLE > g0
                                                              for g0, g1 in ((1.999, 2.1), (3.999, 4.001)))}
     assert {n for p in stream.runs[0].pieces for n in range(p.first, p.first + len(p.cycles))} == whole
@@ -127,7 +126,7 @@ def test_samples_that_are_not_finite_are_left_out_and_counted():
     columns[4][3500:3510] = math.inf
     stream, _ = fed(columns, sizes_like("random"))
     assert stream.not_finite == 11
-    assert stream.continuity.missing == 11
+    assert stream.continuity.lost == 11
     assert math.isfinite(stream.summary(0).max_slip_speed)
     assert stream.summary(0).period == 2
 
@@ -148,12 +147,3 @@ def test_a_recording_without_a_whole_cycle_is_refused():
         stream.summary()
     with pytest.raises(InputError, match="no samples"):
         CycleStream(SYSTEM).summary()
-
-
-def test_pieces_of_a_stream_of_stamps():
-    c = Continuity()
-    found = list(c.pieces(np.array([5, 6, 7, 9, 10, 10, 11, 3, 4])))
-    assert found == [(slice(0, 3), Break.RUN), (slice(3, 5), Break.GAP), (slice(6, 7), Break.NOTHING),
-                     (slice(7, 9), Break.RUN)]
-    assert (c.step, c.gaps, c.missing, c.repeated, c.runs) == (1, 1, 1, 1, 2)
-    assert list(c.pieces(np.array([5, 6]))) == [(slice(0, 2), Break.NOTHING)]

@@ -145,12 +145,12 @@ def test_the_table_names_units(capsys):
     (["nowhere"], "there is no scene"),
     (["fig02", "--set", "friction.smothing=3"], "did you mean friction.smoothing"),
     (["fig02", "--set", "friction.smoothing=-3"], "friction.smoothing"),
-    (["fig02", "--cycles", "0"], "--cycles is 0"),
+    (["fig02", "--cycles", "0"], "cycles is 0"),
     (["fig02", "--cycles", "1e3"], "--cycles"),
-    (["fig02", "--cycles", "10", "--discard", "10"], "--discard is 10"),
-    (["fig02", "--discard", "-1"], "--discard is -1"),
-    (["fig02", "--duration", "nan"], "--duration is nan s"),
-    (["fig02", "--duration", "-1"], "--duration is -1 s"),
+    (["fig02", "--cycles", "10", "--discard", "10"], "discard is 10"),
+    (["fig02", "--discard", "-1"], "discard is -1"),
+    (["fig02", "--duration", "nan"], "duration is nan s"),
+    (["fig02", "--duration", "-1"], "duration is -1 s"),
     (["fig02", "--cycles", "3", "--duration", "1"], "not allowed with"),
     (["fig02", "--solver", "euler"], "solver 'euler' is unknown"),
     (["fig02", "--rtol", "2"], "rtol is 2"),
@@ -162,7 +162,7 @@ def test_the_table_names_units(capsys):
     (["fig02", "--out", "run.npz", "--samples", "0"], "--samples is 0"),
     (["fig02", "--out", "run.npz", "--cycles", "1000000"], "at most"),
     (["fig02", "--out", "run.csv", "--json", "run.csv"], "same file"),
-    (["fig02", "--set", "friction.law=set_valued", "--lyapunov"], "--lyapunov"),
+    (["fig02", "--set", "friction.law=set_valued", "--lyapunov"], "Lyapunov"),
 ])
 def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, tmp_path, arguments, words):
     monkeypatch.chdir(tmp_path)
@@ -197,7 +197,7 @@ def test_an_interrupt_ends_it_at_once_and_leaves_nothing(capsys, monkeypatch, tm
         _thread.interrupt_main()
         ended.wait(30.0)
 
-    monkeypatch.setattr("tcc_sim.solvers.solve", solve)
+    monkeypatch.setattr("tcc_sim.studies.simulation.solve", solve)
     assert main(["simulate", "chaos", "--out", str(tmp_path / "run.npz")]) == 130
     assert capsys.readouterr().err == "tcc-sim: interrupted\n"
     assert list(tmp_path.iterdir()) == []

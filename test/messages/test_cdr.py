@@ -88,3 +88,24 @@ def test_what_is_no_message_is_refused(data):
     if len(data) < 12 or data[1] == 0:
         with pytest.raises(ValueError, match="Float64"):
             cdr.read_float64(data)
+
+
+@pytest.mark.parametrize("data", [b"", cdr.HEADER, cdr.HEADER + b"\x05\0\0\0ab", b"\0\0\0\0" + cdr.string("x")[4:],
+                                  cdr.HEADER + b"\0\0\0\0", cdr.HEADER + b"\xff\xff\xff\xffabcd"])
+def test_a_malformed_string_is_an_error_and_no_text(data):
+    with pytest.raises(ValueError, match="not a little-endian"):
+        cdr.read_string(data)
+
+
+@pytest.mark.parametrize("text", ["", "a", "scene: 1\n", "é" * 100])
+def test_a_string_comes_back(text):
+    assert cdr.read_string(cdr.string(text)) == text
+
+
+def test_the_template_of_a_float64_fits_every_value():
+    example, fixed = cdr.float64_template()
+    for value in values(20):
+        found = np.frombuffer(cdr.float64(value), dtype=np.uint8)
+        assert len(found) == len(example)
+        assert (found[fixed] == example[fixed]).all()
+        assert found[4:].copy().view("<f8")[0].tobytes() == np.float64(value).tobytes()

@@ -138,7 +138,7 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
         node.create_publisher(String, "scene", polling.LATCHED).publish(String(data=SCENE + f"# {number}\n"))
         executor.add_node(node)
         publisher = publisher_of(node, "joint_states")
-        until(lambda n=number: len(found.bag.scenes) == n, step=step)
+        until(lambda n=number: found.bag.scene_text == SCENE + f"# {n}\n", step=step)
         before = found.tracks["/joint_states"].messages
         for n in range(5):
             publisher.publish(joint_state(n))
@@ -186,7 +186,7 @@ def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_numb
         look()
     assert len(set(map(id, subscriptions))) == 24
     kept.publish(String(data=SCENE + "# 2\n"))
-    until(lambda: SCENE + "# 2\n" in found.bag.scenes, step=found.drain)
+    until(lambda: found.bag.scene_text == SCENE + "# 2\n", step=found.drain)
     for _ in range(3):
         look()
     assert len(set(map(id, subscriptions))) == 24
@@ -233,3 +233,12 @@ def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, 
 def test_an_existing_output_is_refused(context, tmp_path):
     with pytest.raises(RecordingError, match="exists already"):
         start(context, tmp_path)
+
+
+@pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")}, {"fsync_period": "often"},
+                                        {"max_bag_duration": -1}, {"max_bag_duration": True}, {"max_bag_size": -5},
+                                        {"max_bag_size": float("inf")}])
+def test_wrong_limits_are_refused_and_nothing_is_written(context, tmp_path, parameters):
+    with pytest.raises(InputError, match=next(iter(parameters))):
+        start(context, tmp_path / "run", **parameters)
+    assert list(tmp_path.iterdir()) == []

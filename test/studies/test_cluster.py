@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -13,9 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.studies import sweep_file
+from tcc_sim.studies.cluster import within
 from tcc_sim.studies.sweep import Plan, sweep
 
 distributed = pytest.importorskip("distributed")
@@ -74,7 +79,43 @@ def test_a_killed_worker_loses_nothing(workers, tmp_path, monkeypatch) -> None: 
         assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
 
 
-def test_no_scheduler_is_wrong_input(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr("tcc_sim.studies.cluster.CONNECT_TIMEOUT", 0.5)
-    with pytest.raises(InputError, match="no Dask scheduler"):
-        sweep(System(), "engine.frequency", [100.0], Plan(cycles=5, solver="fixed_step"), dask="tcp://127.0.0.1:1")
+@pytest.mark.parametrize(("address", "words"), [
+    ("tcp://127.0.0.1:{port}", "no Dask scheduler answers"), ("127.0.0.1:{port}", "no Dask scheduler answers"),
+    ("tcp://no-such-host.invalid:8786", "no Dask scheduler answers"), ("tcp://127.0.0.1", "must be an address"),
+    ("tcp://127.0.0.1:99999", "must be an address"), ("", "must be an address"), ("tcp://a b:1", "must be an address")])
+def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address: str, words: str, tmp_path, monkeypatch,
+                                                                     capsys) -> None:  # type: ignore[no-untyped-def]
+    """Nothing listens at a port that was closed just now; `.invalid` never resolves (RFC 2606)."""
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        port = closed.getsockname()[1]
+
+    def too_far(*words: object, **options: object) -> None:
+        raise AssertionError("the scheduler was asked though nothing listens")
+
+    monkeypatch.setattr(distributed, "Client", too_far)
+    out = tmp_path / "out.jsonl"
+    assert main(["sweep", "slip", "--over", "engine.torque_amplitude=1:2:2", "--dask", address.format(port=port), "--out",
+                 str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert words in said
+    assert not out.exists()
+
+
+def test_a_port_that_is_no_scheduler_is_given_up_in_time(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """It takes the connection and never says a word."""
+    monkeypatch.setattr("tcc_sim.studies.cluster.CONNECT_TIMEOUT", 0.4)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        with pytest.raises(InputError, match="no Dask scheduler"):
+            sweep(System(), "engine.frequency", [100.0], Plan(cycles=5), dask=f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+
+
+def test_what_does_not_come_back_is_not_waited_for() -> None:
+    never = threading.Event()
+    with pytest.raises(TimeoutError):
+        within(time.monotonic() + 0.01, never.wait)
+    never.set()
+    assert within(time.monotonic() + 60.0, lambda: 3) == 3

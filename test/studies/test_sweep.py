@@ -15,7 +15,8 @@ from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.studies import sweep_file
-from tcc_sim.studies.point import settling, solve_points
+from tcc_sim.studies.point import solve_points
+from tcc_sim.studies.simulation import settling
 from tcc_sim.studies.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid, values_of_range
 
 KINETIC = "friction.kinetic_coefficient"
@@ -60,9 +61,9 @@ def test_up_goes_from_the_lowest_value_in_one_task_or_in_many() -> None:
     mixed, rising, plan = (0.3, 0.24, 0.27), (0.24, 0.27, 0.3), Plan(cycles=30, direction="up")
     steps = {r["value"]: r for r in without_time(sweep(system(0.36), KINETIC, mixed, plan).records)}
     whole = solve_points([replace(system(0.36), {KINETIC: x}) for x in rising], rising, plan, None)
-    assert [p.final for p in whole] == [tuple(steps[x]["final"]) for x in rising]  # type: ignore[arg-type]
+    assert [p.as_record()["final"] for p in whole] == [steps[x]["final"] for x in rising]
     cold = sweep(system(0.36), KINETIC, rising, Plan(cycles=30))
-    assert cold.records[-1] != whole[-1].as_json()
+    assert cold.records[-1] != whole[-1].as_record()
     assert cold.column("max_slip_speed")[0] == steps[0.24]["max_slip_speed"]
 
 
@@ -85,7 +86,8 @@ def test_up_and_down_find_the_two_motions_that_coexist() -> None:
 
 
 def test_a_grid_has_a_sweep_for_every_value_of_the_second_key() -> None:
-    first, second = sweep_grid(system(0.2), KINETIC, [0.28, 0.3], "pressure.mean", [225e3, 250e3], Plan(cycles=20))
+    grid = sweep_grid(system(0.2), KINETIC, [0.28, 0.3], "pressure.mean", [225e3, 250e3], Plan(cycles=20))
+    first, second = grid.sweeps
     assert first.curve.system.pressure.mean == 225e3
     assert second.curve.system.pressure.mean == 250e3
     alone = summarise(solve(replace(system(0.2), {KINETIC: 0.28, "pressure.mean": 250e3}), cycles=20))
@@ -197,6 +199,10 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monk
     ["--over", "friction.kinetic_coefficient=0.1:0.5:3"],
     ["--over", "engine.torque_amplitude=10:40:3", "--discard", "150"],
     ["--over", "engine.torque_amplitude=10:40:3", "--discard", "some"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "-1"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--jobs", "-1"],
+    ["--over", "engine.torque_amplitude=10:40:-3"],
+    ["--over", "engine.torque_amplitude=nan:40:3"],
     ["--over", "engine.torque_amplitude=10:40:3", "--jobs", "0"],
     ["--over", "engine.torque_amplitude=10:40:3", "--solver", "none"],
     ["--over", "engine.torque_amplitude=10:40:3", "--cycles", "0"],

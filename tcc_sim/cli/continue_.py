@@ -1,0 +1,129 @@
+"""`tcc-sim continue`: the branches of periodic motions of a scene along one of its keys, with their bifurcations."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tcc_sim.cli.arguments import new_file
+from tcc_sim.errors import InputError
+
+if TYPE_CHECKING:
+    from tcc_sim.studies.motions import Motions
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is followed, what is looked for, and where the results go."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--over", metavar="KEY=START:STOP", required=True,
+                        help="scene key that is followed, and its range")
+    parser.add_argument("--period", metavar="N", type=int,
+                        help="engine cycles of the motion to begin with (default: those of the settled motion)")
+    parser.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
+                        help="give the motions at exactly this value of the key, on every branch")
+    parser.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
+                        help="follow the branches of doubled period too, DEPTH doublings deep (1 where it is not given)")
+    parser.add_argument("--second", metavar="KEY=START:STOP",
+                        help="follow every fold, doubling, Neimark-Sacker and stick border in a second key too")
+    parser.add_argument("--limit", action="store_true",
+                        help="follow every bifurcation of the smoothed law to the set-valued one")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
+    parser.add_argument("--plot", metavar="FILE", type=Path, help="bifurcation diagram, png or svg")
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Follow the branches, write what was asked for, and print what was found."""
+    from tcc_sim import __version__
+    from tcc_sim.model.parameters import values_of
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.studies.motions import Motions, Plan, check, continue_motions
+
+    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    key, low, high = _range("--over", arguments.over)
+    second = None if arguments.second is None else _range("--second", arguments.second)
+    plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit)
+    check(scene.system, plan)
+    if arguments.json not in (None, STANDARD_OUTPUT):
+        new_file(arguments.json, arguments.force)
+    if arguments.plot is not None:
+        if arguments.plot.suffix not in (".png", ".svg"):
+            raise InputError(f"--plot is {arguments.plot}; it must end in .png or .svg")
+        new_file(arguments.plot, arguments.force)
+    found, interrupted = Motions(plan, scene.system.friction.law), False
+    try:
+        with _bar() as tick:
+            continue_motions(scene.system, plan, tick, found)
+    except KeyboardInterrupt:
+        interrupted = True
+    if arguments.json is not None:
+        keys = {k: list(v) if isinstance(v, tuple) else v for k, v in values_of(scene.system)}
+        write_json(arguments.json, {"format": "tcc_sim.continue/1", "version": __version__, "scene": keys,
+                                    "command": sys.argv[1:], **found.as_json()})
+    if arguments.plot is not None and found.branches:
+        from tcc_sim.views.branch_diagram import branch_diagram
+
+        branch_diagram(arguments.plot, found.as_json(), scene.name)
+    if arguments.json != STANDARD_OUTPUT:
+        _print(found)
+    if interrupted:
+        print("tcc-sim: interrupted; what was found until then is kept", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _print(found: Motions) -> None:
+    """The branches, their ends and their bifurcations."""
+    for number, branch in enumerate(found.branches):
+        values = [s.value for s in branch.stations]
+        print(f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
+              f"{len(values)} points, {sum(s.orbit.stable for s in branch.stations)} stable")
+        for sentence in dict.fromkeys(branch.ended):
+            print(f"  {sentence}")
+    for index, item in enumerate(found.bifurcations):
+        limit = ""
+        if found.plan.limit:
+            value = found.limits.get(index)
+            limit = "  of the smoothing" if value is None else f"  limit {value:.9g}"
+        print(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
+              f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
+    for entry in found.at:
+        print(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
+              f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
+    for curve in found.curves:
+        print(f"curve of {curve.kind}: {len(curve.values)} points; {'; '.join(dict.fromkeys(curve.ended))}")
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[Any], None]]:
+    """A function to call with every point; it moves a count where standard error is a terminal."""
+    from tqdm import tqdm
+
+    with tqdm(disable=None, unit="point") as bar:
+        def tick(station: Any) -> None:
+            bar.set_postfix_str(f"{station.value:.6g}, period {station.orbit.period}", refresh=False)
+            bar.update()
+
+        yield tick
+
+
+def _range(option: str, text: str) -> tuple[str, float, float]:
+    """KEY, the smaller and the larger value of KEY=START:STOP."""
+    key, equals, numbers = text.partition("=")
+    parts = numbers.split(":")
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP")
+    if not equals or len(parts) != 2:
+        raise wrong
+    try:
+        start, stop = float(parts[0]), float(parts[1])
+    except ValueError:
+        raise wrong from None
+    if not (abs(start) < float("inf") and abs(stop) < float("inf")):
+        raise wrong
+    return key, min(start, stop), max(start, stop)

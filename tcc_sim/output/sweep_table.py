@@ -1,0 +1,61 @@
+"""The points of a sweep as lines for a terminal, with a column for every extra that was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from tcc_sim.studies.results import Sweep, extras_of
+
+Row = dict[str, Any]
+
+COLUMNS: list[tuple[str, int, Callable[[Row], str]]] = [
+    ("max |slip|", 11, lambda r: f"{r['max_slip_speed']:.7g}"),
+    ("period", 6, lambda r: period_of(r)),
+    ("stick", 6, lambda r: f"{r['stick_fraction']:.4f}"),
+    ("regime", 10, lambda r: str(r["regime"]))]
+"""Heading, width and text of the columns that are always there."""
+DAMPING: list[tuple[str, int, Callable[[Row], str]]] = [
+    ("Cf (21)", 9, lambda r: _number(r.get("equivalent_damping"))),
+    ("neg. slope", 10, lambda r: _number(r.get("negative_slope_mean")))]
+EXPONENT: list[tuple[str, int, Callable[[Row], str]]] = [
+    ("exponent", 9, lambda r: _number(r["lyapunov"]["exponent"])),
+    ("+-", 7, lambda r: _half(r["lyapunov"])),
+    ("diagnosis", 14, lambda r: str(r["lyapunov"]["diagnosis"]))]
+
+
+def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Sequence[float] = ()) -> list[str]:
+    """A heading and a line per point; a grid has the value of its second key first."""
+    extras = extras_of(sweeps)
+    columns = [*COLUMNS, *(DAMPING if "equivalent_damping" in extras else []),
+               *(EXPONENT if "lyapunov" in extras else [])]
+    keys = [*([second_key] if second_key else []), sweeps[0].curve.key]
+    lines = ["  ".join(keys) + "; slip speed in rad/s" + ("; exponent in 1/s" if "lyapunov" in extras else "")
+             + ("; Cf and slope in N m s/rad" if "equivalent_damping" in extras else ""),
+             "  ".join(f"{name.rpartition('.')[2][:12]:>12}" for name in keys) + "  "
+             + "  ".join(f"{name:>{width}}" for name, width, _ in columns)]
+    settling = False
+    for k, sweep in enumerate(sweeps):
+        for value, record in zip(sweep.curve.values, sweep.records):
+            start = "  ".join(f"{x:>12.8g}" for x in ([*second_values[k:k + 1], value]))
+            if record is None or record["max_slip_speed"] is None:
+                lines.append(f"{start}  {record['status'] if record is not None else 'not solved'}")
+                continue
+            settling = settling or bool(record["period"] and not record["settled"])
+            lines.append(f"{start}  " + "  ".join(f"{text(record):>{width}}" for _, width, text in columns))
+    return [*lines, "* still settling"] if settling else lines
+
+
+def period_of(record: Row) -> str:
+    """The period in engine cycles, with a star where it has not settled, or none."""
+    return f"{record['period']}{'' if record['settled'] else '*'}" if record["period"] else "none"
+
+
+def _number(value: float | None) -> str:
+    """Four digits, or none."""
+    return "none" if value is None else f"{value:.4g}"
+
+
+def _half(found: Row) -> str:
+    """Half the width of an interval."""
+    return "none" if found["low"] is None else f"{0.5 * (found['high'] - found['low']):.2g}"

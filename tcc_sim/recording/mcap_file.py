@@ -1,0 +1,259 @@
+"""One MCAP file while it is written, and what the metadata.yaml of a bag says of such files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from tcc_sim import __version__
+from tcc_sim.errors import RecordingError
+from tcc_sim.messages.definitions import Definition, definition
+
+SCENE_RECORD = "tcc_sim"
+RESULT_RECORD = "tcc_sim_result"
+RECOVERY_RECORD = "tcc_sim_recovery"
+PUBLISHER_KEY = "publisher"
+"""Entry of a channel's metadata: who published its messages, as the middleware identifies it (hexadecimal digits)."""
+MOST_CHUNKS = 200_000
+"""Chunks in a file, each of which takes 0.6 kB of memory until its index is written; the next one goes into a new part.
+"""
+_CHUNK_SIZE = 1 << 20
+_METADATA_VERSION = 9
+
+RELIABLE: tuple[Mapping[str, Any], ...] = ({
+    "history": "keep_last", "depth": 100, "reliability": "reliable", "durability": "volatile",
+    "deadline": {"sec": 9223372036, "nsec": 854775807}, "lifespan": {"sec": 9223372036, "nsec": 854775807},
+    "liveliness": "automatic", "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
+    "avoid_ros_namespace_conventions": False},)
+"""The quality of service that the driveline offers, as rosbag2 writes it."""
+
+
+def digest(*texts: str) -> str:
+    """SHA-256 of texts: MCAP checks its chunks but not its metadata records, which hold the scene."""
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+
+
+class _Output:
+    """A new file, unbuffered, so that after a full disk nothing is left that could fail again."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = FileIO(path, "xb")
+        self._position = 0
+
+    def write(self, data: bytes) -> int:
+        """Write all of `data`."""
+        left = memoryview(data)
+        while left:
+            count = self._file.write(left)
+            self._position += count
+            left = left[count:]
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written."""
+        return self._position
+
+    def flush(self) -> None:
+        """Everything is with the operating system already."""
+
+    def sync(self) -> None:
+        """Wait until everything is on the disk."""
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A channel as it was announced: fully resolved name, message type, quality of service, publisher (or empty)."""
+
+    name: str
+    type: str
+    profiles: tuple[Mapping[str, Any], ...]
+    definition: Definition
+    publisher: str
+
+    def as_yaml(self) -> dict[str, Any]:
+        """The entry of metadata.yaml."""
+        return {"name": self.name, "type": self.type, "serialization_format": "cdr",
+                "offered_qos_profiles": [dict(profile) for profile in self.profiles],
+                "type_description_hash": self.definition.type_hash}
+
+
+class McapFile:
+    """One MCAP file of profile ros2 that must not exist yet; chunks are compressed with zstd and carry a checksum.
+
+    Raises
+    ------
+    RecordingError
+        The file exists or cannot be created.
+    """
+
+    def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__) -> None:
+        try:
+            self._output = _Output(path)
+        except FileExistsError:
+            raise RecordingError(f"{path} exists already and is not overwritten") from None
+        except OSError as error:
+            raise RecordingError(f"{path} cannot be written: {error.strerror}") from None
+        self.path = path
+        self.counts: dict[int, int] = {}
+        self.first_ns = (1 << 63) - 1
+        self.last_ns = 0
+        self.chunks = 0
+        self._waiting = 0
+        self._schemas: dict[tuple[str, str], int] = {}
+        self.topics: dict[int, Topic] = {}
+        self._writer = Writer(self._output, chunk_size=_CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._add_message = self._writer.add_message
+        try:
+            self._writer.start(profile="ros2", library=f"tcc_sim {__version__}")
+            if scene_text is not None:
+                self.describe(scene_text, version)
+        except BaseException:
+            self.abandon()
+            path.unlink()
+            raise
+
+    def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
+        """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one."""
+        self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
+                                     "sha256": digest(version, scene_text, str(log_ns))})
+
+    def note(self, name: str, result: Mapping[str, Any] | Sequence[str]) -> None:
+        """Write a metadata record of plain values (JSON) with its digest."""
+        text = json.dumps(result)
+        self.metadata(name, {"result": text, "sha256": digest(text)})
+
+    def metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record at once, outside any chunk."""
+        self._writer.add_metadata(name, values)
+
+    def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
+                schema: Definition | None = None, publisher: str = "") -> int:
+        """Announce a topic (fully resolved name), of one publisher where that is said, and get its channel.
+
+        Raises
+        ------
+        InputError
+            The type has no definition here and none was given.
+        """
+        return self.announce(Topic(topic, type_name, tuple(qos), schema or definition(type_name), publisher))
+
+    def announce(self, topic: Topic) -> int:
+        """Announce a topic and get its channel."""
+        key = (topic.type, topic.definition.text)
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.text.encode())
+        profiles = [dict(profile) for profile in topic.profiles]
+        metadata = {"offered_qos_profiles": yaml.safe_dump(profiles, sort_keys=False) if profiles else "",
+                    "topic_type_hash": topic.definition.type_hash}
+        if topic.publisher:
+            metadata[PUBLISHER_KEY] = topic.publisher
+        channel: int = self._writer.register_channel(topic.name, "cdr", self._schemas[key], metadata)
+        self.counts[channel] = 0
+        self.topics[channel] = topic
+        return channel
+
+    def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
+        """Add one serialised message: when it was received and sent, and its number at the publisher."""
+        self._add_message(channel, log_ns, data, publish_ns, sequence & 0xFFFFFFFF)
+        self.counts[channel] += 1
+        self._waiting += len(data) + 31
+        if self._waiting > _CHUNK_SIZE:
+            self.chunks, self._waiting = self.chunks + 1, 0
+        if log_ns < self.first_ns:
+            self.first_ns = log_ns
+        if log_ns > self.last_ns:
+            self.last_ns = log_ns
+
+    @property
+    def size(self) -> int:
+        """Bytes that were handed to the operating system."""
+        return self._output.tell()
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system: a kill loses only what comes later."""
+        self._writer.flush()
+        self.chunks, self._waiting = self.chunks + (self._waiting > 0), 0
+
+    def sync(self) -> None:
+        """Wait until everything written so far is on the disk: a power cut loses only what comes later."""
+        self.flush()
+        self._output.sync()
+
+    def close(self, result: Mapping[str, Any] | None = None, sync: bool = False) -> None:
+        """Write the result record, index and footer. No ROS call is needed."""
+        self._writer.flush()
+        if result is not None:
+            self.note(RESULT_RECORD, result)
+        self.metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information([self]), sort_keys=False)})
+        self._writer.finish()
+        if sync:
+            self._output.sync()
+        self._output.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, readable up to the last flush."""
+        self._output.close()
+
+    def summary(self) -> FileSummary:
+        """What metadata.yaml says of the file."""
+        return FileSummary(self.path.name, self.first_ns, self.last_ns,
+                           tuple((self.topics[channel], count) for channel, count in self.counts.items()))
+
+
+@dataclass(frozen=True)
+class FileSummary:
+    """What metadata.yaml says of one file: name, times of the first and the last message (ns), messages by topic."""
+
+    name: str
+    first_ns: int
+    last_ns: int
+    topics: tuple[tuple[Topic, int], ...]
+
+    @property
+    def count(self) -> int:
+        """Messages."""
+        return sum(count for _, count in self.topics)
+
+    @property
+    def times(self) -> dict[str, dict[str, int]]:
+        """Start and duration."""
+        return _times([self])
+
+
+def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
+    """Start and duration of files together; those without messages do not count."""
+    filled = [file for file in files if file.count]
+    first = min((file.first_ns for file in filled), default=(1 << 63) - 1)
+    last = max((file.last_ns for file in filled), default=first)
+    return {"duration": {"nanoseconds": last - first}, "starting_time": {"nanoseconds_since_epoch": first}}
+
+
+def information(files: Sequence[McapFile | FileSummary]) -> dict[str, Any]:
+    """What metadata.yaml says of a bag of these files (rosbag2_bagfile_information, version 9)."""
+    rows = [file if isinstance(file, FileSummary) else file.summary() for file in files]
+    topics: dict[tuple[str, str], tuple[Topic, int]] = {}
+    for topic, count in (pair for row in rows for pair in row.topics):
+        key = (topic.name, topic.type)
+        topics[key] = (topics[key][0], topics[key][1] + count) if key in topics else (topic, count)
+    return {
+        "version": _METADATA_VERSION, "storage_identifier": "mcap", **_times(rows),
+        "message_count": sum(row.count for row in rows),
+        "topics_with_message_count": [{"topic_metadata": topic.as_yaml(), "message_count": count}
+                                      for topic, count in topics.values()],
+        "compression_format": "", "compression_mode": "", "relative_file_paths": [row.name for row in rows],
+        "files": [{"path": row.name, **row.times, "message_count": row.count} for row in rows],
+        "custom_data": None, "ros_distro": os.environ.get("ROS_DISTRO", "")}

@@ -1,0 +1,93 @@
+"""What the study of motions knows of a system: a map from cycle to cycle, with its derivatives and what can be seen.
+
+A textbook map is one instance, a scene of the driveline another (`driveline_map`). Orbits, branches and bifurcations
+are worked out on this protocol alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Values = tuple[float, ...]
+"""Values of the free parameters, in the order of the map's keys."""
+
+
+class Image(NamedTuple):
+    """What some cycles make of a state, and its derivatives.
+
+    value : (n,) state after them
+    jacobian : (n, n) derivative with respect to the state before them
+    by_parameter : (n, P) derivative with respect to the free parameters
+    """
+
+    value: Floats
+    jacobian: Floats
+    by_parameter: Floats
+
+
+class Observation(NamedTuple):
+    """What is seen on the way of some cycles.
+
+    largest : the largest size of the motion (for the driveline |slip speed|, rad/s)
+    stick_fraction : 0 to 1
+    events : the sequence of modes, such as "S+S"; empty for a map without
+    heights : the largest size in each cycle, which can change much where the section hardly moves
+    """
+
+    largest: float
+    stick_fraction: float
+    events: str
+    heights: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a motion is from the changes of its event sequence, each relative to a natural size; inf where none.
+
+    grazing : smallest |slip speed| at an extremum within slip
+    arrival : smallest | |lambda| - r Ts | where slip ends, and whether stick's margin grows there
+    stick : smallest margin r Ts - |lambda| at a minimum within stick
+    """
+
+    grazing: float
+    arrival: float
+    arrival_grows: bool
+    stick: float
+
+
+class ParameterMap(Protocol):
+    """A map with free parameters, from the start of cycle `first` over `cycles` cycles.
+
+    dimension : number of states n
+    scales : (n,) natural sizes of the states, in which distances are measured
+    height_scale : natural size of `Observation.largest` and of the heights
+    forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
+    piecewise : whether the event sequence changes the map (set-valued friction)
+
+    `evaluate` and `observe` raise ArithmeticError where the system cannot be solved and ValueError outside its range.
+    """
+
+    dimension: int
+    scales: Floats
+    height_scale: float
+    forcing_period: int
+    piecewise: bool
+
+    def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
+        """The state after `cycles` cycles from `x` at the start of cycle `first`, with derivatives."""
+
+    def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
+        """What is seen on that way."""
+
+    def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
+        """How far that way is from another event sequence."""
+
+
+NO_MARGINS = Margins(np.inf, np.inf, False, np.inf)
+FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""What a map raises where it has no value; the study then takes a smaller step."""

@@ -1,0 +1,281 @@
+"""The periodic motions of a scene along one of its keys: branches, bifurcations, curves and limits, as `continue` asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.solvers import solve
+from tcc_sim.studies.bifurcations import Bifurcation, Station
+from tcc_sim.studies.branches import Branch, first_station, follow
+from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.maps import Floats
+from tcc_sim.studies.orbits import find_orbit
+from tcc_sim.studies.shooting import Shooting, Window
+from tcc_sim.studies.smoothing_limit import limit_of
+from tcc_sim.studies.switching import orbits_at, switch
+from tcc_sim.studies.two_parameters import KINDS, Curve, bifurcation_curve, border_curve
+from tcc_sim.studies.walk import Course
+
+SETTLING = (300, 1200, 4800)
+"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for aperiodic."""
+LONGEST_PERIOD = 16
+DEEPEST_SWITCH = 8
+GUESSES = 8
+"""Section points from which an orbit is looked for."""
+FAMILY = 1e-7
+"""Distance of a multiplier from 1 at which a motion in pure slip belongs to a family of them."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is asked for.
+
+    over : key and range; `second` the same for two-parameter curves
+    period : engine cycles of the motion to begin with; None takes the settled one's
+    at : values at which orbits are wanted
+    switch : generations of doubled branches
+    limit : whether bifurcations of the smoothed law are followed to the set-valued one
+
+    Raises
+    ------
+    InputError
+        A range, value, period or depth that makes no sense.
+    """
+
+    over: str
+    low: float
+    high: float
+    period: int | None = None
+    at: tuple[float, ...] = ()
+    switch: int = 0
+    second: tuple[str, float, float] | None = None
+    limit: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
+        if self.period is not None and not 1 <= self.period <= LONGEST_PERIOD:
+            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_PERIOD} engine cycles")
+        if not 0 <= self.switch <= DEEPEST_SWITCH:
+            raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
+        for value in self.at:
+            if not self.low <= value <= self.high:
+                raise InputError(f"--at is {value:g}; it must be within the range of --over, {self.low:g} to "
+                                 f"{self.high:g}")
+        if self.second is not None:
+            key, low, high = self.second
+            if key == self.over:
+                raise InputError(f"--second is {key}, the key of --over; it must be another one")
+            if not low < high:
+                raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
+
+
+@dataclass
+class Motions:
+    """What was found; complete is False where it was interrupted."""
+
+    plan: Plan
+    law: str
+    branches: list[Branch] = field(default_factory=list)
+    at: list[dict[str, Any]] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+    limits: dict[int, float | None] = field(default_factory=dict)
+    complete: bool = False
+
+    @property
+    def bifurcations(self) -> list[Bifurcation]:
+        """Of all branches, in order."""
+        return [f for branch in self.branches for f in branch.bifurcations]
+
+    def as_json(self) -> dict[str, Any]:
+        """As INTERFACE of `continue --json` names it; a value that is not finite is null."""
+        found = []
+        for number, item in enumerate(self.bifurcations):
+            entry = item.as_json()
+            if self.plan.limit:
+                entry["limit"] = self.limits.get(number)
+            found.append(entry)
+        out: dict[str, Any] = {"over": self.plan.over, "range": [self.plan.low, self.plan.high], "law": self.law,
+                               "branches": [b.as_json() for b in self.branches], "at": self.at, "bifurcations": found,
+                               "complete": self.complete}
+        if self.plan.second is not None:
+            out["second_over"] = self.plan.second[0]
+            out["curves"] = [{"kind": c.kind, "value": list(c.values), "second": list(c.second), "ended": list(c.ended)}
+                             for c in self.curves]
+        return out
+
+
+def check(system: System, plan: Plan) -> DrivelineMap:
+    """The map of the scene with the plan's key free, once it is sure that the plan can be carried out.
+
+    Raises
+    ------
+    InputError
+        A key that cannot be followed, a range beyond the key's own, or an option that would do nothing.
+    """
+    found = DrivelineMap(system, (plan.over,))
+    for value in (plan.low, plan.high):
+        replace(system, {plan.over: value})
+    if plan.second is not None:
+        key, low, high = plan.second
+        DrivelineMap(system, (plan.over, key))
+        for first in (plan.low, plan.high):
+            for value in (low, high):
+                replace(system, {plan.over: first, key: value})
+        present = _present(system, key)
+        if not low <= present <= high:
+            raise InputError(f"--second runs from {low:g} to {high:g}; it must include the scene's {key}, {present:g}")
+    if plan.limit and system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {system.friction.law}; --limit is for the smoothed law")
+    if plan.limit and plan.over == "friction.smoothing":
+        raise InputError("--limit follows friction.smoothing itself; --over must be another key")
+    if plan.period is not None and plan.period % found.forcing_period:
+        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine cycles, "
+                         "and the period must be a multiple of that")
+    return found
+
+
+def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None] | None = None,
+                     into: Motions | None = None) -> Motions:
+    """Follow the branch through the scene's settled motion, and all that the plan asks for.
+
+    Parameters
+    ----------
+    tick : called with every point
+    into : filled in as things are found, so that they are there after Ctrl-C
+
+    Raises
+    ------
+    InputError
+        As `check`; also where the settled motion is one of a family with a multiplier of exactly 1.
+    NumericalFailure
+        No periodic motion was found to begin with.
+    """
+    map_ = check(system, plan)
+    out = into if into is not None else Motions(plan, system.friction.law)
+    window = Window(plan.low, plan.high)
+    start = min(max(_present(system, plan.over), plan.low), plan.high)
+    shooting, z = start_orbit(map_, replace(system, {plan.over: start}), window, start, plan.period)
+    first = first_station(shooting, z)
+    _refuse_family(first, map_.system_at((start,)))
+    course = Course(plan.over, tick=tick)
+    follow(first, course, "start", 0, keep=out.branches)
+    if plan.switch:
+        switch(out.branches, course, plan.switch)
+    for value in plan.at:
+        for number, branch in enumerate(out.branches):
+            out.at += [{"branch": number, "period": branch.period, "origin": branch.origin, **orbit.as_json()}
+                       for orbit in orbits_at(branch, value)]
+    if plan.second is not None:
+        _curves(system, plan, window, out)
+    if plan.limit:
+        _limits(system, plan, window, out)
+    out.complete = True
+    return out
+
+
+def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float,
+                period: int | None) -> tuple[Shooting, Floats]:
+    """The orbit to begin with: Newton from the section of the motion that the scene settles in.
+
+    Raises
+    ------
+    NumericalFailure
+        None was found.
+    """
+    own, base = 0, map_.forcing_period
+    for count in SETTLING:
+        run = solve(system, cycles=count).raise_for_status()
+        assert run.cycles is not None
+        section, settled = run.cycles.section, run.cycles[count // 2:]
+        own = periodicity(settled).period
+        if own:
+            break
+    starts = range(count - count % base, count // 2, -base)
+    wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
+    for cycles in wanted:
+        cycles = math.lcm(cycles, base) if period is None else cycles
+        shooting = Shooting.single(map_, cycles, window)
+        guesses = _recurrent(section, starts, cycles, map_.scales)
+        guesses.append(np.mean(guesses, axis=0))
+        known = _shorter(map_, window, value, cycles, guesses)
+        z = find_orbit(shooting, (value,), guesses, known)
+        if z is not None:
+            return shooting, z
+    named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
+    raise NumericalFailure(f"no periodic motion {named} was found from the settled one at this value; "
+                           "try another --period")
+
+
+def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
+    """The section points that come back closest after `cycles` cycles, nearest first."""
+    kept = [k for k in starts if k >= cycles]
+    away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
+    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:GUESSES]]
+
+
+def _shorter(map_: DrivelineMap, window: Window, value: float, period: int, guesses: list[Floats]) -> list[Floats]:
+    """Sections of an orbit of the shortest period, to be deflated from the search for a longer one."""
+    base = map_.forcing_period
+    if period == base:
+        return []
+    shooting = Shooting.single(map_, base, window)
+    z = find_orbit(shooting, (value,), [guesses[-1], guesses[0]])
+    return [] if z is None else [shooting.nodes(z)[0]]
+
+
+def _present(system: System, key: str) -> float:
+    """The scene's value of a key that is one number."""
+    value = dict(values_of(system))[key]
+    assert isinstance(value, float)
+    return value
+
+
+def _refuse_family(first: Station, system: System) -> None:
+    """Raise InputError where the motion is one of infinitely many in pure slip."""
+    events = first.orbit.seen.events
+    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
+        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm ({system.engine.mean_torque:g} N m): "
+                         "a family of motions with a multiplier of exactly 1, through which no single branch leads")
+
+
+def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:
+    """Two-parameter curves of every bifurcation that has one."""
+    assert plan.second is not None
+    key, low, high = plan.second
+    windows, present = (window, Window(low, high)), _present(system, key)
+    map_ = DrivelineMap(system, (plan.over, key))
+    for item in out.bifurcations:
+        if item.kind not in KINDS:
+            continue
+        if item.kind == "stick_border":
+            def margin(first: float, second: float) -> float:
+                at = map_.system_at((first, second))
+                return stick_margin(at).torque / (at.friction_ratio * at.saturation_mean)
+
+            curve = border_curve(margin, windows, item.value, present)
+        else:
+            curve = bifurcation_curve(item, map_, windows, present)
+        if curve is not None:
+            out.curves.append(curve)
+
+
+def _limits(system: System, plan: Plan, window: Window, out: Motions) -> None:
+    """The limit of every bifurcation as sigma goes to infinity."""
+    smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
+    set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
+    for number, item in enumerate(out.bifurcations):
+        out.limits[number] = limit_of(item, smoothed, set_valued, window, system.friction.smoothing)
+
+
+__all__ = ["Motions", "Plan", "check", "continue_motions", "start_orbit"]

@@ -1,0 +1,109 @@
+"""From a period doubling onto the branch of twice the period, and orbits at given values of the parameter."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, station_at
+from tcc_sim.studies.branches import Branch, follow
+from tcc_sim.studies.continuation import correct, point_at
+from tcc_sim.studies.maps import FAILURES
+from tcc_sim.studies.orbits import Orbit, minimal_period
+from tcc_sim.studies.shooting import Shooting
+from tcc_sim.studies.walk import Course
+
+AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4)
+"""Distances from the doubling, in natural sizes, at which its branch is looked for."""
+MERGED = 1e-5
+"""Distance of two doublings, relative to the range, that one doubled branch joins."""
+
+
+def doubled(found: Bifurcation) -> Station | None:
+    """A first station on the branch that a period doubling begets; None where none is found.
+
+    It lies in the plane phi . (x - x*) = eps, phi the eigenvector of the multiplier -1, so the orbit of the simple
+    period is not in it; the tangent points away from the doubling.
+    """
+    station = found.station
+    single = station.shooting
+    shooting = Shooting.single(single.map, 2 * single.period, *single.windows)
+    scales, x = single.map.scales, station.orbit.section
+    values, vectors = np.linalg.eig(station.point.found.monodromy / scales[:, None] * scales)
+    phi = np.real(vectors[:, int(np.abs(values + 1.0).argmin())])
+    phi = phi / np.linalg.norm(phi)
+    row = np.concatenate([phi, [0.0]])
+    start = shooting.point(x[None], station.orbit.values)
+    for amplitude in AMPLITUDES:
+        for sign in (1.0, -1.0):
+            got = correct(shooting, start + sign * amplitude * row, row)
+            if got is None or not 0.0 <= got.z[-1] <= 1.0:
+                continue
+            try:
+                at = shooting.nodes(got.z)[0]
+                if minimal_period(shooting.map, at, shooting.values(got.z), shooting.period) != shooting.period:
+                    continue
+                tangent = got.tangent if sign * float(got.tangent @ row) > 0.0 else -got.tangent
+                return station_at(shooting, point_at(got.z, got.found, tangent))
+            except FAILURES:
+                continue
+    return None
+
+
+def switch(branches: list[Branch], course: Course, depth: int) -> None:
+    """Append the doubled branches of every period doubling, and theirs, down to `depth`."""
+    generation = list(enumerate(branches))
+    for _ in range(depth):
+        following: list[tuple[int, Branch]] = []
+        for number, parent in generation:
+            reached: list[float] = []
+            for found in [f for f in parent.bifurcations if f.kind == "period_doubling"]:
+                window = found.station.shooting.windows[0]
+                if any(abs(window.scaled(found.value) - r) < MERGED for r in reached):
+                    continue
+                first = doubled(found)
+                if first is None:
+                    continue
+                origin = {"kind": found.kind, "value": found.value, "branch": number}
+                child = follow(first, course, origin, len(branches), both=False,
+                               began=f"began in the period doubling at {course.name} = {found.value:.9g}",
+                               keep=branches)
+                reached += [window.scaled(s.value) for s in child.stations[-1:]]
+                following.append((len(branches) - 1, child))
+        generation = following
+
+
+def orbits_at(branch: Branch, value: float) -> list[Orbit]:
+    """The orbits of a branch at exactly this value of its parameter, one for every crossing."""
+    out: list[Orbit] = []
+    stations = branch.stations
+    for a, b in pairwise(stations):
+        if a.value == value:
+            out.append(a.orbit)
+        elif (a.value - value) * (b.value - value) < 0.0:
+            orbit = _crossing(a, b, value)
+            if orbit is not None:
+                out.append(orbit)
+    if stations[-1].value == value and not branch.closed:
+        out.append(stations[-1].orbit)
+    return out
+
+
+def _crossing(a: Station, b: Station, value: float) -> Orbit | None:
+    """The orbit at `value` between two stations of the same equations."""
+    if a.shooting != b.shooting:
+        return None
+    chord = Chord(a, b)
+    at = a.shooting.windows[0].scaled(value)
+    size = a.shooting.size
+    near = chord.root(lambda s: float(s.point.z[size]) - at)
+    if near is None:
+        return None
+    row, guess = np.zeros(size + 1), near.point.z.copy()
+    row[size], guess[size] = 1.0, at
+    found = correct(a.shooting, guess, row)
+    if found is None:
+        return near.orbit
+    orbit = station_at(a.shooting, point_at(found.z, found.found, near.point.tangent)).orbit
+    return Orbit(orbit.period, (value,), orbit.nodes, orbit.multipliers, orbit.seen, orbit.residual)

@@ -1,0 +1,211 @@
+"""One way along a branch, step by step, until it ends; every end has a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
+from tcc_sim.studies.continuation import Point, Stride, advance, correct, null_direction, point_at, tangent_of
+from tcc_sim.studies.event_borders import differ
+from tcc_sim.studies.maps import FAILURES, Floats
+from tcc_sim.studies.passages import between, collapse, heights_of, returned, returning
+from tcc_sim.studies.shooting import GROWTH, Shooting
+
+MOST_POINTS = 3000
+STEEP_START = 1e-3
+"""First step with the largest sizes among the arclength's coordinates."""
+BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
+"""How far beyond a change of the event sequence its other side is looked at."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """How a branch is followed.
+
+    name : of the parameter, for sentences
+    most : points in one direction
+    tick : called with every point
+    detect : whether bifurcations are looked for
+    """
+
+    name: str
+    most: int = MOST_POINTS
+    tick: Callable[[Station], None] | None = None
+    detect: bool = True
+
+
+@dataclass
+class Walk:
+    """One direction of a branch, from a first station; the results are filled in as it goes."""
+
+    course: Course
+    stations: list[Station]
+    bifurcations: list[Bifurcation] = field(default_factory=list)
+    sentence: str = ""
+    closed: bool = False
+    done: bool = False
+    stride: Stride = field(default_factory=Stride)
+    steep: bool = False
+    _ends: list[tuple[Floats, Floats]] = field(default_factory=list)
+
+    def run(self) -> Walk:
+        """Go on until an end; Ctrl-C is an end too, and passed on."""
+        first = self.stations[0]
+        self.sentence = f"interrupted at {self._where(first)}"
+        self._ends = returning(first)
+        before: tuple[Point, float] | None = None
+        while not self.done:
+            here = self.stations[-1]
+            self.sentence = f"interrupted at {self._where(here)}"
+            if len(self.stations) > self.course.most:
+                self.sentence = f"stopped after {self.course.most} points at {self._where(here)}"
+                break
+            edge = self._edge(here)
+            if edge is not None:
+                self._take(edge)
+                self.sentence = f"{self.course.name} reached {edge.value:.9g}, the end of the range"
+                break
+            length = self.stride.length
+            new = self._onward(here, before)
+            if new is None:
+                if not self._turn_at_border(here):
+                    self.sentence = f"no further point was found beyond {self._where(here)}"
+                    break
+                before = None
+                continue
+            if not 0.0 <= new.point.z[here.shooting.size] <= 1.0:
+                self.stride.length = 0.5 * length
+                continue
+            self._take(new)
+            before = here.point, float(np.linalg.norm(new.point.z - here.point.z))
+            if self.done or self._in_family():
+                break
+            recut = self._recut(self.stations[-1])
+            if recut is not None:
+                self.stations[-1], before = recut, None
+        return self
+
+    def _onward(self, here: Station, before: tuple[Point, float] | None) -> Station | None:
+        """The next station; where single steps in the unknowns fail, with the largest sizes as further coordinates."""
+        for self.steep in (False, True):
+            if self.steep:
+                self.stride.length = STEEP_START
+            try:
+                moved = advance(here.shooting, here.point, before, self.stride,
+                                heights_of(here.shooting) if self.steep else None)
+                if moved is not None:
+                    return station_at(here.shooting, moved[0])
+            except FAILURES:
+                continue
+        return None
+
+    def _where(self, station: Station) -> str:
+        """The parameter of a station in words."""
+        return f"{self.course.name} = {station.value:.9g}"
+
+    def _take(self, new: Station) -> None:
+        """Append a station, with the bifurcations on the way to it; look whether the branch has closed."""
+        here = self.stations[-1]
+        found = between(here, new, self.steep) if self.course.detect else []
+        shorter = collapse(here, new) if here.point.sign != new.point.sign else None
+        if shorter is not None:
+            found = [f for f in found if f.kind not in ("branch_point", "fold")]
+            new, self.done = shorter, True
+            self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
+        self.bifurcations += found
+        if self.course.tick is not None:
+            self.course.tick(new)
+        if len(self.stations) > 3 and not self.done and returned(self._ends, self.stations[0], here, new):
+            self.closed = self.done = True
+            self.sentence = f"closed: back at its first point, {self._where(self.stations[0])}"
+            new = self.stations[0]
+        self.stations.append(new)
+
+    def _edge(self, here: Station) -> Station | None:
+        """The station at the end of the range where the next step would pass it; the step is shortened until one is
+        found.
+        """
+        size, stride, point = here.shooting.size, self.stride, here.point
+        slope = here.slope
+        while stride.length > stride.smallest:
+            step = stride.length * slope
+            bound = 1.0 if slope > 0.0 else 0.0
+            room = bound - float(point.z[size])
+            if abs(step) <= abs(room):
+                return None
+            if room == 0.0 and len(self.stations) == 1:
+                return here
+            row = np.zeros(len(point.z))
+            row[size] = 1.0
+            guess = point.z + room / slope * point.tangent
+            guess[size] = bound
+            found = correct(here.shooting, guess, row)
+            if found is not None and found.distance <= 0.3 * stride.length:
+                tangent = found.tangent if float(found.tangent @ point.tangent) > 0.0 else -found.tangent
+                new = point_at(found.z, found.found, tangent)
+                if float(tangent @ point.tangent) > stride.turn and new.sign == point.sign:
+                    return station_at(here.shooting, new)
+            stride.length *= 0.5
+        return None
+
+    def _in_family(self) -> bool:
+        """Whether the last two points belong to motions with a multiplier of exactly 1 at one parameter."""
+        last = self.stations[-2:]
+        if len(last) < 2 or any(np.abs(s.orbit.multipliers - 1.0).min() > 1e-7 or abs(s.slope) > 1e-7 for s in last):
+            return False
+        self.sentence = (f"met a family of motions with a multiplier of exactly 1 at {self._where(last[-1])}: no branch "
+                         "can be followed through it")
+        return True
+
+    def _recut(self, station: Station) -> Station | None:
+        """The station in more segments where the growth over its segments is large; None where it need not be."""
+        shooting = station.shooting
+        if len(shooting.segments) > 1 or shooting.period == 1:
+            return None
+        if float(np.abs(station.point.found.monodromy).max()) < GROWTH:
+            return None
+        finer, z = shooting.recut(station.point.z)
+        found = finer.linearise(z)
+        along = np.zeros(len(z))
+        n = shooting.map.dimension
+        along[:n], along[-1] = station.point.tangent[:n], station.point.tangent[-1]
+        return station_at(finer, point_at(z, found, tangent_of(found, along)))
+
+    def _turn_at_border(self, here: Station) -> bool:
+        """Go on beyond a change of the event sequence at which the branch has a corner; whether that was possible."""
+        shooting = here.shooting
+        if not shooting.map.piecewise:
+            return False
+        for beside in BESIDE:
+            try:
+                found = shooting.linearise(here.point.z + beside * here.point.tangent)
+                tangent = null_direction(found)
+                sides = [self._events_at(shooting, here.point.z + s * beside * tangent) for s in (1.0, -1.0)]
+            except FAILURES:
+                continue
+            changed = [differ(e, here.orbit.seen.events) for e in sides]
+            if changed[0] == changed[1]:
+                continue
+            tangent = tangent if changed[0] else -tangent
+            stride = Stride(length=beside, smallest=1e-10)
+            start = point_at(here.point.z, found, tangent)
+            try:
+                moved = advance(shooting, start, None, stride)
+                if moved is None:
+                    continue
+                new = station_at(shooting, moved[0])
+            except FAILURES:
+                continue
+            if differ(new.orbit.seen.events, here.orbit.seen.events):
+                self.stride.length = stride.length
+                self._take(new)
+                return True
+        return False
+
+    @staticmethod
+    def _events_at(shooting: Shooting, z: Floats) -> str:
+        """The event sequence of one period from a point near an orbit."""
+        return shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events

@@ -1,0 +1,64 @@
+"""How well a target is held: figures of responses that are known in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.tracking import CycleMeans, tracking
+
+CYCLE = 0.05
+
+
+def test_an_exponential_settles_when_two_per_cent_of_the_step_are_left():
+    n = np.arange(100)
+    found = tracking(20.0, 20.0 + 80.0 * np.exp(-0.1 * n), CYCLE, 60)
+    assert found.settling_time == pytest.approx(CYCLE * math.ceil(math.log(50.0) / 0.1))
+    assert found.overshoot == 0.0
+    assert found.mean_slip == pytest.approx(20.0 + 80.0 * np.exp(-0.1 * n[60:]).mean())
+    assert found.largest_error == pytest.approx(80.0 * math.exp(-6.0))
+    assert found.rms_error == pytest.approx(80.0 * math.sqrt(np.mean(np.exp(-0.2 * n[60:]))))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_overshoot_is_what_lies_beyond_the_target_seen_from_the_start(side):
+    found = tracking(100.0, 100.0 + side * np.array([50.0, 10.0, -8.0, 3.0, 0.5, 0.4]), CYCLE, 0)
+    assert found.overshoot == 8.0
+    assert found.largest_error == 50.0
+    assert found.settling_time == pytest.approx(4 * CYCLE)  # 2 % of the target, which is larger than the step.
+
+
+def test_what_does_not_settle_and_what_was_never_away():
+    assert math.isnan(tracking(10.0, np.array([50.0, 10.0, 12.0]), CYCLE, 0).settling_time)
+    still = tracking(10.0, np.array([10.1, 10.0, 9.9]), CYCLE, 1)
+    assert (still.settling_time, still.overshoot) == (0.0, pytest.approx(0.1))
+    assert still.mean_slip == pytest.approx(9.95)
+
+
+def test_cycles_that_were_not_observed_do_not_count_as_settled():
+    found = tracking(10.0, np.array([math.nan, 12.0, math.nan, 10.0, 10.0]), CYCLE, 0)
+    assert found.settling_time == pytest.approx(3 * CYCLE)
+    assert found.rms_error == pytest.approx(math.sqrt(4.0 / 3.0))
+    nothing = tracking(10.0, np.full(3, math.nan), CYCLE, 0)
+    assert nothing.as_json() == {"target": 10.0, "mean_slip": None, "rms_error": None, "largest_error": None,
+                                 "overshoot": None, "settling_time": None}
+    assert math.isnan(tracking(10.0, np.array([12.0, math.nan]), CYCLE, 1).rms_error)
+
+
+@pytest.mark.parametrize("size", [1, 7, 10**6])
+def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
+    t = np.arange(3000) * 1e-3
+    means = CycleMeans(CYCLE * math.sqrt(2.0) / 1.3)
+    v = 5.0 + 3.0 * np.sin(2.0 * math.pi * t / (CYCLE * math.sqrt(2.0) / 1.3))
+    for start in range(0, len(t), size):
+        means.feed(t[start:start + size], v[start:start + size])
+    assert len(means.means()) == int(2.999 / (CYCLE * math.sqrt(2.0) / 1.3))
+    assert means.means() == pytest.approx(5.0, abs=2e-3)
+
+
+def test_a_gap_leaves_out_the_cycles_that_it_touches():
+    means = CycleMeans(0.1)
+    means.feed(np.arange(0, 255) * 1e-3, np.full(255, 2.0))
+    means.interrupt()
+    means.feed(np.arange(430, 701) * 1e-3, np.full(271, 4.0))
+    assert means.means() == pytest.approx([2.0, 2.0, math.nan, math.nan, math.nan, 4.0, 4.0], nan_ok=True)

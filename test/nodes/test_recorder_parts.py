@@ -1,0 +1,105 @@
+"""The recorder node over a long time: parts, publishers that come and go, and what it keeps in memory of them."""
+
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from std_msgs.msg import String
+from test_recorder import SCENE, TICK, joint_state, publisher_of, start, until
+from test_recorder import context as context
+
+from tcc_sim.messages import cdr
+from tcc_sim.nodes import polling, recorder
+from tcc_sim.recording.reader import open_run
+
+
+def publish(found, publisher, numbers):
+    """Publish states and have the recorder take them."""
+    before = found.tracks["/joint_states"].messages
+    for n in numbers:
+        publisher.publish(joint_state(n))
+    until(lambda: found.tracks["/joint_states"].messages == before + len(numbers), step=found.drain)
+
+
+def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(context, tmp_path):
+    found = start(context, tmp_path / "run", max_bag_size=20_000, topics=["joint_states", "scene"])
+    node = rclpy.create_node("driveline", context=context)
+    node.create_publisher(String, "scene", polling.LATCHED).publish(String(data=SCENE))
+    publisher = publisher_of(node, "joint_states")
+    until(lambda: found.bag.scene_text == SCENE, step=found.drain)
+    for n in range(0, 2000, 200):
+        publish(found, publisher, range(n, n + 200))
+        found.bag.flush()
+    found.unsent["/joint_states"] = 3
+    assert "2001 messages" in (said := found.close())
+    assert said.endswith("0 lost, 3 never sent")
+    parts = sorted((tmp_path / "run").glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
+    assert len(parts) > 2
+    stamps, counted = [], 0
+    for path in parts:
+        run = open_run(path)
+        stamps += np.concatenate([batch.stamp_ns for batch in run.batches()]).tolist()
+        assert (run.scene_text, run.complete) == (SCENE, True)
+        counted += run.result["messages"]["/joint_states"]
+    assert stamps == [n * TICK for n in range(2000)]
+    whole = open_run(tmp_path / "run")
+    assert sum(map(len, whole.batches())) == counted == whole.result["messages"]["/joint_states"] == 2000
+    assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
+
+
+def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
+    found = start(context, tmp_path / "run", topics=["joint_states"])
+    for name in ("first", "second"):
+        node = rclpy.create_node(name, context=context)
+        publisher = publisher_of(node, "joint_states")
+        until(lambda p=publisher: p.get_subscription_count() == 1)
+        # The second goes on where the first ended, as to its stamps.
+        publish(found, publisher, range(50) if name == "first" else range(50, 100))
+        node.destroy_node()
+    found.close()
+    run = open_run(tmp_path / "run")
+    assert sum(map(len, run.batches())) == 100
+    assert (run.stamps.restarts, run.stamps.resets, run.messages) == (1, 0, {"/joint_states": 100})
+
+
+def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder, "MOST_PUBLISHERS", 5)
+    monkeypatch.setattr("tcc_sim.nodes.track.MOST_PUBLISHERS", 5)
+    found = start(context, tmp_path / "run", topics=["joint_states", "scene"])
+    track = found.tracks["/joint_states"]
+    for n in range(40):
+        who = {"data": bytes([n]) * 16}
+        found._write(track, [(joint_state(n), {"publication_sequence_number": 1, "publisher_gid": who,
+                                               "received_timestamp": n + 1, "source_timestamp": n + 1})])
+        track.asks_again([bytes([n])])
+        found._describe(cdr.string(SCENE + f"# {n}\n"), n)
+    assert len(track.channels) <= 6
+    assert len(track._next) <= 5
+    assert len(track._offered) <= 7
+    assert found.bag.scene_text == SCENE + "# 39\n"
+    found.close()
+    run = open_run(tmp_path / "run")
+    assert sum(map(len, run.batches())) == 40
+    assert len(run.scenes) == 40
+
+
+class Enough(Exception):
+    """It was called often enough."""
+
+
+def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
+    found = start(context, tmp_path / "run", fsync_period=0.2)
+    synced = []
+
+    def sync():
+        synced.append(1)
+        if len(synced) == 4:
+            raise Enough
+
+    monkeypatch.setattr(found.bag, "sync", sync)
+    with pytest.raises(Enough):
+        found.spin()
+    found.close()

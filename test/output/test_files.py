@@ -1,0 +1,137 @@
+"""Outputs: whole or not at all, over regular files only, through no link, and refused at once where they cannot be."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.cli.arguments import new_directory, new_file
+from tcc_sim.errors import InputError
+from tcc_sim.output.files import draft, write_json
+
+SIMULATE = ["simulate", "minimal", "--cycles", "2", "--discard", "0", "--solver", "fixed_step"]
+
+
+def special(folder: Path) -> dict[str, Path]:
+    """What is no regular file, one of each kind."""
+    os.mkfifo(folder / "pipe")
+    (folder / "mine").write_text("mine")
+    (folder / "link").symlink_to(folder / "mine")
+    (folder / "dangling").symlink_to(folder / "nowhere")
+    (folder / "folder").mkdir()
+    server = socket.socket(socket.AF_UNIX)
+    server.bind(str(folder / "socket"))
+    server.close()
+    names = ("pipe", "link", "dangling", "folder", "socket")
+    return {name: folder / name for name in names} | {"device": Path("/dev/null")}
+
+
+def written(path: Path, meanwhile: Callable[[], object]) -> None:
+    """Write a file, and have something happen before it is done."""
+    with draft(path) as part:
+        part.write_text("new")
+        meanwhile()
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_only_a_regular_file_is_ever_replaced(tmp_path: Path, force: bool) -> None:
+    for path in special(tmp_path).values():
+        before = path.lstat()
+        with pytest.raises(InputError, match="is a "):
+            new_file(path, force)
+        with pytest.raises(InputError, match="is a "), draft(path):
+            pytest.fail("nothing is begun")
+        assert (path.lstat().st_ino, path.lstat().st_mode) == (before.st_ino, before.st_mode)
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["dangling", "folder", "link", "mine", "pipe", "socket"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may make a device")
+def test_the_command_leaves_a_device_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    device = tmp_path / "null"
+    try:
+        os.mknod(device, 0o666 | stat.S_IFCHR, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("no device can be made here")
+    assert main([*SIMULATE, "--json", str(device), "--force"]) == 2
+    assert stat.S_ISCHR(device.lstat().st_mode)
+    assert "is a device" in capsys.readouterr().err
+
+
+def test_a_link_put_in_the_way_is_neither_followed_nor_replaced(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("secret")
+    path = tmp_path / "run.json"
+    with pytest.raises(InputError, match="symbolic link"):
+        written(path, lambda: path.symlink_to(tmp_path / "secret"))
+    assert (tmp_path / "secret").read_text() == "secret"
+    path.unlink()
+    with pytest.raises(InputError, match="appeared"):
+        written(path, lambda: path.write_text("of somebody else"))
+    assert path.read_text() == "of somebody else"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "secret"]
+
+
+def test_drafts_have_names_that_nobody_knows_before_and_a_folder_of_their_own(tmp_path: Path) -> None:
+    places = set()
+    for number in range(3):
+        with draft(tmp_path / f"{number}.json") as part:
+            assert part.name == f"{number}.json"
+            assert part.parent.parent == tmp_path
+            assert stat.S_IMODE(part.parent.stat().st_mode) == 0o700
+            assert str(os.getpid()) not in part.parent.name
+            part.write_text("{}")
+            places.add(part.parent.name.split(".", 2)[2])
+    assert len(places) == 3
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["0.json", "1.json", "2.json"]
+
+
+def test_the_mode_is_that_of_any_new_file(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_json(tmp_path / "x.json", {})
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "x.json").stat().st_mode) == 0o640
+
+
+def test_what_fails_leaves_nothing_and_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError):
+        written(path, lambda: 1 / 0)
+    assert path.read_text() == "old"
+    write_json(path, {"a": 1})
+    assert path.read_text() == '{\n "a": 1\n}\n'
+    assert [p.name for p in tmp_path.iterdir()] == ["x.json"]
+
+
+@pytest.mark.parametrize("make", [new_file, new_directory])
+@pytest.mark.parametrize(("name", "words"), [
+    ("x" * 256, "too long"), ("é" * 128, "too long"), ("y" * 300 + "/x.json", "too long"),
+    ("/".join(["z" * 200] * 25), "too long"), ("a\0b", "NUL")])
+def test_a_name_that_cannot_be_is_refused_at_once(tmp_path: Path, make, name: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make(tmp_path / name)
+
+
+def test_the_longest_name_that_can_be_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 250 + ".json")
+    write_json(new_file(path), {})
+    assert path.stat().st_size > 0
+    with pytest.raises(InputError, match="exists"):
+        new_directory(path)
+
+
+def test_a_name_over_the_limit_costs_no_solve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option, suffix in (("--json", ".json"), ("--out", ".npz")):
+        assert main([*SIMULATE, option, str(tmp_path / ("x" * 300 + suffix))]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

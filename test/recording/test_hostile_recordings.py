@@ -1,0 +1,250 @@
+"""Recordings made to cost time, memory or the reader's screen: what is stated as a limit holds, in a sentence."""
+
+from __future__ import annotations
+
+import json
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import pytest
+import zstandard
+from driveline_bags import TICK, bag, ticked
+
+from tcc_sim.cli import main
+from tcc_sim.errors import LONGEST_SENTENCE, RecordingError
+from tcc_sim.messages import cdr
+from tcc_sim.recording import records
+from tcc_sim.recording.contents import MOST_TOPICS
+from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, McapFile, digest
+from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.recovery import recover
+from tcc_sim.replay import verification
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+from tcc_sim.topics import JOINT_STATE
+
+MEMORY = 250 << 20
+"""Bytes that reading a file of some kB may take at most."""
+SCENE = load_scene("minimal")
+
+
+def word(text: str) -> bytes:
+    return struct.pack("<I", len(text.encode())) + text.encode()
+
+
+def pairs(values: dict[str, str]) -> bytes:
+    body = b"".join(word(key) + word(value) for key, value in values.items())
+    return struct.pack("<I", len(body)) + body
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(body)) + body
+
+
+def chunk(data: bytes) -> bytes:
+    packed = zstandard.ZstdCompressor(level=19).compress(data)
+    return record(records.CHUNK, struct.pack("<QQQI", 0, 0, len(data), zlib.crc32(data)) + word("zstd") +
+                  struct.pack("<Q", len(packed)) + packed)
+
+
+def schema(number: int = 1) -> bytes:
+    return record(records.SCHEMA, struct.pack("<H", number) + word(JOINT_STATE) + word("ros2msg") + word("x"))
+
+
+def channel(number: int, topic: str = "/joint_states", metadata: dict[str, str] | None = None) -> bytes:
+    return record(records.CHANNEL, struct.pack("<HH", number, 1) + word(topic) + word("cdr") + pairs(metadata or {}))
+
+
+def message(number: int, stamp_ns: int, values: tuple[float, ...] = (0.0,) * 6) -> bytes:
+    return record(records.MESSAGE, struct.pack("<HIQQ", number, 0, 0, 0) + cdr.joint_state(stamp_ns, *values))
+
+
+def metadata(name: str, values: dict[str, str]) -> bytes:
+    return record(records.METADATA, word(name) + pairs(values))
+
+
+def result(name: str, value: object) -> bytes:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return metadata(name, {"result": text, "sha256": digest(text)})
+
+
+def scene(text: str = "") -> bytes:
+    text = text or SCENE.text()
+    return metadata(SCENE_RECORD, {"version": "1", "scene": text, "log_time": "0", "sha256": digest("1", text, "0")})
+
+
+def written(path: Path, *parts: bytes) -> Path:
+    path.write_bytes(records.MAGIC + b"".join(parts))
+    return path
+
+
+def cost(path: Path) -> tuple[str, int]:
+    """What reading it came to, and the most memory that Python and NumPy held."""
+    tracemalloc.start()
+    try:
+        run = open_run(path)
+        said = f"{sum(map(len, run.batches()))} read; {'; '.join(run.warnings)}"
+    except RecordingError as error:
+        said = str(error)
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    return said, peak
+
+
+def test_a_chunk_of_nothing_but_records_is_left_out(tmp_path: Path) -> None:
+    empty = chunk(record(15, b"") * (60 << 20 >> 4))
+    path = written(tmp_path / "x.mcap", *[empty] * 8)
+    assert path.stat().st_size < 100_000
+    said, peak = cost(path)
+    assert f"more than {records.MOST_DESCRIPTIONS} of its records are no messages" in said or "would unpack" in said
+    assert peak < MEMORY
+
+
+def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) -> None:
+    full = chunk(message(9, 0) * 70_000)
+    path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), *[full] * 20)
+    limit = records.SMALLEST_EXPANSION + records.LARGEST_EXPANSION * path.stat().st_size
+    said, peak = cost(path)
+    assert f"the recording would unpack to more than {limit} bytes" in said
+    assert said.startswith("1 read")
+    assert peak < MEMORY
+
+
+def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path) -> None:
+    many = b"".join(channel(n, f"/{n}/joint_states") for n in range(15_000))
+    small = [chunk(message(n, TICK)) for n in range(300)]
+    run = open_run(written(tmp_path / "x.mcap", chunk(schema() + many), *small))
+    list(run.batches())
+    assert len(run.topics) == MOST_TOPICS
+
+
+def test_extreme_stamps_are_a_sentence_and_no_memory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    states = chunk(b"".join(message(1, n * 10**17) for n in range(20)))
+    path = written(tmp_path / "x.mcap", scene(), schema(), channel(1), states)
+    assert main(["analyse", str(path), "--verify"]) == 2
+    assert "an engine cycle takes" in capsys.readouterr().err
+
+
+def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:
+    rows = ticked(SCENE, 300)
+    late = [(stamp + 10**15, *rest) for stamp, *rest in rows[150:]]
+    found = replay(bag(tmp_path / "run", rows[:150] + late, SCENE), discard=0, verify=True).verification
+    assert found is not None
+    assert (found.verified, found.compared, found.exact) == (False, 300, 150)  # The phase of the excitation is another.
+    found = replay(bag(tmp_path / "same", rows[:150] + late[:1], SCENE), discard=0, verify=True).verification
+    assert found is not None
+    assert "after 1 gaps are not reached by solving through them" in found.sentence()
+
+
+def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verification, "SMALLEST_WORK", 100_000)
+    monkeypatch.setattr(verification, "WORK_PER_BYTE", 1)
+    heavy = SCENE.with_values({"engine.frequency": 1e5, "rate": 130.0, "friction.smoothing": 1.0})
+    text = heavy.text()
+    states = chunk(b"".join(message(1, round(n * 1e9 / 130.0), (1.0, 0.0, 1.0, 0.0, 300.0, 0.0)) for n in range(2000)))
+    path = written(tmp_path / "x.mcap", scene(text), schema(), channel(1), states)
+    found = replay(path, frequency=50.0, verify=True).verification
+    assert found is not None
+    assert not found.verified
+    assert "sub-steps, the most allowed for a recording of its size" in found.sentence()
+
+
+def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = metadata(SCENE_RECORD, {"scene": "x"}) * 20_000
+    path = written(tmp_path / "x.mcap", scene(), bad, schema(), channel(1), chunk(b"".join(
+        message(1, n * TICK) for n in range(300))))
+    assert main(["analyse", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "20000 records that describe the recording are damaged and were passed over" in out
+    assert len(out) < 4000
+
+
+def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
+    broken = bytearray(chunk(message(1, 0)))
+    broken[-3] ^= 1
+    run = open_run(written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), bytes(broken) * 500))
+    assert sum(map(len, run.batches())) == 1
+    assert sum("is left out" in sentence for sentence in run.warnings) == records.MOST_SENTENCES
+    assert f"{500 - records.MOST_SENTENCES} more places are damaged" in run.warnings
+
+
+def test_searching_on_after_damage_takes_time_in_proportion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good, read = chunk(message(1, TICK)), 0
+    path = written(tmp_path / "x.mcap", schema(), channel(1), *[good + b"\xff" * 20] * 1000)
+
+    class Counting:
+        def __init__(self, file: object) -> None:
+            self._file = file
+
+        def seek(self, *arguments: int) -> int:
+            return self._file.seek(*arguments)
+
+        def read(self, size: int) -> bytes:
+            nonlocal read
+            data = self._file.read(size)
+            read += len(data)
+            return data
+
+    with path.open("rb") as file:
+        assert sum(r.opcode == records.CHUNK for r in records.RecordStream(Counting(file))) == 1000
+    assert read < 60 * path.stat().st_size
+
+
+VALUES = [[], [1, 2], 3, "text", None, 1.5, True, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}},
+          {"lost": {"/x": 1e999}}, {"lost": {"/x": 10**30}}, {"solver": 5}, {"solver": ["x"]}, "[" * 5000, "NaN", "{",
+          '{"lost": NaN}', "9" * 5000, {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
+
+
+@pytest.mark.parametrize("name", [RESULT_RECORD, RECOVERY_RECORD])
+@pytest.mark.parametrize("value", VALUES, ids=lambda value: str(value)[:20])
+def test_a_record_of_any_value_is_used_or_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str,
+                                                      value: object) -> None:
+    text = value if isinstance(value, str) and value != "text" else json.dumps(value)
+    states = chunk(b"".join(message(1, n * TICK) for n in range(200)))
+    path = written(tmp_path / "x.mcap", scene(), result(name, text), schema(), channel(1), states)
+    assert main(["analyse", str(path)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert len(captured.out) < 5000
+    assert main(["recover", str(path)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_what_a_recovery_lists_is_bounded_too(tmp_path: Path) -> None:
+    path = written(tmp_path / "x.mcap", result(RECOVERY_RECORD, ["\x1b[2J" * 1000] * 500), schema(), channel(1),
+                   chunk(message(1, TICK)))
+    run = open_run(path)
+    list(run.batches())
+    assert len(run.warnings) < 30
+    assert all(len(sentence) < LONGEST_SENTENCE * 5 and sentence.isprintable() for sentence in run.warnings)
+
+
+def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path) -> None:
+    """Every state its own chunk, run and segment, with a pressure that never fits."""
+    path = tmp_path / "x.mcap"
+    output = McapFile(path, load_scene("commands").text())
+    joints = output.channel("/joint_states", JOINT_STATE)
+    applied = output.channel("/applied_pressure", "sensor_msgs/msg/FluidPressure")
+    for n in range(600):
+        output.write(joints, n, n, cdr.joint_state((599 - n % 300) * TICK, *[0.0] * 6), 0)
+        output.write(applied, n, n, cdr.fluid_pressure(-5, 0.0), 0)
+        output.flush()
+    output.close()
+    run = open_run(path)
+    assert sum(map(len, run.batches())) == 600
+    assert run.stamps.resets > 500
+
+
+def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path,
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    from tcc_sim.recording import recovery
+
+    parsed = []
+    monkeypatch.setattr(recovery, "_parsed", lambda text: parsed.append(len(text)) or [])
+    many = b"".join(channel(n, f"/{n}", {"offered_qos_profiles": f"- depth: {n}\n" + " " * 19_000}) for n in range(100))
+    path = written(tmp_path / "x.mcap", chunk(schema() + many + b"".join(message(n, TICK) for n in range(100))))
+    assert sum(recover(open_run(path), tmp_path / "saved").messages.values()) == 100
+    assert sum(parsed) <= recovery._LONGEST_ALL_PROFILES

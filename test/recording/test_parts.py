@@ -1,0 +1,184 @@
+"""Recordings in parts: each can be read by itself, all of them together are one; and what a failed start leaves."""
+
+import os
+
+import numpy as np
+import pytest
+import yaml
+from driveline_bags import START, TICK, bag, ticked
+
+from tcc_sim.cli import main
+from tcc_sim.errors import RecordingError
+from tcc_sim.messages import cdr
+from tcc_sim.recording import bag as bags
+from tcc_sim.recording import mcap_file
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.reader import open_run
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+from tcc_sim.topics import JOINT_STATE
+
+FIG02 = load_scene("fig02")
+
+
+def split(tmp_path, **limits):
+    """1 s of a run whose parameters change at 0.35 s, in parts."""
+    said = []
+    rows = ticked(FIG02, 1000, changes=[(350, {"engine.mean_torque": 250.0}, False)], said=said)
+    return bag(tmp_path / "run", rows, FIG02, said=said, **limits), rows
+
+
+def test_the_parts_together_are_the_recording(tmp_path):
+    path, rows = split(tmp_path, max_duration=0.3)
+    assert sorted(p.name for p in path.iterdir()) == ["metadata.yaml", *(f"run_{n}.mcap" for n in range(4))]
+    run = open_run(path)
+    found = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    assert found.tolist() == [row[0] for row in rows]
+    assert (run.complete, run.warnings, len(run.scenes), run.messages) == (True, [], 2, {"/joint_states": 1000})
+    verification = replay(path, verify=True).verification
+    assert (verification.verified, verification.exact) == (True, 1000)
+
+
+def test_each_part_is_read_by_itself(tmp_path):
+    path, rows = split(tmp_path, max_duration=0.3)
+    for n in range(4):
+        run = open_run(path / f"run_{n}.mcap")
+        stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+        assert stamps.tolist() == [row[0] for row in rows[300 * n:300 * n + 300]]
+        assert run.complete
+        found = replay(path / f"run_{n}.mcap", discard=0, verify=True)
+        assert found.verification.verified
+        assert found.scene.system.engine.mean_torque == (300.0 if n < 2 else 250.0)
+
+
+def test_metadata_lists_the_parts_as_rosbag2_does(tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    path, _ = split(tmp_path, max_duration=0.3)
+    found = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    names = [f"run_{n}.mcap" for n in range(4)]
+    assert found["relative_file_paths"] == [entry["path"] for entry in found["files"]] == names
+    assert [entry["message_count"] for entry in found["files"]] == [300, 300, 300, 100]
+    assert [entry["starting_time"]["nanoseconds_since_epoch"] for entry in found["files"]] == [
+        START + 300 * n * TICK for n in range(4)]
+    assert [entry["duration"]["nanoseconds"] for entry in found["files"]] == [299 * TICK] * 3 + [99 * TICK]
+    assert (found["message_count"], found["duration"]["nanoseconds"]) == (1000, 999 * TICK)
+    assert [(t["topic_metadata"]["name"], t["message_count"]) for t in found["topics_with_message_count"]] == [
+        ("/joint_states", 1000)]
+    with rosbag2.Reader(path) as reader:
+        assert sum(1 for _ in reader.messages()) == reader.message_count == 1000
+        assert (reader.start_time, reader.duration) == (START, 999 * TICK + 1)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_the_duration_of_a_bag_of_no_or_one_message(tmp_path, count):
+    writer = BagWriter(tmp_path / "run")
+    joints = writer.channel("/joint_states", JOINT_STATE)
+    for _ in range(count):
+        writer.write(joints, 5, 5, cdr.joint_state(0, *[0.0] * 6))
+    writer.close()
+    found = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert found["duration"]["nanoseconds"] == 0
+    assert found["starting_time"]["nanoseconds_since_epoch"] == (5 if count else 2**63 - 1)
+
+
+def test_parts_by_size(tmp_path):
+    path, _ = split(tmp_path, max_size=20_000)
+    sizes = [p.stat().st_size for p in sorted(path.glob("*.mcap"), key=lambda p: int(p.stem.split("_")[1]))]
+    assert len(sizes) > 2
+    assert all(20_000 < size < 60_000 for size in sizes[:-1])
+    assert open_run(path).complete
+
+
+def test_a_part_ends_where_its_index_would_take_too_much_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(bags, "MOST_CHUNKS", 3)
+    path, _ = split(tmp_path)
+    assert len(list(path.glob("*.mcap"))) == 4  # Ten flushes of a chunk each.
+    assert len(np.concatenate([batch.stamp_ns for batch in open_run(path).batches()])) == 1000
+
+
+def test_results_of_the_parts_are_added(tmp_path):
+    told = []
+
+    def result():
+        told.append(len(told) + 1)
+        return {"lost": {"/slip_speed": told[-1]}, "messages": {"/slip_speed": 10}}
+
+    writer = BagWriter(tmp_path / "run", FIG02.text(), max_duration=0.1, result=result)
+    joints = writer.channel("/joint_states", JOINT_STATE)
+    for n in range(250):
+        writer.write(joints, n * TICK, n * TICK, cdr.joint_state(n * TICK, *[0.0] * 6), n)
+    writer.close({"lost": {"/slip_speed": 10, "/x": 1}, "solver": "fixed_step", "unsent": {"/joint_states": 64}})
+    run = open_run(tmp_path / "run")
+    list(run.batches())
+    assert run.result == {"lost": {"/slip_speed": 13, "/x": 1}, "messages": {"/slip_speed": 20}, "solver": "fixed_step",
+                          "unsent": {"/joint_states": 64}}
+    assert "13 messages of /slip_speed were lost while recording" in run.warnings
+    assert "64 messages of /joint_states could not be sent by their publisher" in run.warnings
+
+
+def test_killed_while_it_writes_a_later_part_and_a_part_that_is_gone(tmp_path, capsys):
+    path, _ = split(tmp_path, max_duration=0.3, cut=True)
+    run = open_run(path)
+    assert len(np.concatenate([batch.stamp_ns for batch in run.batches()])) == 1000
+    assert not run.complete
+    assert main(["recover", str(path)]) == 0
+    assert "cut short" in capsys.readouterr().out
+    assert open_run(tmp_path / "run_recovered").complete
+    (path / "run_1.mcap").unlink()
+    run = open_run(path)
+    assert len(np.concatenate([batch.stamp_ns for batch in run.batches()])) == 700
+    assert (run.lost_messages, "part 1 is missing" in run.warnings) == (300, True)
+
+
+def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
+    synced, real = [], os.fsync
+
+    def sync(number):
+        synced.append(os.readlink(f"/proc/self/fd/{number}"))
+        real(number)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    split(tmp_path, max_duration=0.3)
+    assert synced == []
+    writer = BagWriter(tmp_path / "safe", max_duration=0.3, sync=True)
+    joints = writer.channel("/joint_states", JOINT_STATE)
+    for n in range(500):
+        writer.write(joints, n * TICK, n * TICK, cdr.joint_state(n * TICK, *[0.0] * 6), n)
+    assert {os.path.relpath(name, tmp_path) for name in synced} == {".", "safe", "safe/safe_0.mcap"}
+    synced.clear()
+    writer.sync()
+    assert [os.path.basename(name) for name in synced] == ["safe_1.mcap"]
+    assert sum(map(len, open_run(tmp_path / "safe" / "safe_1.mcap").batches())) == 200
+    synced.clear()
+    writer.close()
+    assert [os.path.basename(name)[:5] for name in synced] == ["safe_", synced[1].rsplit("/", 1)[1][:5], "safe"]
+
+
+def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mcap_file.Writer, "start", full)
+    with pytest.raises(OSError, match="No space"):
+        BagWriter(tmp_path / "a" / "b" / "run")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="cannot be created"):
+        BagWriter(tmp_path / "file" / "run")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_name_that_its_files_could_not_have_is_refused_at_once(tmp_path):
+    for length in (244, 255, 300):
+        with pytest.raises(RecordingError, match="too long"):
+            BagWriter(tmp_path / ("x" * length))
+    assert list(tmp_path.iterdir()) == []
+    BagWriter(tmp_path / ("x" * 243)).close()
+
+
+def test_a_link_in_place_of_the_directory_is_not_followed(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "run").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RecordingError, match="exists already"):
+        BagWriter(tmp_path / "run")
+    assert list((tmp_path / "elsewhere").iterdir()) == []

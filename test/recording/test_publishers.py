@@ -1,0 +1,140 @@
+"""Several publishers in one recording are told apart by who they are, however often simulation time fell back."""
+
+import numpy as np
+import pytest
+from driveline_bags import TICK, bag, ticked
+from test_bag_round_trip import columns, read, write
+
+from tcc_sim.errors import RecordingError
+from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.recovery import recover
+from tcc_sim.recording.stamps import Break
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+
+MINIMAL, COMMANDS = load_scene("minimal"), load_scene("commands")
+
+
+def test_thousands_of_resets_stay_readable(tmp_path):
+    stamps = [n * TICK for _ in range(2500) for n in range(4)]
+    write(tmp_path / "run", columns(len(stamps)), stamps, flush_every=500)
+    run, batches, found, _ = read(tmp_path / "run")
+    assert found.tolist() == stamps
+    assert (run.stamps.runs, run.stamps.resets, batches[-1].run) == (2500, 2499, 2499)
+    assert "simulation time started again 2499 times (2499 resets, 0 restarts): these are separate runs" in run.warnings
+
+
+def two(tmp_path, order):
+    """Two drivelines at once, whose states stand in the recording in this order of owners."""
+    rows = {who: ticked(MINIMAL, 300) for who in "ab"}
+    taken, mixed, owners = {"a": iter(rows["a"]), "b": iter(rows["b"])}, [], []
+    for who in order:
+        mixed.append(next(taken[who]))
+        owners.append(who)
+    cuts = [0] + [k for k in range(1, len(owners)) if owners[k] != owners[k - 1]]
+    return bag(tmp_path / "run", mixed, MINIMAL, publishers=[(k, owners[k]) for k in cuts])
+
+
+def test_a_restart_is_known_by_its_publisher_though_its_stamps_are_later(tmp_path):
+    rows = ticked(MINIMAL, 500)
+    path = bag(tmp_path / "run", rows[:200] + rows[260:], MINIMAL, publishers=[(0, "a1"), (200, "b2")])
+    run = open_run(path)
+    batches = list(run.batches())
+    assert (run.stamps.restarts, run.stamps.resets, run.lost_messages) == (1, 0, 0)
+    assert {b.began for b in batches if b.run == 1} == {Break.RESTART}
+    assert sum(len(b) for b in batches if b.run == 1) == 240
+
+
+def test_the_one_that_took_over_is_read_and_the_other_left_out_with_a_sentence(tmp_path):
+    path = two(tmp_path, "a" * 100 + "ab" * 100 + "b" * 150)
+    run = open_run(path)
+    kept = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    assert kept.tolist() == [n * TICK for n in range(101)] + [n * TICK for n in range(250)]
+    assert any("99 messages of /joint_states were left out" in sentence and "several drivelines ran at once" in sentence
+               for sentence in run.warnings)
+    assert replay(path, discard=0).continuity.restarts == 1
+
+
+def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
+    rows = ticked(MINIMAL, 900)
+    mixed = [row for pair in zip(rows[500:800], rows[:300]) for row in pair]
+    with pytest.raises(RecordingError, match="several publishers are mixed"):
+        list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).batches())
+
+
+def test_pressures_follow_their_own_publisher(tmp_path):
+    solved = ticked(COMMANDS, 300, pressure=lambda k: 2e5)
+    rows = [(stamp, *rest[:-1], 1e5 + n) for n, (stamp, *rest) in enumerate(solved)]
+    path = bag(tmp_path / "run", rows[:150] + rows[200:], COMMANDS, publishers=[(0, "a1"), (150, "b2")])
+    run = open_run(path)
+    found = np.concatenate([batch.applied_pressure for batch in run.batches()])
+    assert found.tolist() == [row[-1] for row in rows[:150] + rows[200:]]
+    assert not any("pressure is missing" in sentence for sentence in run.warnings)
+
+
+@pytest.mark.parametrize("left_out", [range(40, 47), range(5), range(195, 200)])
+def test_missing_pressures_are_counted_and_nan(tmp_path, left_out):
+    rows = columns(200)
+    path = write(tmp_path / "run", rows, [n * TICK for n in range(200)], pressures=[float(n) for n in range(200)])
+    from mcap.reader import make_reader
+
+    from tcc_sim.recording.mcap_file import McapFile
+    from tcc_sim.topics import topic
+
+    with path.open("rb") as file:
+        messages = list(make_reader(file).iter_messages(log_time_order=False))
+    output = McapFile(tmp_path / "less.mcap")
+    numbers = {name: output.channel(name, topic(name[1:]).type) for name in ("/joint_states", "/slip_speed",
+                                                                           "/applied_pressure")}
+    for _, channel, message in messages:
+        if channel.topic != "/applied_pressure" or message.sequence not in left_out:
+            output.write(numbers[channel.topic], message.log_time, message.publish_time, message.data, message.sequence)
+    output.close()
+    run = open_run(tmp_path / "less.mcap")
+    found = np.concatenate([batch.applied_pressure for batch in run.batches()])
+    assert np.flatnonzero(np.isnan(found)).tolist() == list(left_out)
+    assert f"the applied pressure is missing at {len(left_out)} ticks" in run.warnings
+
+
+def test_recovery_keeps_who_published(tmp_path):
+    path = two(tmp_path, "a" * 100 + "b" * 200)
+    recovered = recover(open_run(path), tmp_path / "saved")
+    assert recovered.messages["/joint_states"] == 300
+    again = open_run(tmp_path / "saved")
+    list(again.batches())
+    assert again.stamps.restarts == 1
+
+
+def test_a_cut_recording_in_a_namespace_is_read(tmp_path):
+    """No index names its topics: they are found in its first chunks."""
+    from tcc_sim.messages import cdr
+    from tcc_sim.recording.bag import BagWriter
+    from tcc_sim.topics import JOINT_STATE
+
+    writer = BagWriter(tmp_path / "run", MINIMAL.text())
+    joints = writer.channel("/left/driveline/joint_states", JOINT_STATE)
+    for n in range(300):
+        writer.write(joints, n, n, cdr.joint_state(n * TICK, *[0.0] * 6), n)
+    writer.flush()
+    writer.abandon()
+    run = open_run(tmp_path / "run")
+    assert run.joint_states_topic == "/left/driveline/joint_states"
+    assert sum(map(len, run.batches())) == 300
+    assert not run.complete
+
+
+def test_a_recording_without_quality_of_service_is_recovered(tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from tcc_sim.messages import cdr
+    from tcc_sim.recording.mcap_file import McapFile
+    from tcc_sim.topics import JOINT_STATE
+
+    output = McapFile(tmp_path / "x.mcap", MINIMAL.text())
+    joints = output.channel("/joint_states", JOINT_STATE, [])
+    for n in range(30):
+        output.write(joints, n, n, cdr.joint_state(n * TICK, *[0.0] * 6), n)
+    output.close()
+    assert recover(open_run(tmp_path / "x.mcap"), tmp_path / "saved").messages == {"/joint_states": 30}
+    with rosbag2.Reader(tmp_path / "saved") as reader:
+        (connection,) = reader.connections
+        assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE"

@@ -1,0 +1,125 @@
+"""The one counter of gaps, resets, restarts and runs, on streams of stamps made by hand."""
+
+import random
+
+import numpy as np
+import pytest
+
+from tcc_sim.recording.stamps import MOST_DIFFERENCES, Break, StampCounter
+
+
+def stamps(*parts):
+    return np.concatenate([np.asarray(part, dtype=np.int64) for part in parts])
+
+
+def fed(values, sizes=(10**6,), publisher=None, numbers=None):
+    """A counter that has these stamps, in batches of these sizes over and over, and the pieces that it gave."""
+    c, found, start, k = StampCounter(), [], 0, 0
+    while start < len(values):
+        end = start + sizes[k % len(sizes)]
+        who = 0 if publisher is None else np.asarray(publisher)[start:end]
+        pieces = c.pieces(values[start:end], who, None if numbers is None else np.asarray(numbers)[start:end])
+        found += [(values[start:end][piece].tolist(), kind) for piece, kind in pieces]
+        start, k = end, k + 1
+    return c, found
+
+
+def joined(found):
+    """Pieces without the cuts that only come from batches."""
+    out = []
+    for rows, kind in found:
+        if kind is Break.NOTHING and out:
+            out[-1] = (out[-1][0] + rows, out[-1][1])
+        else:
+            out.append((rows, kind))
+    return out
+
+
+def test_pieces_of_a_stream():
+    c, found = fed(stamps([5, 6, 7, 9, 10, 10, 11, 3, 4]))
+    assert found == [([5, 6, 7], Break.START), ([9, 10], Break.GAP), ([11], Break.NOTHING), ([3, 4], Break.RESET)]
+    assert (c.tick, c.gaps, c.lost, c.repeated, c.runs, c.resets, c.restarts, c.messages) == (1, 1, 1, 1, 2, 1, 0, 9)
+    assert c.pieces(stamps([5, 6])) == [(slice(0, 2), Break.NOTHING)]
+
+
+def test_the_size_of_batches_makes_no_difference():
+    draw = random.Random(3)
+    values = stamps(range(100), range(150, 400), [400] * 3, range(401, 500), range(60), range(2, 300, 2), range(40))
+    whole, pieces = fed(values)
+    for _ in range(20):
+        c, found = fed(values, [draw.randrange(2, 60) for _ in range(9)])
+        assert (c.gaps, c.lost, c.uneven, c.repeated, c.runs, c.resets, c.messages) == (
+            whole.gaps, whole.lost, whole.uneven, whole.repeated, whole.runs, whole.resets, whole.messages)
+        assert joined(found) == joined(pieces)
+
+
+def test_every_run_has_a_tick_of_its_own():
+    c, found = fed(stamps(np.arange(500) * 10, np.arange(300) * 25))
+    assert (c.gaps, c.lost, c.uneven, c.runs, c.tick) == (0, 0, 0, 2, 10)
+    assert [kind for _, kind in found] == [Break.START, Break.RESET]
+    assert fed(stamps(np.arange(300) * 25, np.arange(500) * 10))[0].tick == 10
+
+
+def test_a_gap_at_the_start_and_uneven_stamps():
+    c, _ = fed(stamps([0], 100 * 10**6 + np.arange(50) * 10**6, [150 * 10**6 + 200_000]))
+    assert (c.tick, c.gaps, c.lost, c.uneven) == (10**6, 1, 99, 1)
+
+
+def test_a_gap_begins_beyond_one_and_a_half_ticks():
+    assert fed(stamps(np.arange(20) * 10, [205]))[0].gaps == 0
+    c, _ = fed(stamps(np.arange(20) * 10, [206]))
+    assert (c.gaps, c.lost) == (1, 1)
+
+
+@pytest.mark.parametrize("resets", [1, 5000])
+def test_resets_are_counted_however_many_there_are(resets):
+    c, found = fed(stamps(*[range(3)] * (resets + 1)), (7, 100, 1))
+    assert (c.runs, c.resets, c.restarts, c.lost, c.mixed) == (resets + 1, resets, 0, 0, False)
+    assert [rows for rows, _ in joined(found)] == [[0, 1, 2]] * (resets + 1)
+
+
+def test_another_publisher_is_a_restart_though_its_stamps_go_on():
+    values = stamps(range(100), range(150, 300), range(50))
+    c, found = fed(values, publisher=[1] * 100 + [2] * 200)
+    assert [kind for _, kind in found] == [Break.START, Break.RESTART, Break.RESET]
+    assert (c.runs, c.restarts, c.resets, c.lost) == (3, 1, 1, 0)
+
+
+def test_where_nobody_says_who_published_the_numbers_of_the_publisher_do():
+    values = stamps(range(100), range(100), range(100))
+    c, found = fed(values, numbers=[*range(1, 201), *range(1, 101)])
+    assert [kind for _, kind in found] == [Break.START, Break.RESET, Break.RESTART]
+    assert (c.resets, c.restarts) == (1, 1)
+
+
+def test_what_a_publisher_says_after_another_took_over_is_left_out():
+    values = stamps(range(50), [0, 50, 1, 51, 2, 52], range(3, 90))
+    who = [1] * 50 + [2, 1, 2, 1, 2, 1] + [2] * 87
+    c, found = fed(values, publisher=who)
+    assert joined(found) == [(list(range(50)), Break.START), (list(range(90)), Break.RESTART)]
+    assert (c.late, c.restarts, c.lost) == (3, 1, 0)
+
+
+@pytest.mark.parametrize("block", [1, 7])
+def test_two_publishers_by_turns_with_nothing_to_tell_them_apart_are_found(block):
+    one, other = (np.arange(start, start + 700).reshape(-1, block) for start in (5000, 200))
+    mixed = np.stack([one, other], axis=1).ravel()
+    assert fed(mixed, (100,))[0].mixed
+    # A reset in which the stamps of the run before are passed, with messages lost on the way, is no such thing.
+    assert not fed(stamps(range(100), range(95), range(101, 300)))[0].mixed
+
+
+def test_memory_is_bounded_for_stamps_without_a_tick():
+    c, _ = fed(np.cumsum(np.random.default_rng(1).integers(1, 10**12, MOST_DIFFERENCES + 5000)))
+    assert len(c._run.differences) == MOST_DIFFERENCES
+
+
+def test_extreme_stamps_do_not_overflow():
+    c, _ = fed(stamps([-(1 << 61), 1 << 61, -(1 << 61), 0, 1 << 61]), (1, 2))
+    assert (c.runs, c.messages) == (2, 5)
+
+
+def test_no_stamps_are_no_run():
+    c = StampCounter()
+    assert c.pieces(np.empty(0, np.int64)) == []
+    assert (c.runs, c.tick, c.gaps, c.lost, c.uneven, c.last) == (0, 0, 0, 0, 0, None)

@@ -1,0 +1,85 @@
+"""Verification follows scenes by their order and stamps; a clock that is set back changes nothing."""
+
+import pytest
+from driveline_bags import START, TICK, bag, ticked
+
+from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.scene_records import SceneRecord, holding_from
+from tcc_sim.replay.replay import replay
+from tcc_sim.replay.scene_places import Place, ScenePlaces
+from tcc_sim.scene import load_scene
+
+FIG02 = load_scene("fig02")
+CHANGES = [(100, {"engine.mean_torque": 250.0}, False), (250, {"pressure.amplitude": 0.0}, True)]
+SECOND = 10**9
+
+
+def stepping(*steps):
+    """A clock that is set by so much (ns) before these rows."""
+    return lambda number: START + number * TICK + sum(by for row, by in steps if number >= row)
+
+
+def verified(tmp_path, resets, clock, changes=CHANGES, ticks=400):
+    said = []
+    rows = ticked(FIG02, ticks, changes=changes, resets=resets, said=said)
+    found = replay(bag(tmp_path / "run", rows, FIG02, said=said, clock=clock), verify=True)
+    return found.verification, len(rows), found
+
+
+@pytest.mark.parametrize("resets", [(), (99,), (100, 250), (60, 180, 300)])
+@pytest.mark.parametrize("steps", [[(50, -3600 * SECOND)], [(100, -SECOND)], [(101, -SECOND)], [(249, -50 * TICK)],
+                                   [(251, -200 * TICK)], [(300, -10 * TICK)], [(80, -SECOND), (200, -SECOND)],
+                                   [(120, -300 * TICK), (240, 3600 * SECOND)]])
+def test_after_a_step_of_the_clock_every_state_is_followed_to_the_last_bit(tmp_path, resets, steps):
+    found, count, _ = verified(tmp_path, resets, stepping(*steps))
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
+
+
+def test_a_change_of_the_second_run_is_not_taken_for_one_of_the_first(tmp_path):
+    """The clock is set back by more than the first run took: it does not say which run a scene belongs to."""
+    said = []
+    first = ticked(FIG02, 500)
+    second = ticked(FIG02, 400, changes=[(150, {"engine.mean_torque": 250.0}, False)], said=said)
+    path = bag(tmp_path / "run", first + second, FIG02, said=[(row + 500, text) for row, text in said],
+               clock=stepping((490, -400 * TICK)))
+    found = replay(path, verify=True).verification
+    assert (found.verified, found.exact) == (True, 900)
+
+
+def test_the_pace_does_not_count_a_step(tmp_path):
+    found = verified(tmp_path, (), stepping((200, -3600 * SECOND)))[2]
+    assert found.pace == pytest.approx(1.0, abs=0.5)
+
+
+def states(run, ticks, sent):
+    """Stamps and times of sending; the values do not matter here."""
+    import numpy as np
+
+    zero = np.zeros(len(ticks))
+    return JointStates(np.array(ticks) * TICK, np.array(sent), np.array(sent), *[zero] * 6, run=run)
+
+
+def record(stamp, said, general=False):
+    return SceneRecord(holding_from("a: 1\n", stamp, general) if stamp is not None else "a: 1\n", "1", said)
+
+
+def test_places_of_scenes():
+    records = [record(None, 5), record(3 * TICK, 1025), record(0, 2005), record(2 * TICK, 2016),
+               record(99 * TICK, 2030)]
+    found = ScenePlaces(records)
+    found.feed(states(0, [0, 1], [1000, 1010]))
+    found.feed(states(0, [2, 3, 4], [1020, 1030, 1040]))
+    found.feed(states(1, [0, 1, 2, 3], [2010, 2015, 2020, 2030]))
+    assert found.places() == [Place(0, 0), Place(3, 1), Place(5, 2), Place(7, 3)]  # The last never came into force.
+
+
+def test_two_changes_before_one_tick_are_taken_in_their_order():
+    found = ScenePlaces([record(None, 5), record(TICK, 1001), record(TICK, 1002)])
+    found.feed(states(0, [0, 1, 2], [1000, 1010, 1020]))
+    assert found.places() == [Place(0, 0), Place(1, 1), Place(1, 2)]
+
+
+def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_on():
+    found = ScenePlaces([record(3 * TICK, 50)])
+    found.feed(states(0, [500, 501], [1000, 1010]))
+    assert found.places() == [Place(0, 0)]

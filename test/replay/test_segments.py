@@ -1,0 +1,139 @@
+"""A recording in segments: each start, reset, restart and change of parameters begins one with figures of its own."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from driveline_bags import TICK, bag, by_hand, ticked
+
+from tcc_sim.cli import main
+from tcc_sim.recording.scene_records import holding_from
+from tcc_sim.replay import segments
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+
+SLIP = load_scene("slip")
+LOAD = 300.0
+
+
+def steady(seconds, speed, omega=150.0):
+    """Steady pure slip, (17a) put right, from `speed` upwards."""
+    swing = 250.0 / (0.2 * omega)
+    return by_hand(seconds, lambda t: speed + swing * (1.0 - np.cos(omega * t)), lambda t: LOAD / 3000.0,
+                   lambda t: 0.0 * t, lambda t: 300.0 + 250.0 * np.sin(omega * t), lambda t: LOAD + 0.0 * t)
+
+
+def shifted(rows, ticks):
+    return [(stamp + ticks * TICK, *rest) for stamp, *rest in rows]
+
+
+def said_at(row, stamp, **values):
+    scene = SLIP.with_values({key.replace("__", "."): value for key, value in values.items()})
+    return row, holding_from(scene.text(), stamp * TICK, False)
+
+
+def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):
+    found = replay(bag(tmp_path / "run", steady(3.0, 150.0), SLIP))
+    (segment,) = found.json()["segments"]
+    assert (segment["start"], segment["end"], segment["began_by"], segment["changes"]) == (0.0, 3.0, "start", {})
+    whole = found.json()
+    shared = set(segment) & set(whole)
+    assert {key: segment[key] for key in shared} == {key: whole[key] for key in shared}
+    assert "tracking" not in segment
+    assert not any("segment 1" in line for line in found.lines())
+
+
+def test_resets_restarts_and_parameters_begin_segments(tmp_path):
+    rows = [*steady(2.0, 150.0), *steady(1.0, 100.0), *shifted(steady(1.0, 50.0), 1001), *steady(1.5, 80.0)]
+    said = [said_at(3002, 1001, engine__mean_torque=290.0)]
+    path = bag(tmp_path / "run", rows, SLIP, said=said, publishers=[(0, "a1"), (4003, "b2")])
+    found = replay(path, discard=2)
+    json_rows = found.json()["segments"]
+    assert [(s["began_by"], round(s["start"], 3), round(s["end"], 3)) for s in json_rows] == [
+        ("start", 0.0, 2.0), ("reset", 0.0, 1.0), ("parameters", 1.001, 2.001), ("restart", 0.0, 1.5)]
+    assert [s["changes"] for s in json_rows] == [{}, {}, {"engine.mean_torque": 290.0}, {}]
+    assert [s["min_slip_speed"] for s in json_rows] == pytest.approx([150.0, 100.0, 50.0, 80.0], abs=0.2)
+    assert [s["discarded"] for s in json_rows] == [2, 2, 2, 2]
+    # What stands above them is still that of the longest run.
+    assert (found.json()["runs"], found.summary.min_slip_speed) == (3, pytest.approx(50.0, abs=0.2))
+    table = "\n".join(found.lines())
+    for words in ("segment 1", "0 to 1 s, reset", "parameters: engine.mean_torque = 290.0", "restart"):
+        assert words in table
+
+
+def test_a_scene_that_a_restart_brings_counts_from_there_on(tmp_path):
+    other = SLIP.with_values({"engine.frequency": 100.0})
+    rows = [*steady(2.0, 150.0), *steady(2.0, 120.0, omega=100.0)]
+    path = bag(tmp_path / "run", rows, SLIP, said=[(2001, other.text())], publishers=[(0, "a1"), (2001, "b2")])
+    first, second = replay(path, discard=2).json()["segments"]
+    assert (second["began_by"], second["changes"]) == ("restart", {"engine.frequency": 100.0})
+    assert (first["period"], second["period"], second["cycles"]) == (1, 1, 31)
+    assert second["max_slip_speed"] == pytest.approx(120.0 + 2.0 * 250.0 / 20.0, rel=1e-5)
+
+
+def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
+    rows = [*steady(2.0, 150.0), *steady(0.02, 100.0)]
+    found = replay(bag(tmp_path / "run", rows, SLIP))
+    segment = found.json()["segments"][1]
+    assert (segment["began_by"], segment["max_slip_speed"], segment["regime"]) == ("reset", None, None)
+    assert "no whole engine cycle that is kept" in "\n".join(found.lines())
+
+
+def controlled(target, start=150.0, rate=4.0, seconds=6.0):
+    """Slip that comes to the target exponentially, without ripple."""
+    return by_hand(seconds, lambda t: target + (start - target) * np.exp(-rate * t), lambda t: 0.1 + 0.0 * t,
+                   lambda t: 0.0 * t, lambda t: 300.0 + 0.0 * t, lambda t: LOAD + 0.0 * t)
+
+
+def test_a_recorded_target_is_judged_and_a_new_one_begins_a_segment(tmp_path, capsys):
+    rows = [*controlled(20.0), *shifted(controlled(50.0, start=20.0), 6001)]
+    path = bag(tmp_path / "run", rows, SLIP, targets=[(0, 20.0), (6001, 50.0)])
+    assert main(["analyse", str(path), "--json", str(tmp_path / "a.json"), "--discard", "100"]) == 0
+    first, second = json.loads((tmp_path / "a.json").read_text())["segments"]
+    assert (second["began_by"], second["changes"]) == ("parameters", {"target_slip_speed": 50.0})
+    for segment, target, step in ((first, 20.0, 130.0), (second, 50.0, -30.0)):
+        judged = segment["tracking"]
+        assert set(judged) == {"target", "mean_slip", "rms_error", "largest_error", "overshoot", "settling_time"}
+        assert judged["target"] == target
+        assert judged["mean_slip"] == pytest.approx(target, abs=0.01 * abs(step))
+        assert judged["overshoot"] == pytest.approx(0.0, abs=1e-9)
+        band = 0.02 * max(abs(step), target)
+        assert judged["settling_time"] == pytest.approx(math.log(abs(step) / band) / 4.0, abs=2 * 2.0 * math.pi / 150.0)
+    text = capsys.readouterr().out
+    assert "target 20 rad/s: mean 20" in text
+    assert "target_slip_speed = 50.0" in text
+
+
+def test_a_target_that_becomes_known_later_is_judged_from_there_on(tmp_path):
+    path = bag(tmp_path / "run", controlled(20.0), SLIP, targets=[(3000, 20.0)])
+    (segment,) = replay(path, discard=0).json()["segments"]
+    assert segment["tracking"]["largest_error"] < 130.0 * math.exp(-4.0 * 2.9)
+
+
+def test_more_segments_than_are_told_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(segments, "MOST_SEGMENTS", 5)
+    monkeypatch.setattr("tcc_sim.replay.replay.MOST_SEGMENTS", 5)
+    rows = [row for _ in range(30) for row in steady(0.06, 150.0)]
+    found = replay(bag(tmp_path / "run", rows, SLIP), discard=0)
+    assert len(found.segments) == 5
+    assert "only the first 5 of 30 segments have figures of their own" in found.warnings
+    assert len(found.lines()) < 60
+
+
+def test_verification_and_segments_agree_on_where_parameters_changed(tmp_path):
+    said = []
+    fig02 = load_scene("fig02")
+    rows = ticked(fig02, 1500, changes=[(700, {"engine.mean_torque": 250.0}, False)], resets=(1000,), said=said)
+    found = replay(bag(tmp_path / "run", rows, fig02, said=said), verify=True)
+    assert found.verification.verified
+    assert [(s.began_by, round(s.start * 1e3), dict(s.changes)) for s in found.segments] == [
+        ("start", 0, {}), ("parameters", 700, {"engine.mean_torque": 250.0}), ("reset", 0, {})]
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_run_of_nothing_but_nan_has_no_figures_and_takes_none_from_another(tmp_path):
+    nothing = [(stamp, *[math.nan] * 6, math.nan) for stamp, *_ in steady(0.3, 1.0)]
+    found = replay(bag(tmp_path / "run", [*steady(1.0, 150.0), *nothing, *steady(0.5, 90.0)], SLIP), discard=0)
+    assert [s.summary is None for s in found.segments] == [False, True, False]
+    assert found.segments[2].summary.min_slip_speed == pytest.approx(90.0, abs=0.2)

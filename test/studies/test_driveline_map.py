@@ -1,0 +1,95 @@
+"""Scenes as maps: pure stick in closed form, its border, derivatives, what is refused, and known bifurcations."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.pure_stick import constant_load_limits
+from tcc_sim.scene import load_scene
+from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.motions import Plan, check, continue_motions, start_orbit
+from tcc_sim.studies.orbits import orbit_at
+from tcc_sim.studies.shooting import Window
+
+CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
+MU_K = "friction.kinetic_coefficient"
+
+
+def coexistence(law: str, ratio: float) -> System:
+    """omega/omega_n = 0.36 under a constant load of 225 kPa."""
+    system = load_scene("fig02").system
+    return replace(system, {**CONSTANT_LOAD, "engine.frequency": 0.36 * system.natural_frequency, "friction.law": law,
+                            MU_K: 0.3 * ratio})
+
+
+def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
+    map_ = DrivelineMap(system, ("engine.mean_torque",))
+    shooting, z = start_orbit(map_, system, Window(290.0, 310.0), 300.0, None)
+    found = orbit_at(shooting, z, shooting.linearise(z))
+    both = system.driveline.flywheel_inertia + system.driveline.plate_inertia
+    roots = np.roots([both, system.driveline.damping, system.driveline.stiffness]) * system.cycle
+    expected = sorted([*np.exp(roots), 0.0], key=lambda m: (-round(abs(m), 12), -m.imag))
+    assert found.multipliers == pytest.approx(expected, abs=1e-8)
+    assert (found.seen.events, found.seen.stick_fraction, found.seen.largest) == ("S", 1.0, 0.0)
+
+
+def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3})
+    border = next(w for w in constant_load_limits(system) if w > 50.0)
+    found = continue_motions(system, Plan("engine.frequency", 40.0, border + 3.0,
+                                          second=("pressure.mean", 29e4, 31e4)))
+    (item,) = [f for f in found.bifurcations if f.kind == "stick_border"]
+    assert item.value == pytest.approx(border, abs=1e-7)
+    assert item.residual < 1e-8
+    (curve,) = found.curves
+    for omega, mean in list(zip(curve.values, curve.second))[::5]:
+        assert min(abs(w - omega) for w in constant_load_limits(replace(system, {"pressure.mean": mean}))) < 1e-6
+
+
+@pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
+def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
+    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1))
+    (item,) = found.bifurcations
+    assert item.kind == "period_doubling"
+    assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
+    assert found.branches[0].stations[0].orbit.stable != found.branches[0].stations[-1].orbit.stable
+
+
+def test_the_fold_of_period_two_at_a_steep_smoothed_corner() -> None:
+    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.3 * 0.85, 0.3 * 0.925))
+    folds = [f for f in found.bifurcations if f.kind == "fold"]
+    assert [f.value / 0.3 for f in folds] == pytest.approx([0.918464], abs=2e-6)
+    assert found.branches[0].stations[0].value == found.branches[0].stations[-1].value == pytest.approx(0.3 * 0.85)
+
+
+@pytest.mark.parametrize(("key", "values", "words"), [
+    ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
+    ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
+    ("pressure.frequency_ratio", {}, "not periodic"), ("engine.frequncy", {}, "did you mean engine.frequency"),
+    ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
+])
+def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        DrivelineMap(replace(load_scene("fig02").system, values), (key,))
+
+
+@pytest.mark.parametrize(("plan", "words"), [
+    (Plan(MU_K, 0.2, 0.35), "at most"), (Plan(MU_K, 0.2, 0.3, period=3), "multiple"),
+    (Plan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
+])
+def test_plans_that_cannot_be_carried_out(plan: Plan, words: str) -> None:
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
+    with pytest.raises(InputError, match=words):
+        check(system, plan)
+
+
+def test_a_family_of_pure_slip_is_refused() -> None:
+    system = replace(load_scene("slip").system, {"friction.kinetic_coefficient": 0.3})
+    mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)
+    system = replace(system, {"pressure.mean": mean / 1.0, "pressure.amplitude": 0.0})
+    with pytest.raises(InputError, match="multiplier of exactly 1"):
+        continue_motions(system, Plan("engine.frequency", 140.0, 160.0))
