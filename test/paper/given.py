@@ -15,6 +15,14 @@ def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", **mo
     return {"max_slip_speed": slip, "period": period, "regime": regime, **more}
 
 
+class Swept(Sweep):
+    """A sweep whose points are records already."""
+
+    @property
+    def records(self) -> list[dict[str, Any] | None]:
+        return list(self.points)  # type: ignore
+
+
 class Given(Evidence):
     """Evidence that was made up: a record per row, ratio and direction, and jumps per row."""
 
@@ -27,7 +35,7 @@ class Given(Evidence):
     def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
         unit = OMEGA_N if over == "engine.frequency" else STATIC
         keys = tuple(min(float(x) * unit, STATIC) if unit == STATIC else float(x) * unit for x in axis)
-        return [Sweep(Curve(paper_system(row), over, keys), Plan(direction=direction),
+        return [Swept(Curve(paper_system(row), over, keys), Plan(direction=direction),
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
