@@ -12,20 +12,33 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
+    from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
+    from tcc_sim.studies.simulation import simulate
+    from tcc_sim.studies.sweep import sweep, sweep_grid
     from tcc_sim.trajectory import Trajectory
+    from tcc_sim.views.plots import plot
 
 __version__ = "0.1.0"
 
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
-           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory"}
+           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.studies.simulation",
+           "sweep": "tcc_sim.studies.sweep", "sweep_grid": "tcc_sim.studies.sweep", "analyse": "tcc_sim.replay.replay",
+           "plot": "tcc_sim.views.plots"}
+_OTHERWISE_NAMED = {"analyse": "replay"}
 
-__all__ = ["Scene", "System", "Trajectory", "__version__", "load_scene", "solve"]
+__all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "load_scene", "plot", "simulate", "solve", "sweep",
+           "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:
     """Import a public name when it is first used, so that `import tcc_sim` stays light."""
     if name in _PUBLIC:
-        return getattr(import_module(_PUBLIC[name]), name)
+        return getattr(import_module(_PUBLIC[name]), _OTHERWISE_NAMED.get(name, name))
     raise AttributeError(f"module 'tcc_sim' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted(__all__)

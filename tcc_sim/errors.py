@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from typing import Any
 
 LONGEST_SENTENCE = 1000
@@ -47,9 +48,33 @@ class MissingPackage(TccError, ImportError):
     """An optional package is not installed; the sentence names the extra that brings it."""
 
 
+EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"), "distributed": ("distributed", "cluster")}
+"""Optional packages by the name of their module: name for pip, and the extra that brings it."""
+
+
+def require(module: str, what: str) -> None:
+    """Raise MissingPackage where an optional package is not installed; call it before anything is computed or written.
+
+    Parameters
+    ----------
+    module : a key of EXTRAS
+    what : that needs it, for the sentence
+    """
+    if importlib.util.find_spec(module) is None:
+        package, extra = EXTRAS[module]
+        raise MissingPackage(f"{what} needs {package}, which is not installed; pip install 'tcc_sim[{extra}]' brings it")
+
+
 class SweepInterrupted(KeyboardInterrupt):
     """Ctrl-C during a sweep; `sweeps` holds what was done until then."""
 
     def __init__(self, sweeps: list[Any]) -> None:
         super().__init__("interrupted")
         self.sweeps = sweeps
+
+
+class BasinsInterrupted(KeyboardInterrupt):
+    """Ctrl-C while basins were worked out; what was done stands in their file, where one was given."""
+
+    def __init__(self) -> None:
+        super().__init__("interrupted")

@@ -69,7 +69,15 @@ KNOWN_KEYS = [*parameters.QUANTITIES, *OPERATION_QUANTITIES]
 
 @dataclass(frozen=True)
 class Scene:
-    """A validated scene: what is simulated, how the node runs it, and its name."""
+    """A validated scene: what is simulated, how the node runs it, and its name.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> scene = tcc_sim.load_scene("fig02").with_values({"engine.frequency": 120.0})
+    >>> scene.system.engine.frequency
+    120.0
+    """
 
     name: str
     system: System
@@ -131,6 +139,12 @@ def load_scene(name_or_file: str | Path) -> Scene:
     InputError
         No such scene (the nearest name is given), or a file that is not a valid scene; names file, key, value and
         range.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> tcc_sim.load_scene("chaos").system.friction.law
+    'smoothed'
     """
     bundled = bundled_scenes()
     text = str(name_or_file)

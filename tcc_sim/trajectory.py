@@ -99,7 +99,7 @@ class Statistics:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """A solved or recorded run.
 
@@ -107,6 +107,13 @@ class Trajectory:
     saturation_torque, friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad)
     is there for those who asked. `cycles` comes from solvers that work it out on the way; `analysis.cycles` derives it
     from samples otherwise.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> run = tcc_sim.solve(tcc_sim.load_scene("minimal"), cycles=60, samples_per_cycle=4)
+    >>> sorted(run.columns())[:3]
+    ['engine_torque', 'friction_torque', 'plate_angle']
     """
 
     t: Floats
@@ -126,6 +133,17 @@ class Trajectory:
     status: Status = Status.DONE
     detail: str = ""
     statistics: Statistics = Statistics()
+
+    def __repr__(self) -> str:
+        long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
+        cycles = f", {len(self.cycles)} engine cycles" if self.cycles is not None else ""
+        return f"<Trajectory by {self.solver}: {len(self.t)} samples over {long}{cycles}; {self.status.value}>"
+
+    def columns(self) -> dict[str, Floats | Modes]:
+        """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
+        names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque",
+                 "friction_torque", "state")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def final(self) -> State:

@@ -11,7 +11,7 @@ import pytest
 from tcc_sim import __version__, cli
 from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
 from tcc_sim.nodes import executables
-from tcc_sim.scene import bundled_scenes
+from tcc_sim.scene import bundled_scenes, load_scene
 
 
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -28,6 +28,14 @@ def test_scenes_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(bundled_scenes())
     assert all(len(line) < 130 for line in lines)
+
+
+def test_a_scene_is_shown_as_a_file_to_start_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["scenes", "--show", "chaos"]) == 0
+    (tmp_path / "mine.yaml").write_text(capsys.readouterr().out)
+    mine, bundled = load_scene(tmp_path / "mine.yaml"), load_scene("chaos")
+    assert (mine.system, mine.operation, mine.description) == (bundled.system, bundled.operation, bundled.description)
+    assert "did you mean chaos?" in refused(["scenes", "--show", "caos"], capsys)
 
 
 @pytest.mark.parametrize("words",

@@ -1,4 +1,4 @@
-"""precision.png: error against run time, one column per scene, one row per error."""
+"""precision.png and precision_section.png: error against run time, one column per scene, one row per error or only one."""
 
 from __future__ import annotations
 
@@ -7,25 +7,50 @@ from typing import Any
 
 from tcc_sim.views import style
 
-BROWN, VIOLET = "#7A4B00", "#5B2A86"
-Look = tuple[str, str, str, float]
+BROWN, VIOLET, OLIVE, ROSE = "#7A4B00", "#5B2A86", "#8A8A00", "#E7298A"
+SAND, TEAL, NAVY, LIME = "#C49A6C", "#1F7A6D", "#1B3A6F", "#7FBF3F"
+Look = tuple[str, str, Any, float]
 LOOKS: dict[str, Look] = {
     "smoothed": (style.BLUE, "o", "-", 1.8), "event_driven": (style.RED, "D", "-", 1.8),
     "fixed_step": (style.GREEN, "s", "-", 1.8),
-    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "+", ":", 0.9), "dop853": (style.YELLOW, "P", ":", 0.9),
+    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", ":", 0.9), "dop853": (OLIVE, "v", ":", 0.9),
     "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
-    "solve_ivp LSODA": (style.INK, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
-    "XPPAUT stiff": (BROWN, "1", "-.", 0.7), "XPPAUT gear": (BROWN, "2", "-.", 0.7),
-    "XPPAUT 2rb": (BROWN, "3", "-.", 0.7),
-    "Siconos theta 1/2": (VIOLET, "h", "-.", 0.9), "Siconos theta 1": (VIOLET, "p", "-.", 0.9)}
-"""Colour, marker, line and width of every solver; the package's own stand out."""
+    "solve_ivp LSODA": (ROSE, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
+    "XPPAUT stiff": (SAND, "X", "-.", 0.9), "XPPAUT gear": (TEAL, "P", "-.", 0.9), "XPPAUT 2rb": (NAVY, "d", "-.", 0.9),
+    "Siconos theta 1/2": (VIOLET, "h", "--", 0.9), "Siconos theta 1": (LIME, "p", "--", 0.9)}
+"""Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker with
+the same line."""
+SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
+"""Looks for solvers that LOOKS does not know."""
 ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"),
         ("error_steady", "steady state"))
 SET_VALUED = ", set-valued"
 
 
+SHOWN_FIRST = ("error_section",)
+"""The row of the picture that stands for all."""
+
+
 def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
-    """Draw `stem`.png and `stem`.svg; a scene's set-valued runs are in the column of its smoothed ones.
+    """Draw `stem`.png and `stem`.svg with all errors, and `stem`_section.png and .svg with that of the section alone.
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    """
+    _draw(stem.with_name(f"{stem.name}_section"), scenes, SHOWN_FIRST)
+    return _draw(stem, scenes, tuple(key for key, _ in ROWS))
+
+
+def looks_of(names: list[str]) -> dict[str, Look]:
+    """A look for each solver, no two alike; one that is not known gets a spare one."""
+    unknown = [name for name in names if name not in LOOKS]
+    return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
+
+
+def _draw(stem: Path, scenes: list[dict[str, Any]], keys: tuple[str, ...]) -> tuple[Path, Path]:
+    """One picture with a row for each of some errors; a scene's set-valued runs are in the column of its smoothed ones.
 
     Raises
     ------
@@ -33,19 +58,20 @@ def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
         matplotlib is not installed.
     """
     columns = list(dict.fromkeys(record["scene"].removesuffix(SET_VALUED) for record in scenes))
-    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 9.6) as drawn:
-        axes = drawn.subplots(len(ROWS), max(len(columns), 1), sharex=True, sharey=True, squeeze=False)
+    rows = [(key, name) for key, name in ROWS if key in keys]
+    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 2.0 * len(rows) + 1.6) as drawn:
+        axes = drawn.subplots(len(rows), max(len(columns), 1), sharex=True, sharey=True, squeeze=False)
         handles: dict[str, Any] = {}
         for record in scenes:
             column = columns.index(record["scene"].removesuffix(SET_VALUED))
             smoothed = record["law"] == "smoothed"
-            for axis, (key, _) in zip(axes[:, column], ROWS):
+            for axis, (key, _) in zip(axes[:, column], rows):
                 _curves(axis, record, key, handles)
                 floor = record["reference"]["floor"]
                 line = axis.axhline(floor, color=style.GREY if smoothed else style.RED, linewidth=0.9,
                                     linestyle=(0, (1, 1.5)), zorder=1)
                 handles["floor of the references, law (7)" if smoothed else "floor of the references, law (6)"] = line
-        for row, (_, name) in zip(axes, ROWS):
+        for row, (_, name) in zip(axes, rows):
             row[0].set_ylabel(f"relative error, {name}")
         for letter, name in zip("abcd", columns):
             head = next((r for r in scenes if r["scene"] == name), scenes[0])
@@ -65,9 +91,9 @@ def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
 
 def _curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]) -> None:
     """Every solver's ladder in one panel."""
-    for name in dict.fromkeys(row["solver"] for row in record["results"]):
+    for name, look in looks_of(list(dict.fromkeys(row["solver"] for row in record["results"]))).items():
         rows = [row for row in record["results"] if row["solver"] == name and row[key] is not None]
-        colour, marker, line, width = LOOKS.get(name, (style.INK, ".", "-", 0.9))
+        colour, marker, line, width = look
         handle, = axis.plot([row["seconds"] for row in rows], [max(row[key], 1e-16) for row in rows], color=colour,
                             marker=marker,
                             linestyle=line, linewidth=width, markersize=4.0, zorder=3 if width > 1.5 else 2)

@@ -1,6 +1,7 @@
 """The command `tcc-sim`: one module per verb, imported when the verb is used.
 
-A verb module has `add_arguments(parser)` and `run(arguments) -> int`. Exit status: 0 done; 2 wrong input, one line on
+A verb module has `add_arguments(parser)` and `run(arguments) -> int`; `arguments.words` is the command line, for the JSON
+that says how it was made. Exit status: 0 done; 2 wrong input, one line on
 standard error and nothing written; 1 anything else; 130 interrupted.
 """
 
@@ -23,6 +24,7 @@ VERBS: dict[str, str] = {
     "simulate": "solve a scene and summarise its steady state",
     "sweep": "solve a scene at many values of one key",
     "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
+    "basins": "find attractors and their basins in a plane of two initial conditions",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
@@ -60,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     verb = next((w for w in words if w in VERBS), "")
     try:
-        arguments = build_parser(verb).parse_args(words)
+        arguments = build_parser(verb).parse_args(words, argparse.Namespace(words=words))
         status: int = import_module(f"tcc_sim.cli.{_module(arguments.verb)}").run(arguments)
         sys.stdout.flush()
         return status

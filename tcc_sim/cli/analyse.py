@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file
-from tcc_sim.errors import InputError
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import InputError, require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
     where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
     where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
+    add_plot(parser)
     parser.add_argument("--discard", metavar="CYCLES", type=int,
                         help="engine cycles dropped from the figures at the start "
                         "(default 50, or half of them where there are fewer than 100)")
@@ -34,7 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.replay.replay import replay
 
     if arguments.json not in (None, STANDARD_OUTPUT):
@@ -43,12 +45,20 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.rrd == arguments.json:
             raise InputError(f"--json and --rrd are the same file, {arguments.rrd}")
         new_file(arguments.rrd, arguments.force)
+    check_plot(arguments, arguments.json, arguments.rrd)
+    if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
+        require("rerun", "Rerun")
     found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene,
                    verify=arguments.verify,
                    damping=arguments.damping, progress=True)
+    if arguments.plot is not None:
+        from tcc_sim.views.plots import plot
+
+        with draft(arguments.plot) as part:
+            plot(found, part, arguments.width)
     if arguments.json is not None:
-        write_json(arguments.json, found.json())
+        write_json(arguments.json, document("analyse", found.json(), found.scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         print("\n".join(found.lines()))
     return 0

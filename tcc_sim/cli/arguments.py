@@ -74,3 +74,29 @@ def new_directory(path: Path) -> Path:
     if not path.absolute().parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.absolute().parent}")
     return path
+
+
+def add_plot(parser: argparse.ArgumentParser) -> None:
+    """--plot and --width of the verbs that draw their result."""
+    parser.add_argument("--plot", metavar="FILE", type=Path, help="a picture of the result: .png, .svg or .pdf")
+    parser.add_argument("--width", choices=("column", "page"), default="page", help="of the picture in a paper (page)")
+
+
+def check_plot(arguments: argparse.Namespace, *others: Path | None) -> None:
+    """Raise before anything is computed where --plot cannot become a new picture, or is one of the `others`.
+
+    Raises
+    ------
+    InputError
+        Another suffix, a file that exists and is not to be replaced, or one that is asked for twice.
+    MissingPackage
+        matplotlib is not installed.
+    """
+    if arguments.plot is None:
+        return
+    from tcc_sim.views.plots import check_picture
+
+    check_picture(arguments.plot, arguments.width)
+    if any(other is not None and other.absolute() == arguments.plot.absolute() for other in others):
+        raise InputError(f"{arguments.plot} is asked for twice")
+    new_file(arguments.plot, arguments.force)

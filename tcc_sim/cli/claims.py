@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
-    from tcc_sim.output.files import draft
+    from tcc_sim.output.files import draft, write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.paper.catalogue import paper_system
     from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
     from tcc_sim.paper.evidence import Evidence
     from tcc_sim.paper.mean_pressure import table
@@ -65,9 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 130
     print(tally(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
     if arguments.json is not None:
-        with draft(arguments.json) as part:
-            part.write_text(json.dumps({"claims": [v.as_json() for v in verdicts], "mean_pressure": pressures,
-                                        "complete": not interrupted}, allow_nan=False, indent=1) + "\n")
+        values = {"claims": [v.as_json() for v in verdicts], "mean_pressure": pressures, "complete": not interrupted}
+        write_json(arguments.json, document("claims", values, paper_system(), arguments.words))
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
             part.write_text(claims_page(verdicts, pressures, complete=not interrupted))

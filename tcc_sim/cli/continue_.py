@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import new_file
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
 from tcc_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,15 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="follow every bifurcation of the smoothed law to the set-valued one")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
-    parser.add_argument("--plot", metavar="FILE", type=Path, help="bifurcation diagram, png or svg")
+    add_plot(parser)
     parser.add_argument("--force", action="store_true", help="replace files that exist")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
-    from tcc_sim import __version__
-    from tcc_sim.model.parameters import values_of
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.motions import Motions, Plan, check, continue_motions
 
@@ -52,10 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     check(scene.system, plan)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
-    if arguments.plot is not None:
-        if arguments.plot.suffix not in (".png", ".svg"):
-            raise InputError(f"--plot is {arguments.plot}; it must end in .png or .svg")
-        new_file(arguments.plot, arguments.force)
+    check_plot(arguments, arguments.json)
     found, interrupted = Motions(plan, scene.system.friction.law), False
     try:
         with _bar() as tick:
@@ -63,13 +59,13 @@ def run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         interrupted = True
     if arguments.json is not None:
-        keys = {k: list(v) if isinstance(v, tuple) else v for k, v in values_of(scene.system)}
-        write_json(arguments.json, {"format": "tcc_sim.continue/1", "version": __version__, "scene": keys,
-                                    "command": sys.argv[1:], **found.as_json()})
+        write_json(arguments.json, document("continue", found.as_json(), scene, arguments.words))
     if arguments.plot is not None and found.branches:
         from tcc_sim.views.branch_diagram import branch_diagram
+        from tcc_sim.views.style import width_of
 
-        branch_diagram(arguments.plot, found.as_json(), scene.name)
+        with draft(arguments.plot) as drawn:
+            branch_diagram(drawn, found.as_json(), scene.name, width_of(arguments.width))
     if arguments.json != STANDARD_OUTPUT:
         _print(found)
     if interrupted:

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     directory.mkdir()
     recording = directory / "recording"
     _record(scene, arguments.scene, recording, arguments.duration)
-    return _analyse(scene, recording, directory, missing)
+    return _analyse(scene, recording, directory, missing, arguments.words)
 
 
 def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
@@ -67,19 +67,20 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
         session.stop()
 
 
-def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str]) -> int:
+def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str], words: list[str]) -> int:
     """Replay the recording into analysis.json, run.rrd and overview.png, and print the figures that matter."""
     from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.replay.replay import replay
 
     found = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
-    write_json(directory / "analysis.json", found.json())
+    write_json(directory / "analysis.json", document("analyse", found.json(), found.scene, words))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "matplotlib" not in missing:
         from tcc_sim.views.overview import overview
 
         overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary,
-                 scene.name)
+                 scene.name, control=found.control)
         made.append("overview.png")
     print("\n".join(found.lines()))
     print(f"{directory}/ holds {', '.join(made)}\nnext:")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file
@@ -42,5 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
     print("\n".join(closed_form_lines(found["closed_forms"])))
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+        from tcc_sim.output.files import write_json
+        from tcc_sim.output.provenance import document
+
+        write_json(arguments.json, document("explain", {"name": scene.name, **found}, scene, arguments.words))
     return 0

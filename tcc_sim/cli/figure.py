@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import signal
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, RecordingError
+from tcc_sim.errors import InputError, RecordingError, require
 
 if TYPE_CHECKING:
     from tcc_sim.paper.figures import Manner
@@ -54,27 +53,31 @@ def run(arguments: argparse.Namespace) -> int:
     manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True)
     if len(numbers) == 1:
         check_manner(numbers[0], manner)
+    require("matplotlib", "a picture")
     arguments.out.mkdir(parents=True, exist_ok=True)
     if len(stems) == 1:
         (number, stem), = stems.items()
-        _write(number, stem, manner, draw)
+        _write(number, stem, manner, draw, arguments.words)
         return 0
     # A picture takes as long as its numbers and holds the interpreter lock: it is drawn in another process meanwhile.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal,
                              (signal.SIGINT, signal.SIG_IGN)) as painter:
-        drawn = [_write(number, stem, manner, lambda data, where: painter.submit(draw, data, where))
+        drawn = [_write(number, stem, manner, lambda data, where: painter.submit(draw, data, where), arguments.words)
                  for number, stem in stems.items()]
         for picture in drawn:
             picture.result()
     return 0
 
 
-def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, Any], Path], Any]) -> Any:
+def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, Any], Path], Any],
+           words: list[str]) -> Any:
     """Work out one figure, write its numbers and have it drawn."""
-    from tcc_sim.paper.figures import figure_data
+    from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.paper.figures import figure_data, figure_system
 
     data = figure_data(number, manner)
-    stem.with_suffix(".json").write_text(json.dumps(data, allow_nan=False) + "\n")
+    write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, manner), words))
     drawn = draw(data, stem)
     print(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
     return drawn

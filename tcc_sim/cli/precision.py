@@ -6,6 +6,7 @@ import argparse
 
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
+from tcc_sim.errors import require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,11 +17,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure, draw and write; an interrupted study writes the scenes that are complete."""
     folder = new_directory(arguments.out)
+    require("matplotlib", "a picture")
     from tcc_sim.benchmarks import work_precision as precision
     from tcc_sim.benchmarks.precision_drawing import precision as draw
     from tcc_sim.benchmarks.precision_text import markdown, scene_lines
     from tcc_sim.benchmarks.sweep_speed import speed_summary, sweep_speed
     from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene
 
     records, speed = [], None
     with study("run") as running:
@@ -30,11 +34,12 @@ def run(arguments: argparse.Namespace) -> int:
     if not records:
         return 130
     found = precision.as_json(records, speed, arguments.quick, running.complete)
+    found = document("precision", found, load_scene("fig02"), arguments.words)
     folder.mkdir()
     write_json(folder / "precision.json", found)
     (folder / "precision.md").write_text(markdown(found, "precision.png"), encoding="utf-8")
     draw(folder / "precision", records)
     for line in [line for record in records for line in scene_lines(record)] + (speed_summary(speed) if speed else []):
         print(line)
-    print(f"{folder}/precision.png, .svg, .json, .md")
+    print(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")
     return 0 if running.complete else 130

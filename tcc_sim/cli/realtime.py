@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file, number
@@ -47,5 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
         node, bare = found[key] * factor, found[f"bare_{key}"] * factor
         print(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+        from tcc_sim.output.files import write_json
+        from tcc_sim.output.provenance import document
+        from tcc_sim.scene import load_scene
+
+        scene = load_scene("fig02").with_values({"rate": arguments.rate})
+        write_json(arguments.json, document("realtime", found, scene, arguments.words))
     return 0

@@ -1,4 +1,4 @@
-"""`tcc-sim scenes`: the bundled scenes, one line each."""
+"""`tcc-sim scenes`: the bundled scenes, one line each, or one of them as a file to start from."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from tcc_sim.scene import bundled_scenes, load_scene
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """No arguments."""
+    """Which scene to show, if any."""
+    parser.add_argument("--show", metavar="NAME", help="print this scene (or a file) as a parameter file with every key")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print name and description of every bundled scene."""
+    """Print name and description of every bundled scene, or one scene in full."""
+    if arguments.show is not None:
+        print(load_scene(arguments.show).text(), end="")
+        return 0
     scenes = {name: load_scene(path) for name, path in bundled_scenes().items()}
     width = max(map(len, scenes), default=0)
     for name, scene in scenes.items():

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from tcc_sim.cli.arguments import new_file
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
 from tcc_sim.errors import InputError
 
 Result = TypeVar("Result")
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
     parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
+    add_plot(parser)
     parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per engine cycle in --out (default {SAMPLES})")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
@@ -39,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
     from tcc_sim.output.table import simulation_lines
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.simulation import Plan, simulate
@@ -52,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
                 lyapunov=arguments.lyapunov)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
     if arguments.out is not None:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
@@ -65,8 +68,14 @@ def run(arguments: argparse.Namespace) -> int:
 
         write_samples(arguments.out, found.trajectory, scene.text())
         lines.append(f"{len(found.trajectory.t)} samples in {arguments.out}")
+    if arguments.plot is not None:
+        from tcc_sim.views.plots import plot_run
+
+        with draft(arguments.plot) as part:
+            plot_run(found.trajectory, part, arguments.width, summary=found.summary, title=scene.name)
+        lines.append(f"picture in {arguments.plot}")
     if arguments.json is not None:
-        write_json(arguments.json, {**found.as_json(), "scene": scene.name})
+        write_json(arguments.json, document("simulate", found.as_json(), scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         print("\n".join(lines))
     return 0

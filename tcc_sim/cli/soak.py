@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
@@ -43,5 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
     for warning in found["warnings"]:
         print(f"warning: {warning}")
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+        from tcc_sim.output.files import write_json
+        from tcc_sim.output.provenance import document
+        from tcc_sim.scene import load_scene
+
+        scene = load_scene("commands").with_values({"rate": arguments.rate})
+        write_json(arguments.json, document("soak", found, scene, arguments.words))
     return 0 if found["count_is_honest"] else 1

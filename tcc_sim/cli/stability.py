@@ -6,6 +6,7 @@ import argparse
 
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
+from tcc_sim.errors import require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,10 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve, draw and write; an interrupted report holds what is done."""
     folder = new_directory(arguments.out)
+    require("matplotlib", "a picture")
     from tcc_sim.benchmarks.error_charts import charts
     from tcc_sim.benchmarks.extremes_report import grid, markdown, summary
     from tcc_sim.benchmarks.stability_drawing import stability
+    from tcc_sim.model.parameters import System
     from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
 
     records, maps = [], []
     with study("scene") as running:
@@ -31,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = {"cases": records, "summary": summary(records), "charts": maps, "quick": arguments.quick,
              "complete": running.complete}
     folder.mkdir()
-    write_json(folder / "stability.json", found)
+    write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
     (folder / "stability.md").write_text(markdown(found, "stability.png"), encoding="utf-8")
     stability(folder / "stability", maps, records)
     for engine, total in found["summary"].items():

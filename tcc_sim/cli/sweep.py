@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file
-from tcc_sim.errors import InputError, SweepInterrupted
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import InputError, SweepInterrupted, require
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,12 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="take every point as it is done; run the same command again to go on from there")
+    add_plot(parser)
     parser.add_argument("--force", action="store_true", help="replace the --json file if it exists")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document, said
     from tcc_sim.output.sweep_table import sweep_lines
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.sweep import Curve, Grid, Plan, curves_of, sweep_curves, values_of_range
@@ -55,15 +57,24 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--json and --out are the same file, {arguments.json}")
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
+    if arguments.dask is not None:
+        require("distributed", "--dask")
     curves = curves_of(scene.system, key, values, *second[0]) if second else [Curve(scene.system, key, tuple(values))]
     interrupted = False
     try:
-        sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out, progress=True)
+        sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
+                              said=said("sweep_points", scene, arguments.words), progress=True)
     except SweepInterrupted as stop:
         interrupted, sweeps = True, stop.sweeps
     found = Grid(second[0][0], tuple(second[0][1]), sweeps) if second else sweeps[0]
     if arguments.json is not None:
-        write_json(arguments.json, found.as_json())
+        write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
+    if arguments.plot is not None:
+        from tcc_sim.views.plots import plot
+
+        with draft(arguments.plot) as part:
+            plot(found.as_json(), part, arguments.width, title=scene.name)
     if arguments.json is None and arguments.out is None and not interrupted:
         print("\n".join(sweep_lines(sweeps, *second[0]) if second else sweep_lines(sweeps)))
     elif arguments.json != STANDARD_OUTPUT:

@@ -167,7 +167,15 @@ class Initial(Group):
 
 @dataclass(frozen=True)
 class System:
-    """One driveline with its friction law, excitation and initial state. Frozen; every group is checked."""
+    """One driveline with its friction law, excitation and initial state. Frozen; every group is checked.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> system = tcc_sim.System()
+    >>> system.pressure.frequency_ratio, round(system.cycle, 6)
+    (1.0, 0.041888)
+    """
 
     driveline: Driveline = Driveline()
     friction: Friction = Friction()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
@@ -19,8 +20,10 @@ from tcc_sim.errors import InputError, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.recording.stamps import StampCounter
+from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.scene_places import MOST_SCENES, Place, ScenePlaces
 from tcc_sim.replay.segments import MOST_SEGMENTS, Segment, SegmentLog
 from tcc_sim.replay.tail import Tail
@@ -37,7 +40,7 @@ SEGMENTS_SHOWN = 20
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Replay:
     """What a recording comes to.
 
@@ -50,6 +53,7 @@ class Replay:
     complete : False where the recording was cut short
     warnings : one sentence per damage
     pace : simulated seconds per second of real time between the first and the last message, by when they were received
+    control : target, pressures, cycle means and events of that run
     segments : the figures from each start, reset, restart or change of parameters to the next
     verification, damping : where they were asked for
     """
@@ -68,9 +72,16 @@ class Replay:
     complete: bool
     warnings: tuple[str, ...]
     pace: float
+    control: Control
     segments: tuple[Segment, ...] = ()
     verification: Verification | None = None
     damping: Damping | None = None
+
+    def __repr__(self) -> str:
+        found, ended = self.summary, "complete" if self.complete else "cut short"
+        period = f"period {found.period}" if found.period else "no period"
+        return (f"<Replay of {self.path.name}: {self.messages} messages, {self.lost_messages} lost, {ended}; "
+                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} rad/s>")
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""
@@ -180,6 +191,16 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
         A recording that cannot be read or holds no whole engine cycle, an output that exists, or a wrong argument.
     MissingPackage
         Rerun was asked for and is not installed.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> from tcc_sim.recording.trajectory_bag import write_trajectory
+    >>> scene = tcc_sim.load_scene("slip")
+    >>> run = tcc_sim.solve(scene, cycles=60, samples_per_cycle=50)
+    >>> write_trajectory(folder / "slip.mcap", run, scene.text())
+    >>> tcc_sim.analyse(folder / "slip.mcap", discard=30).summary.regime
+    'slip'
     """
     path = Path(path)
     if frequency is not None and not 1e-3 <= frequency <= 1e5:
@@ -195,18 +216,21 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     stream, tail = CycleStream(system, cycle), Tail(system, cycle)
     places = _places(run, progress)
     verifier, pace = Verifier(run.scenes, places, own, run.size) if verify else None, Pace()
+    commands = Commands(run.joint_states_topic)
+    control = ControlLog(own, run.scenes, cycle, commands)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
-        view = _view(stack, path.name, cycle, own, rrd, spawn, connect)
+        view = _view(stack, path.name, cycle, own, rrd, spawn, connect, commands.has_target(run.topics))
         segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, stream,
                               discard)
-        for batch in _watched(run, "reading", stack, progress):
+        for batch in _watched(run, "reading", stack, progress, commands.take):
             slip_speed = batch.flywheel_speed - batch.plate_speed
             state = modes_of(np.nan_to_num(slip_speed), tail.stick_speed)
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                                  batch.friction_torque, batch.run)
             segments.feed(batch, slip_speed)
             tail.add(batch, slip_speed, state, stream)
+            fresh = control.add(batch, slip_speed, stream)
             pace.add(batch)
             if verifier is not None:
                 verifier.feed(batch)
@@ -215,6 +239,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
                              batch.friction_torque, state, new_run=tail.run_started)
                 for piece in pieces:
                     view.cycles(piece.cycles, piece.first)
+                view.control(fresh.signals, fresh.events)
         solver = run.result.get("solver") if run.result is not None else None
         summary = replace(stream.summary(discard), solver=solver if isinstance(solver, str) else "fixed_step",
                           elapsed_s=time.perf_counter() - began)
@@ -233,7 +258,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
             warnings.append(f"only the first {MOST_SEGMENTS} of {segments.count} segments have figures of their own")
         found = Replay(path, own, summary, tail.trajectory(summary.solver), cycles, first, omega, source,
                        run.stamps, run.stamps.messages, run.lost_messages, run.complete, tuple(warnings), pace.factor(),
-                       tuple(told), verifier.result() if verifier is not None else None, averages)
+                       control.control(stream), tuple(told), verifier.result() if verifier is not None else None,
+                       averages)
         if view is not None:
             view.text(found.markdown())
     return found
@@ -282,25 +308,26 @@ def _places(run: Run, progress: bool) -> list[Place]:
     return found.places()
 
 
-def _watched(run: Run, what: str, stack: ExitStack, progress: bool) -> Any:
+def _watched(run: Run, what: str, stack: ExitStack, progress: bool, tap: Tap | None = None) -> Any:
     """The batches of a run, with a bar on a terminal."""
     from tqdm import tqdm
 
     bar = stack.enter_context(tqdm(desc=what, unit=" messages", unit_scale=True, leave=False,
                                    disable=None if progress else True))
-    for batch in run.batches():
+    for batch in run.batches(tap):
         yield batch
         bar.update(len(batch))
 
 
 def _view(stack: ExitStack, name: str, cycle: float, scene: Scene, rrd: Path | None, spawn: bool,
-          connect: str | None) -> RerunStream | None:
+          connect: str | None, controlled: bool) -> RerunStream | None:
     """The stream to Rerun, where one was asked for; a file appears when it is whole."""
     if rrd is None and not spawn and connect is None:
         return None
     from tcc_sim.views.rerun_stream import RerunStream
 
     file = stack.enter_context(draft(rrd)) if rrd is not None else None
-    return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(scene.system)), file=file,
-                                           spawn=spawn,
-                                           url=connect))
+    system = scene.system
+    return stack.enter_context(RerunStream(name, cycle, natural_frequency(terms_of(system)), file=file, spawn=spawn,
+                                           url=connect, controlled=controlled or "topic" in (
+                                               system.engine.source, system.pressure.source)))

@@ -9,6 +9,7 @@ from importlib import import_module
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
+from tcc_sim.scene import Scene
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.trajectory import State, Status, Trajectory
 
@@ -54,13 +55,14 @@ SOLVERS: dict[str, Entry] = {
 }
 
 
-def solve(system: System, *, cycles: int | None = None, duration: float | None = None, samples_per_cycle: int = 0,
+def solve(scene: Scene | System, *, cycles: int | None = None, duration: float | None = None, samples_per_cycle: int = 0,
           solver: str = "auto", rtol: float | None = None, step: float | None = None, start_cycle: int = 0,
           state: State | None = None, flywheel_angle: bool = False) -> Trajectory:
-    """Solve `system` over whole engine cycles or a duration in seconds.
+    """Solve a scene or a system over whole engine cycles or a duration in seconds.
 
     Parameters
     ----------
+    scene : a scene, whose system is solved, or a system
     cycles, duration : one of the two; engine cycles, or s
     samples_per_cycle : uniform samples kept per engine cycle; 0 keeps the two ends and the per-cycle results
     solver : a name of SOLVERS, or auto: event_driven for the set-valued law, smoothed for the smoothed one
@@ -78,7 +80,16 @@ def solve(system: System, *, cycles: int | None = None, duration: float | None =
     InputError
         An unknown solver, a solver that does not do this friction law, a setting out of its range, or an initial state
         that is not finite.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> scene = tcc_sim.load_scene("minimal").with_values({"engine.frequency": 140.0})
+    >>> run = tcc_sim.solve(scene, cycles=60, samples_per_cycle=100)
+    >>> run
+    <Trajectory by smoothed: 6001 samples over 2.69279 s, 60 engine cycles; reached the end>
     """
+    system = scene.system if isinstance(scene, Scene) else scene
     name = choose(system, solver)
     entry = SOLVERS[name]
     if (cycles is None) == (duration is None):

@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from importlib.util import find_spec
 from typing import Any
 
-from tcc_sim.errors import InputError, MissingPackage
+from tcc_sim.errors import InputError, require
 
 CONNECT_TIMEOUT = 8.0
 """Seconds that the scheduler has to answer."""
@@ -36,8 +35,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     InputError
         Not an address, or no scheduler answers there in time.
     """
-    if find_spec("distributed") is None:
-        raise MissingPackage("--dask needs the package distributed: install tcc_sim[cluster]")
+    require("distributed", "--dask")
     parts = ADDRESS.fullmatch(address)
     if parts is None or not 0 < int(parts[3]) < 65536:
         raise InputError(f"--dask is {address!r}; it must be an address such as tcp://127.0.0.1:8786")

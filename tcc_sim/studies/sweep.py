@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
@@ -50,7 +50,16 @@ def sweep(system: System, key: str, values: Sequence[float], plan: Plan = PAPER,
 
 def sweep_grid(system: System, key: str, values: Sequence[float], second_key: str, second_values: Sequence[float],
                plan: Plan = PAPER, **how: Any) -> Grid:
-    """Solve a grid of two scene keys; up and down go along the first one, within every row."""
+    """Solve a grid of two scene keys; up and down go along the first one, within every row.
+
+    Examples
+    --------
+    >>> from tcc_sim import load_scene
+    >>> found = sweep_grid(load_scene("slip").system, "engine.frequency", [100.0, 120.0],
+    ...                    "engine.torque_amplitude", [50.0, 60.0, 70.0], Plan(cycles=20))
+    >>> len(found.second_values)
+    3
+    """
     return Grid(second_key, tuple(map(float, second_values)),
                 sweep_curves(curves_of(system, key, values, second_key, second_values), plan, **how))
 
@@ -73,7 +82,7 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
 
 
 def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
-                 out: Path | None = None, progress: bool = False) -> list[Sweep]:
+                 out: Path | None = None, said: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
     """Solve every point of every curve.
 
     Parameters
@@ -81,6 +90,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     jobs : threads (the kernels release the interpreter lock); all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     out : file that takes every point as it is done; where it holds points of the same sweep, those are not solved again
+    said : what the first line of that file says besides, such as scene and command
     progress : show a bar on a terminal
 
     Raises
@@ -108,8 +118,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
     file: SweepFile | None = None
     try:
-        with _executor(jobs, dask) as (executor, width):
-            file = SweepFile(out, _header(curves, plan), take) if out is not None else None
+        with workers(jobs, dask) as (executor, width):
+            file = SweepFile(out, _header(curves, plan), take, said=said) if out is not None else None
             with _bar(points, progress) as tick:
                 for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, points):
                     points[c][i] = point
@@ -207,7 +217,7 @@ def cores() -> int:
 
 
 @contextmanager
-def _executor(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Callable[[], int]]]:
+def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Callable[[], int]]]:
     """Where tasks run, and a function that says how many run at a time."""
     if dask is not None:
         from tcc_sim.studies.cluster import cluster

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from tcc_sim.errors import InputError
 
-FORMAT = "tcc_sim sweep"
+FORMAT = "tcc_sim sweep_points 1"
 LONGEST_LINE = 1 << 28
 """Bytes; the first line of a sweep over a million values has a tenth of that."""
 SUM = ', "crc32": "%08x"}\n'
@@ -29,6 +29,9 @@ class SweepFile:
     ----------
     path : where it is, or will be
     header : what tells the sweep from others; it becomes the first line
+    form : name and version of the file's schema
+    kind : what the file is of, in errors
+    said : what the first line says besides, such as scene and command; it does not tell one sweep from another
     take : called with curve, index and record of every point found in the file; KeyError, TypeError and ValueError say
         that no sweep wrote it
 
@@ -40,17 +43,19 @@ class SweepFile:
         It cannot be read or written.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, Any],
-                 take: Callable[[int, int, dict[str, Any]], None]) -> None:
-        first = encoded({"format": FORMAT, **header})
-        whole = self._read(path, first, take) if path.exists() else 0
+    def __init__(self, path: Path, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None], *,
+                 form: str = FORMAT, kind: str = "sweep", said: Mapping[str, Any] | None = None) -> None:
+        self._kind = kind
+        wanted: dict[str, Any] = json.loads(json.dumps({"format": form, **header}))
+        first = encoded({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
+        whole = self._read(path, wanted, first, take) if path.exists() else 0
         self._stream = path.open("ab")
         self._stream.truncate(whole)
         if not whole:
             self._write(first)
 
-    @staticmethod
-    def _read(path: Path, first: bytes, take: Callable[[int, int, dict[str, Any]], None]) -> int:
+    def _read(self, path: Path, wanted: dict[str, Any], first: bytes,
+              take: Callable[[int, int, dict[str, Any]], None]) -> int:
         """Take the points of an existing file; returns the bytes that are whole lines."""
         if not path.is_file():
             raise InputError(f"{path}: not a file")
@@ -61,10 +66,10 @@ class SweepFile:
                 if not line.endswith(b"\n") and len(line) < LONGEST_LINE:
                     # The end: nothing, or a line that was cut short, of which the first must be this sweep's own.
                     if number == 1 and not first.startswith(line):
-                        raise InputError(f"{path}: not the file of a sweep; it is left as it is")
+                        raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
                     return whole
                 if number == 1:
-                    _check_header(path, line, first)
+                    self._check_header(path, line, wanted)
                 else:
                     try:
                         found = decoded(line)
@@ -74,6 +79,23 @@ class SweepFile:
                                          "is") from None
                 whole += len(line)
         return whole
+
+    def _check_header(self, path: Path, line: bytes, wanted: dict[str, Any]) -> None:
+        """Raise InputError unless the first line of a file is that of the same work."""
+        try:
+            found = _object(line)
+        except ValueError:
+            found = {}
+        if found.get("format") != wanted["format"]:
+            raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
+        try:
+            decoded(line)
+        except ValueError as error:
+            raise InputError(f"{path}: line 1 is damaged ({error}); the file is left as it is") from None
+        different = [key for key in wanted if found.get(key) != wanted[key]]
+        if different:
+            raise InputError(f"{path}: the file of another {self._kind} ({', '.join(different)} differ); it is left as "
+                             "it is")
 
     def append(self, curve: int, index: int, record: Mapping[str, Any]) -> None:
         """Write one point and hand it to the operating system."""
@@ -133,22 +155,3 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text} is beyond the range of numbers")
     return value
-
-
-def _check_header(path: Path, line: bytes, first: bytes) -> None:
-    """Raise InputError unless the first line of a file is that of the same sweep."""
-    if line == first:
-        return
-    try:
-        found = _object(line)
-    except ValueError:
-        found = {}
-    if found.get("format") != FORMAT:
-        raise InputError(f"{path}: not the file of a sweep; it is left as it is")
-    try:
-        decoded(line)
-    except ValueError as error:
-        raise InputError(f"{path}: line 1 is damaged ({error}); the file is left as it is") from None
-    wanted = _object(first)
-    different = [k for k in wanted if k != "crc32" and found.get(k) != wanted[k]]
-    raise InputError(f"{path}: the file of another sweep ({', '.join(different)} differ); it is left as it is")

@@ -17,14 +17,15 @@ MARKS = {"fold": ("o", "fold"), "period_doubling": ("s", "period doubling"), "ne
 """Marker and name of every kind."""
 
 
-def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "") -> Path:
+def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "", width: float = style.PAGE) -> Path:
     """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period.
 
     Parameters
     ----------
-    path : png or svg file
+    path : png, svg or pdf file
     found : what `Motions.as_json` gives
     title : name of the scene
+    width : inch
 
     Raises
     ------
@@ -32,7 +33,7 @@ def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "") -> Pat
         matplotlib is not installed.
     """
     curves = found.get("curves", [])
-    with style.figure(style.PAGE, 3.6 if not curves else 6.4) as drawn:
+    with style.figure(width, 3.6 if not curves else 6.4) as drawn:
         axes = drawn.subplots(2 if curves else 1, 1, squeeze=False)[:, 0]
         _branches(axes[0], found)
         axes[0].set_xlabel(found["over"])

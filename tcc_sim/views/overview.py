@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.trajectory import Cycles, Trajectory
 from tcc_sim.views import style
+from tcc_sim.views.control_panels import mark_events, mean_slip_panel, pressure_panel
+from tcc_sim.views.dense import between
 
 HISTORY_CYCLES = 6
 """Engine cycles shown in the time histories."""
@@ -18,60 +22,103 @@ ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 
 
-def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Summary, title: str = "") -> Path:
+def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Summary, title: str = "", *,
+             control: Control | None = None, width: str = "page") -> Path:
     """Draw a run: torques and slip speed over time with stick shaded, phase portrait with section, maxima per cycle.
+
+    Where a pressure or a target was recorded, cycle means beside the target and pressures over the whole run come
+    between. Samples that are too far apart for a curve are solved again in between (`views.dense`).
 
     Parameters
     ----------
-    path : png or svg file
-    tail : the end of the run, some 20 samples or more in each of its last cycles
+    path : png, svg or pdf file
+    tail : the end of the run
     cycles : every cycle of the run, NaN for one that was not observed
     first_cycle : number of the first of them
     summary : the figures of the steady state
     title : name of the scene or recording
+    control : target, pressures and events of the run
+    width : column or page
 
     Raises
     ------
     MissingPackage
         matplotlib is not installed.
+    InputError
+        Another width or suffix.
     """
-    with style.figure(style.PAGE, 5.4) as drawn:
+    orbit = max(summary.period, HISTORY_CYCLES) if summary.period else ORBIT_CYCLES
+    tail = between(_sliced(tail, _last(tail, orbit)))
+    controlled = control is not None and control.controlled
+    wide = style.width_of(width) == style.PAGE
+    heights = [1.0, 1.0, *([0.9, 0.9] if controlled else []), *([1.35] if wide else [1.5, 1.35])]
+    with style.figure(style.width_of(width), 1.612 * sum(heights)) as drawn:
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
-        grid = drawn.add_gridspec(3, 2, height_ratios=(1.0, 1.0, 1.35))
+        grid = drawn.add_gridspec(len(heights), 2, height_ratios=heights)
         torques = drawn.add_subplot(grid[0, :])
         slip = drawn.add_subplot(grid[1, :], sharex=torques)
-        phase, maxima = drawn.add_subplot(grid[2, 0]), drawn.add_subplot(grid[2, 1])
-        _histories(torques, slip, tail)
+        panels, titles = [torques, slip], ["Torques", "Slip speed"]
+        if control is not None and controlled:
+            means = drawn.add_subplot(grid[2, :])
+            pressure = drawn.add_subplot(grid[3, :], sharex=means)
+            mean_slip_panel(means, control)
+            pressure_panel(pressure, control)
+            panels += [means, pressure]
+            titles += ["Cycle mean", "Actuation pressure"]
+        phase = drawn.add_subplot(grid[-1, 0] if wide else grid[-2, :])
+        maxima = drawn.add_subplot(grid[-1, 1] if wide else grid[-1, :])
+        _histories(torques, slip, tail, control)
         _phase_portrait(phase, tail, summary)
         _maxima(maxima, cycles, first_cycle, summary)
-        style.panel_titles((torques, slip, phase, maxima), ["Torques", "Slip speed", "Phase portrait", "Maxima"])
+        if control is not None and not controlled:
+            mark_events(maxima, control.events, float(tail.t[-1]), tail.cycle)
+        style.panel_titles((*panels, phase, maxima), [*titles, "Phase portrait", "Maxima"])
         return style.save(drawn, path)
 
 
 def _last(tail: Trajectory, cycles: int) -> slice:
     """The samples of the last whole engine cycles, as many as there are up to `cycles`."""
     end = np.floor(tail.t[-1] / tail.cycle + 1e-9) * tail.cycle
+    if end <= tail.t[0]:
+        return slice(0, len(tail.t))
     start = max(end - cycles * tail.cycle, tail.t[0])
     slack = 1e-9 * tail.cycle
-    return slice(int(np.searchsorted(tail.t, start - slack)), int(np.searchsorted(tail.t, end + slack, side="right")))
+    first = int(np.searchsorted(tail.t, start + slack, side="right")) - 1
+    return slice(max(first, 0), int(np.searchsorted(tail.t, end - slack)) + 1)
 
 
-def _histories(torques: Any, slip: Any, tail: Trajectory) -> None:
+def _sliced(run: Trajectory, part: slice) -> Trajectory:
+    """Some consecutive samples of a run."""
+    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
+             "state")
+    return replace(run, **{name: getattr(run, name)[part] for name in names}, flywheel_angle=None, cycles=None)
+
+
+def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | None) -> None:
     """Torques and slip speed over the last cycles."""
     part = _last(tail, HISTORY_CYCLES)
     t = tail.t[part]
     torques.plot(t, tail.engine_torque[part], color=style.ORANGE, label="engine")
     torques.plot(t, tail.friction_torque[part], color=style.BLUE, label="friction")
-    if np.isfinite(tail.saturation_torque[part]).all() and len(t):
-        torques.plot(t, tail.saturation_torque[part], color=style.GREY, linestyle=(0, (4, 2)), linewidth=0.9,
-                     label="saturation")
+    load = tail.saturation_torque[part]
+    if np.isfinite(load).any():
+        ratio = tail.system.friction_ratio if tail.system is not None else 1.0
+        torques.plot(t, load, color=style.GREY, linestyle=(0, (4, 2)), linewidth=0.9, label=r"$\mu_k N R$")
+        if ratio > 1.0:
+            torques.plot(t, ratio * load, color=style.GREY, linestyle=(0, (1, 1.5)), linewidth=0.9,
+                         label=r"$\mu_s N R$")
     torques.set_ylabel("torque (N m)")
     torques.tick_params(labelbottom=False)
     style.legend_above(torques)
     slip.plot(t, tail.slip_speed[part], color=style.BLUE, label="slip speed")
     shaded = _shade_stick(slip, t, tail.state[part])
-    if shaded:
+    target = control.target if control is not None else None
+    if target is not None and len(target.t) and target.t[0] <= t[-1]:
+        held = target.until(float(t[-1]))
+        slip.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=(0, (4, 2)),
+                  label="target")
+    if shaded or len(slip.get_legend_handles_labels()[0]) > 1:
         style.legend_above(slip)
     slip.set_ylabel("slip speed (rad/s)")
     slip.set_xlabel("time (s)")
@@ -95,9 +142,10 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
     part = _last(tail, summary.period or ORBIT_CYCLES)
     axis.plot(tail.plate_angle[part], tail.slip_speed[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
     points = np.array(summary.section).reshape(-1, 2)
-    axis.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
-              markersize=5.0 if summary.period else 2.5, zorder=4,
-              label=f"section, period {summary.period}" if summary.period else "section, no period found")
+    if len(points):
+        axis.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
+                  markersize=5.0 if summary.period else 2.5, zorder=4,
+                  label=f"section, period {summary.period}" if summary.period else "section, no period found")
     axis.set_xlabel("plate angle (rad)")
     axis.set_ylabel("slip speed (rad/s)")
     axis.margins(0.06)
@@ -112,7 +160,7 @@ def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> No
     dropped = number < first_cycle + summary.discarded
     size = 3.0 if len(cycles) <= 300 else 1.5
     known = largest[~dropped & np.isfinite(largest)]
-    top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else 1.0
+    top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else max(1.6 * summary.max_slip_speed, 1e-6)
     for chosen, colour, name in ((dropped, style.GREY, "dropped"), (~dropped, style.BLUE, "kept")):
         if chosen.any():
             above = int(np.count_nonzero(largest[chosen] > top))

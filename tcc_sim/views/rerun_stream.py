@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import socket
+from collections import deque
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -11,25 +13,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import InputError, MissingPackage
+from tcc_sim.analysis.control import Event
+from tcc_sim.errors import InputError
 from tcc_sim.trajectory import Cycles, Floats
 from tcc_sim.views import style
+from tcc_sim.views.rerun_layout import (
+    ELAPSED,
+    HELD,
+    LINES,
+    MARKS,
+    PORTRAIT_CYCLES,
+    SIGNALS,
+    SIMULATION,
+    STATE_COLOURS,
+    STATES,
+    PhaseAxes,
+    blueprint,
+    rerun,
+    rgb,
+)
 
-ELAPSED = "elapsed"
-"""The timeline of the views: simulation time, going on where a reset sets simulation time back."""
-SIMULATION = "sim_time"
-STATES = {-1: "slip -", 0: "stick", 1: "slip +"}
-_STATE_COLOURS = {"slip -": style.RED, "stick": style.GREY, "slip +": style.BLUE}
-_LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
-          "torque/friction": ("friction torque (N m)", style.BLUE),
-          "slip/speed": ("slip speed (rad/s)", style.BLUE), "plate/angle": ("plate angle (rad)", style.GREEN),
-          "plate_speed/speed": ("plate speed (rad/s)", style.PURPLE)}
-_MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE),
-          "cycles/smallest": ("smallest slip speed (rad/s)", style.RED)}
-HISTORY_CYCLES = 8
-"""Engine cycles before the cursor that the time series show; zoom out to see more."""
-PORTRAIT_CYCLES = 100
-"""Engine cycles before the cursor that the phase portrait shows."""
 _URL = re.compile(r"rerun(?:\+https?)?://(\[[0-9a-fA-F:]+\]|[^\s/:]+):([0-9]{1,5})/proxy")
 _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
@@ -52,6 +55,7 @@ class RerunStream:
     file : a new .rrd file
     spawn : start a viewer
     url : of a running viewer, rerun+http://HOST:PORT/proxy
+    controlled : show target and pressures, which `control` sends
 
     Raises
     ------
@@ -63,11 +67,10 @@ class RerunStream:
     """
 
     def __init__(self, name: str, cycle: float, natural_frequency: float, *, file: Path | None = None,
-                 spawn: bool = False,
-                 url: str | None = None) -> None:
+                 spawn: bool = False, url: str | None = None, controlled: bool = False) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
-        self._rr = _rerun()
+        self._rr = rerun()
         if url is not None:
             _answers(url)
         if file is not None:
@@ -80,10 +83,14 @@ class RerunStream:
         self._last_ns: int | None = None
         self._strip: Floats = np.empty((0, 2))
         self._cycle_number: int | None = None
+        self._mean = 0.0
+        self._controlled = controlled
+        self._extents: deque[Floats] = deque(maxlen=PORTRAIT_CYCLES)
+        self._axes: PhaseAxes | None = None
         self._recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self._recording.set_log_time_enabled(False)
         self._recording.set_log_tick_enabled(False)
-        layout = _blueprint(cycle)
+        layout = blueprint(cycle, controlled)
         if file is not None:
             self._recording.save(file, default_blueprint=layout)
         elif spawn:
@@ -112,10 +119,7 @@ class RerunStream:
         if new_run and self._last_ns is not None:
             self._offset_ns = self._elapsed_ns + 1_000_000 - int(stamp_ns[0])
             self._strip, self._state, self._cycle_number = np.empty((0, 2)), None, None
-            self._at(self._elapsed_ns, int(stamp_ns[0]))
-            self._recording.log("events",
-                                self._rr.TextLog("simulation time starts again: the driveline was reset or restarted",
-                                                           level="WARN"))
+            self._mark(int(stamp_ns[0]), "simulation time starts again: the driveline was reset or restarted")
         index = self._index(stamp_ns)
         for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque),
                              ("slip/speed", slip_speed),
@@ -138,6 +142,24 @@ class RerunStream:
         self._recording.send_columns("phase/section", indexes=index,
                                      columns=self._rr.Points2D.columns(positions=points))
 
+    def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
+        """Send what a controller's test is about, after the samples of the same time.
+
+        Parameters
+        ----------
+        signals : by name (mean_slip, target_slip_speed, applied_pressure, actuation_pressure, engine_torque): stamps
+            (ns) and values (rad/s, Pa, N m), (n,) arrays
+        events : of the run at hand
+        """
+        for name, (stamps, values) in signals.items():
+            if len(stamps):
+                self._recording.send_columns(SIGNALS[name], indexes=self._index(stamps),
+                                             columns=self._rr.Scalars.columns(scalars=values))
+        if "mean_slip" in signals and len(signals["mean_slip"][1]):
+            self._mean = float(signals["mean_slip"][1][-1])
+        for event in events:
+            self._mark(round(event.t * 1e9), event.text)
+
     def text(self, markdown: str) -> None:
         """Send the summary of the run."""
         self._recording.log("summary", self._rr.TextDocument(markdown, media_type="text/markdown"), static=True)
@@ -157,6 +179,12 @@ class RerunStream:
             raise InputError(f"the Rerun viewer did not take the run: {str(error).splitlines()[0]}") from None
         finally:
             self._recording.disconnect()
+
+    def _mark(self, stamp_ns: int, text: str) -> None:
+        """An event in the log and as a mark in the time series."""
+        self._at(stamp_ns + self._offset_ns, stamp_ns)
+        self._recording.log("events", self._rr.TextLog(text, level="WARN"))
+        self._recording.log("event/mark", self._rr.Scalars(self._mean))
 
     def _index(self, stamp_ns: NDArray[np.int64]) -> list[Any]:
         """Both timelines for rows of columns."""
@@ -197,66 +225,51 @@ class RerunStream:
                 strips.append(np.concatenate([self._strip, points[end:end + 1]]))
                 ends.append(end)
                 self._strip = np.empty((0, 2))
+        for strip in strips:
+            self._extents.append(np.stack([strip.min(axis=0), strip.max(axis=0)]))
         if strips:
+            self._frame()
             self._recording.send_columns("phase/orbit", indexes=self._index(stamp_ns[ends]),
                                          columns=self._rr.LineStrips2D.columns(strips=strips))
+
+    def _frame(self) -> None:
+        """Axes around all cycles that the portrait shows, anew where these have outgrown them or shrunk within them."""
+        low, high = np.min([e[0] for e in self._extents], axis=0), np.max([e[1] for e in self._extents], axis=0)
+        scale = self._frequency
+        least, most = np.array([low[0] / scale, -high[1]]), np.array([high[0] / scale, -low[1]])
+        if not (np.isfinite(least).all() and np.isfinite(most).all()):
+            return
+        if self._axes is not None and self._axes.hold(least, most):
+            return
+        self._axes = PhaseAxes.around(least, most, scale)
+        rr, (places, texts) = self._rr, self._axes.labels()
+        self._recording.log("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=rgb(style.GREY),
+                                                          radii=rr.Radius.ui_points(0.5)), static=True)
+        self._recording.log("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=rgb(style.GREY),
+                                                        radii=rr.Radius.ui_points(0.0)), static=True)
+        self._recording.send_blueprint(blueprint(self._cycle, self._controlled, self._axes))
 
     def _names(self) -> None:
         """Send names, units and colours once."""
         rr = self._rr
-        for path, (name, colour) in _LINES.items():
-            self._recording.log(path, rr.SeriesLines(names=name, colors=_rgb(colour), widths=1.5), static=True)
-        for path, (name, colour) in _MARKS.items():
-            self._recording.log(path,
-                                rr.SeriesPoints(names=name, colors=_rgb(colour), markers="circle", marker_sizes=3.0),
+        for path, (name, colour) in LINES.items():
+            self._recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5), static=True)
+        for path, (name, colour) in HELD.items():
+            if self._controlled or path.startswith("torque"):
+                self._recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5,
+                                                         interpolation_mode="StepAfter"), static=True)
+        for path, (name, colour, marker, size) in MARKS.items():
+            self._recording.log(path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker, marker_sizes=size),
                                 static=True)
-        self._recording.log("state", rr.StateConfiguration(values=list(_STATE_COLOURS), labels=list(_STATE_COLOURS),
-                                                           colors=[_rgb(c) for c in _STATE_COLOURS.values()]),
+        self._recording.log("state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
+                                                           colors=[rgb(c) for c in STATE_COLOURS.values()]),
                             static=True)
         self._recording.log("phase/orbit",
-                            rr.LineStrips2D.from_fields(colors=_rgb(style.BLUE), radii=rr.Radius.ui_points(0.4)),
+                            rr.LineStrips2D.from_fields(colors=rgb(style.BLUE), radii=rr.Radius.ui_points(0.4)),
                             static=True)
         self._recording.log("phase/section",
-                            rr.Points2D.from_fields(colors=_rgb(style.RED), radii=rr.Radius.ui_points(3.0)),
+                            rr.Points2D.from_fields(colors=rgb(style.RED), radii=rr.Radius.ui_points(3.0)),
                             static=True)
-
-
-def _blueprint(cycle: float) -> Any:
-    """The last cycles of torques, slip, lanes and plate on the left; phase portrait, maxima and summary on the right.
-    """
-    rrb = _rerun().blueprint
-
-    def before(cycles: float) -> tuple[Any, Any]:
-        """From so many engine cycles before the cursor to the cursor."""
-        boundary = rrb.TimeRangeBoundary
-        return boundary.cursor_relative(seconds=-cycles * cycle), boundary.cursor_relative(seconds=0.0)
-
-    def history(origin: str, name: str) -> Any:
-        """A time series that follows the cursor."""
-        legend = rrb.PlotLegend(visible=origin == "torque")
-        return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent(), plot_legend=legend)
-
-    def recent() -> Any:
-        """The time axis of the histories."""
-        return rrb.TimeAxis(view_range=rrb.TimeRange(*before(HISTORY_CYCLES)))
-
-    start, end = before(PORTRAIT_CYCLES)
-    histories = rrb.Vertical(
-        history("torque", "Torques (N m)"), history("slip", "Slip speed (rad/s)"),
-        rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=recent()),
-        history("plate", "Plate angle (rad)"), history("plate_speed", "Plate speed (rad/s)"),
-        row_shares=[3, 3, 1.2, 2, 2])
-    figures = rrb.Vertical(
-        rrb.Spatial2DView(origin="phase", name="Phase portrait and section: omega_n x plate angle, slip speed (rad/s)",
-                          time_ranges=rrb.VisibleTimeRange(ELAPSED, start=start, end=end)),
-        rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)",
-                           plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)),
-        rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"),
-                 rrb.TextLogView(origin="events", name="Events")),
-        row_shares=[4, 3, 2])
-    return rrb.Blueprint(rrb.Horizontal(histories, figures, column_shares=[3, 2]),
-                         rrb.TimePanel(timeline=ELAPSED, state="collapsed", play_state="following"),
-                         collapse_panels=True, auto_views=False)
 
 
 def _create(file: Path) -> None:
@@ -278,18 +291,3 @@ def _answers(url: str) -> None:
         socket.create_connection((found[1].strip("[]"), int(found[2])), _ANSWER_TIMEOUT).close()
     except (OSError, OverflowError):
         raise InputError(f"no Rerun viewer answers at {url}") from None
-
-
-def _rgb(colour: str) -> list[int]:
-    """The three bytes of #RRGGBB."""
-    return [int(colour[k:k + 2], 16) for k in (1, 3, 5)]
-
-
-def _rerun() -> Any:
-    """The module rerun, or MissingPackage with the extra that brings it."""
-    try:
-        import rerun
-        import rerun.blueprint
-    except ImportError:
-        raise MissingPackage("Rerun needs rerun-sdk: install tcc_sim[view]") from None
-    return rerun

@@ -7,12 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.errors import MissingPackage
+from tcc_sim.errors import InputError, require
 
 COLUMN = 3.5
 """Width of a picture in one column of a paper, inch."""
 PAGE = 7.2
 """Width of a picture over the whole page, inch."""
+WIDTHS = {"column": COLUMN, "page": PAGE}
+SUFFIXES: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Date": None},
+                                       ".pdf": {"CreationDate": None, "Producer": None, "Creator": None}}
+"""What a picture may be written as, and what is left out of it so that the same picture is the same file."""
 DOTS = 200
 """Resolution of a PNG, dots per inch."""
 
@@ -20,6 +24,9 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW = "#0072B2", "#E69F00", "#009E73",
 INK, GREY, STICK = "#222222", "#8C8C8C", "#DDE7EE"
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, INK)
 """Line colours in order: Okabe and Ito's, which colour-blind readers tell apart."""
+MANY = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, "#7A4B00", "#5B2A86", "#F781BF", "#98D8C8", "#A65628",
+        "#B3DE69", "#FB9A99", "#1B4F72", "#C7B299")
+"""A colour for every period up to 16, in maps."""
 
 _SETTINGS: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0,
@@ -48,13 +55,12 @@ def figure(width: float = PAGE, height: float = 4.0) -> Iterator[Any]:
     MissingPackage
         matplotlib is not installed.
     """
-    try:
-        import matplotlib
-        from cycler import cycler
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingPackage("pictures need matplotlib: install tcc_sim[view]") from None
+    require("matplotlib", "a picture")
+    import matplotlib
+    from cycler import cycler
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
@@ -64,11 +70,42 @@ def figure(width: float = PAGE, height: float = 4.0) -> Iterator[Any]:
         yield drawn
 
 
+def width_of(name: str) -> float:
+    """The width in inch of a picture that is column or page wide.
+
+    Raises
+    ------
+    InputError
+        Another word.
+    """
+    if name not in WIDTHS:
+        raise InputError(f"width is {name!r}; it must be {' or '.join(WIDTHS)}")
+    return WIDTHS[name]
+
+
 def save(drawn: Any, path: Path) -> Path:
-    """Write a picture as the suffix of `path` says, png or svg, the same bytes every time for the same picture."""
-    metadata: dict[str, Any] = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-    drawn.savefig(path, metadata=metadata)
+    """Write a picture as the suffix of `path` says, the same bytes every time for the same picture.
+
+    Raises
+    ------
+    InputError
+        Another suffix than those of SUFFIXES.
+    """
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path} must end in {', '.join(list(SUFFIXES)[:-1])} or {list(SUFFIXES)[-1]}")
+    _lay_out(drawn)
+    drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path
+
+
+def _lay_out(drawn: Any) -> None:
+    """Fix the layout, with places rounded: the solver of the layout leaves different last digits every time."""
+    if drawn.get_layout_engine() is None:
+        return
+    drawn.draw_without_rendering()
+    drawn.set_layout_engine("none")
+    for axis in drawn.axes:
+        axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
 
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
@@ -89,5 +126,7 @@ def panel_titles(axes: Any, titles: list[str]) -> None:
 def legend_above(axis: Any) -> None:
     """The legend in one row above the right end of the axes, where it hides nothing."""
     handles, labels = axis.get_legend_handles_labels()
+    narrow = axis.figure.get_figwidth() < 0.5 * (COLUMN + PAGE)
+    small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
     if handles:
-        axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles))
+        axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), **small)

@@ -4,13 +4,15 @@ import json
 
 import numpy as np
 import pytest
+from documents import valid
 
-from tcc_sim.benchmarks import peers, steady_state, sweep_speed
+from tcc_sim.benchmarks import peers, precision_drawing, steady_state, sweep_speed
 from tcc_sim.benchmarks import work_precision as precision
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.paper.catalogue import FIGURES, paper_system
+from tcc_sim.solvers import SOLVERS
 
 KEYS = {"scene", "reference", "results", "omitted"}
 RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
@@ -69,10 +71,18 @@ def tiny(monkeypatch):
     monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: [plain(effort)[i] for i in (0, 5)])
 
 
+def test_no_two_series_look_alike():
+    names = [*precision_drawing.LOOKS, "one", "another"]
+    looks = list(precision_drawing.looks_of(names).values())
+    assert len({look[0] for look in looks[:-2]}) == len(looks) - 2  # colours
+    assert len({(look[1], str(look[2])) for look in looks}) == len(looks)  # marker with line
+    assert set(precision_drawing.LOOKS) >= set(SOLVERS)
+
+
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 0
-    found = json.loads((folder / "precision.json").read_text())
+    found = valid("precision", json.loads((folder / "precision.json").read_text()))
     assert set(found) >= KEYS
     assert len(found["reference"]["solvers"]) == 2
     assert 0.0 < found["reference"]["floor"] < 1e-7
@@ -95,6 +105,7 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert rows["smoothed", 1e-9]["error_steady"] < 1e-4
     assert (folder / "precision.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (folder / "precision.svg").read_text()[:500]
+    assert (folder / "precision_section.png").read_bytes().startswith(b"\x89PNG")
     text = (folder / "precision.md").read_text()
     assert "Omitted:" in text
     assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))

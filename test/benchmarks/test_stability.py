@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from documents import valid
 
 from tcc_sim.benchmarks import error_charts as charts
 from tcc_sim.benchmarks import extremes
@@ -91,7 +92,7 @@ def tiny(monkeypatch):
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["stability", "--quick", "--out", str(folder)]) == 0
-    found = json.loads((folder / "stability.json").read_text())
+    found = valid("stability", json.loads((folder / "stability.json").read_text()))
     assert len(found["cases"]) == 9
     for record in found["cases"]:
         assert set(record) >= KEYS

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from documents import valid
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -34,7 +35,7 @@ def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
     assert ended.stderr == ""
     made = tmp_path / "made"
     assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
-    found = json.loads((made / "analysis.json").read_text())
+    found = valid("analyse", json.loads((made / "analysis.json").read_text()))
     assert (found["lost_messages"], found["complete"], found["gaps"]) == (0, True, 0)
     assert found["messages"] >= 1900
     # The recorded cycles are those of the scene, solved by SciPy.
@@ -129,7 +130,7 @@ def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
 def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     ended = command("realtime", "--rate", "500", "--duration", "1", "--json", "pacing.json", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    found = json.loads((tmp_path / "pacing.json").read_text())
+    found = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
     names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "cpu_fraction"}
     assert set(found) == {"rate", "ticks", "missed_ticks", "drift_s", *names, *(f"bare_{n}" for n in names)}
     assert found["rate"] == 500.0
@@ -139,7 +140,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
 def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
     ended = command("soak", "--rate", "500", "--duration", "3", "--json", "soak.json", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    found = json.loads((tmp_path / "soak.json").read_text())
+    found = valid("soak", json.loads((tmp_path / "soak.json").read_text()))
     assert found["lost_messages"] == 0
     assert found["complete"]
     assert found["messages"]["/joint_states"] > 500

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.output.explanation import explain, needs
@@ -58,6 +59,6 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
     out = capsys.readouterr().out
     for words in ("Stribeck exponential", "one 1 ms tick in 33 sub-steps", "times as much"):
         assert words in out
-    assert json.loads(file.read_text())["scene"] == "fig02"
+    assert valid("explain", json.loads(file.read_text()))["name"] == "fig02"
     assert main(["explain", "fig02", "--json", str(file)]) == 2
     assert main(["explain", "fig20"]) == 2

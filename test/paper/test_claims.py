@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 import pytest
+from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.model import closed_form
@@ -80,7 +81,7 @@ def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> No
     monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__, "claims": chosen})
     monkeypatch.setattr(mean_pressure, "NUMBERS", mean_pressure.NUMBERS[:2])
     assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
-    found = json.loads((tmp_path / "c.json").read_text())
+    found = valid("claims", json.loads((tmp_path / "c.json").read_text()))
     rows = found["claims"]
     assert found["complete"] is True
     assert [row["pressure"] for row in found["mean_pressure"]["rows"]] == list(mean_pressure.PRESSURES)

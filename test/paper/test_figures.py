@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -45,7 +46,7 @@ def test_sections_five_and_six_keep_the_normal_load() -> None:
 def test_a_map_has_a_curve_per_series_and_enough_section_points(tmp_path) -> None:  # type: ignore[no-untyped-def]
     words = ["figure", "13", "--quick", "--law", "set_valued", "--out", str(tmp_path)]
     assert main(words) == 0
-    data = json.loads((tmp_path / "fig13.json").read_text())
+    data = valid("figure", json.loads((tmp_path / "fig13.json").read_text()))
     assert data["axis"] == "omega/omega_n"
     assert (data["x"][0], data["x"][-1]) == (0.05, 0.5)
     assert [c["label"] for c in data["curves"]] == [s.label for s in FIGURES[13].series]
@@ -71,7 +72,7 @@ def test_a_map_has_a_curve_per_series_and_enough_section_points(tmp_path) -> Non
 def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # type: ignore[no-untyped-def]
     assert main(["figure", str(number), "--out", str(tmp_path)]) == 0
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".png", ".svg"]
-    assert json.loads((tmp_path / f"fig{number:02d}.json").read_text())["figure"] == number
+    assert valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))["figure"] == number
 
 
 def test_figure_2_shows_where_each_law_settles() -> None:

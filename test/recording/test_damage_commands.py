@@ -37,7 +37,7 @@ def analysed(path, figures):
     assert main(["analyse", str(path), "--json", str(figures)]) == 0
     found = json.loads(figures.read_text())
     figures.unlink()
-    del found["elapsed_s"], found["scene"]
+    del found["elapsed_s"], found["scene"], found["command"]
     for segment in found["segments"]:
         del segment["elapsed_s"]
     return found

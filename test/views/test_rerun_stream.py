@@ -8,8 +8,10 @@ import sys
 import numpy as np
 import pytest
 
+from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, MissingPackage
 from tcc_sim.trajectory import Cycles
+from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
 
 CYCLE = 0.05
@@ -103,3 +105,84 @@ def test_without_rerun_the_extra_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingPackage, match=r"tcc_sim\[view\]"):
         RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "run.rrd")
+
+
+def chunks(path, entity):
+    """What Rerun prints of the chunks of one entity, with every value."""
+    printed = rerun_tool("print", "-vvv", "--entity", entity, path)
+    assert printed.returncode == 0, printed.stderr
+    return printed.stdout
+
+
+def test_the_phase_portrait_has_axes_in_its_units_and_nothing_is_clipped(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunStream("by hand", CYCLE, 387.0, file=path) as stream:
+        for first in range(0, 1000, 125):
+            stream.samples(*batch(first, 125))
+        axes = stream._axes
+    assert rerun_tool("verify", path).returncode == 0
+    # The orbit of `batch` is |v| <= 20 rad/s, |angle| <= 0.2 rad.
+    assert axes.angle[0] <= -0.2
+    assert axes.angle[1] >= 0.2
+    assert axes.speed[0] <= -20.0
+    assert axes.speed[1] >= 20.0
+    shown = chunks(path, "/phase/labels")
+    assert all(text in shown for text in ("plate angle (rad)", "slip speed (rad/s)", "0.2", "-20", "20"))
+    every = rerun_tool("print", "-vvv", path).stdout
+    ranges = re.findall(r"x_range: \[([-\d.e]+), ([-\d.e]+)\], y_range: \[([-\d.e]+), ([-\d.e]+)\]", every)
+    assert ranges
+    left, right, top, bottom = map(float, ranges[-1])
+    places = np.array(axes.labels()[0])
+    inside = [*places, (-0.2 * 387.0, 20.0), (0.2 * 387.0, -20.0)]
+    assert all(left < x < right and top < y < bottom for x, y in inside)
+
+
+@pytest.mark.parametrize(("low", "high", "scale"), [((-0.03, 0.0), (0.24, 36.4), 387.3), ((0.1, -1e-4), (0.1, 1e-4), 387.3),
+                                                    ((-3.0, -150.0), (2.0, 151.0), 10.0), ((0.0, 0.0), (0.0, 0.0), 387.0)])
+def test_axes_are_round_and_hold_the_motion(low, high, scale):
+    low, high = np.array(low), np.array(high)
+    axes = PhaseAxes.around(low, high, scale)
+    (left, right), (top, bottom) = axes.bounds()
+    for x, y in ((scale * low[0], -low[1]), (scale * high[0], -high[1])):
+        assert left < x < right
+        assert top < y < bottom
+    places, texts = axes.labels()
+    assert len(places) == len(texts)
+    assert 4 <= len(texts) - 2 <= 30
+    for place, text in zip(places[:-2], texts[:-2]):
+        tick = float(text)
+        assert min(abs(place[0] - scale * tick), abs(place[1] + tick)) < 1e-6 * (1.0 + scale)
+        assert left < place[0] < right
+        assert top < place[1] < bottom
+    if (high > low).any():
+        assert axes.hold(low, high)
+        assert not axes.hold(low, high + 3.0 * (high - low))
+        assert not axes.hold(low, low + 0.05 * (high - low))
+
+
+def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunStream("by hand", CYCLE, 387.0, file=path, controlled=True) as stream:
+        stream.samples(*batch(0, 500))
+        at = np.array([100, 300]) * 1_000_000
+        stream.control({"mean_slip": (at, np.array([3.0, 4.0])), "target_slip_speed": (at[:1], np.array([20.0])),
+                        "applied_pressure": (at, np.array([2e5, 3e5])), "actuation_pressure": (at[1:], np.array([3e5])),
+                        "engine_torque": (at[1:], np.array([310.0]))},
+                       [Event(0.25, "pressure falls back: no command for 0.5 s")])
+        stream.samples(*batch(0, 500), new_run=True)
+    assert rerun_tool("verify", path).returncode == 0
+    found = rows(path)
+    static = 1
+    expected = {"/control/mean": 2, "/control/target": 1, "/pressure/applied": 2, "/pressure/command": 1,
+                "/torque/engine_command": 1, "/event/mark": 2}
+    assert {entity: found[entity] for entity in expected} == {entity: n + static for entity, n in expected.items()}
+    assert found["/events"] == 2
+    log = chunks(path, "/events")
+    assert "pressure falls back: no command for 0.5 s" in log
+    assert "reset or restarted" in log
+    every = rerun_tool("print", "-vvv", path).stdout
+    assert "Target and cycle mean (rad/s)" in every
+    assert "Actuation pressure (Pa)" in every
+    with RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "plain.rrd") as stream:
+        stream.samples(*batch(0, 500))
+    assert "Actuation pressure (Pa)" not in rerun_tool("print", "-vvv", tmp_path / "plain.rrd").stdout

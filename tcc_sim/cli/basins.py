@@ -1,0 +1,124 @@
+"""`tcc-sim basins`: attractors and their basins in a plane of two initial conditions."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import BasinsInterrupted, InputError, require
+
+if TYPE_CHECKING:
+    from tcc_sim.studies.basins import Axis, Basins
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The plane, what is varied, where it is worked out, and where the results go."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
+                        help="an initial.* key and its evenly spaced values; give it twice")
+    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", help="scene key; the plane is worked out at every value")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--cycles", metavar="N", type=int, default=600,
+                        help="most engine cycles that a cell is followed (default 600)")
+    parser.add_argument("--boundary", action="store_true", help="work out the uncertainty exponent of the boundary too")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+    where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="attractors and fractions; - is standard output")
+    parser.add_argument("--out", metavar="FILE", type=Path,
+                        help="labels and cycles of every cell (.npz); until it is whole its rows are in FILE.part, from which "
+                        "the same command goes on")
+    add_plot(parser)
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check everything, work the basins out, write what was asked for, and print a summary."""
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.studies.basin_rows import basins
+
+    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    plane = [_axis(text) for text in arguments.plane]
+    over = _axis(arguments.over) if arguments.over is not None else None
+    if arguments.json not in (None, STANDARD_OUTPUT):
+        new_file(arguments.json, arguments.force)
+    part = None
+    if arguments.out is not None:
+        if arguments.out.suffix != ".npz":
+            raise InputError(f"--out is {arguments.out}; its name must end in .npz")
+        new_file(arguments.out, arguments.force)
+        part = arguments.out.with_name(arguments.out.name + ".part")
+    check_plot(arguments, arguments.json, arguments.out)
+    if arguments.dask is not None:
+        require("distributed", "--dask")
+    try:
+        found = basins(scene.system, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
+                       part=part, progress=True)
+    except BasinsInterrupted:
+        kept = f"; the same command goes on from {part}" if part is not None else ""
+        print(f"tcc-sim: interrupted{kept}", file=sys.stderr)
+        return 130
+    values = _as_json(found, over, arguments.boundary)
+    if arguments.out is not None and part is not None:
+        from tcc_sim.output.basin_file import write_basins
+
+        write_basins(arguments.out, found, over)
+        part.unlink()
+    if arguments.plot is not None:
+        from tcc_sim.views.basin_map import draw
+        from tcc_sim.views.style import width_of
+
+        with draft(arguments.plot) as drawn:
+            draw(found, over, drawn, width_of(arguments.width))
+    if arguments.json is not None:
+        write_json(arguments.json, document("basins", values, scene, arguments.words))
+    if arguments.json != STANDARD_OUTPUT:
+        _say(found, over, arguments.boundary)
+    return 0
+
+
+def _axis(text: str) -> Axis:
+    """KEY=START:STOP:COUNT."""
+    from tcc_sim.studies.basins import Axis
+    from tcc_sim.studies.sweep import values_of_range
+
+    key, values = values_of_range(text)
+    return Axis(key, tuple(values))
+
+
+def _as_json(found: list[Basins], over: Axis | None, boundary: bool) -> dict[str, Any]:
+    """The keys of one plane; with `over` lists of them, one entry per value."""
+    each = []
+    for one in found:
+        values = one.as_json()
+        if boundary:
+            uncertain = one.boundary()
+            values["boundary"] = None if uncertain is None else {
+                "uncertainty_exponent": uncertain.exponent, "standard_error": uncertain.error,
+                "dimension": uncertain.dimension}
+        each.append(values)
+    if over is None:
+        return each[0]
+    names = [name for name in each[0] if name != "plane"]
+    return {"plane": each[0]["plane"], "over": over.key, "values": list(over.values),
+            **{name: [values[name] for values in each] for name in names}}
+
+
+def _say(found: list[Basins], over: Axis | None, boundary: bool) -> None:
+    """The summary for a terminal."""
+    for k, one in enumerate(found):
+        if over is not None:
+            print(f"{over.key} = {over.values[k]:.9g}")
+        print(repr(one))
+        uncertain = one.boundary() if boundary else None
+        if uncertain is not None:
+            print(f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
+                  f"dimension {uncertain.dimension:.3f}")
+        elif boundary:
+            print("  boundary: too few neighbouring cells differ for an uncertainty exponent")
+        print(f"  {one.labels.size} cells in {one.seconds:.3g} s, {float(one.cycles.mean()):.1f} cycles a cell")

@@ -1,0 +1,158 @@
+"""What a controller did during a recording, gathered while it is read: for pictures and Rerun."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.control import MOST_STEPS, Control, CycleMeans, Event, Steps
+from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import values_of
+from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.scene_records import SceneRecord
+from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.trajectory import Floats
+
+INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
+"""Command topics with the group of the scene that says whether they are used, and what they command."""
+PER_CYCLE = 50
+"""Values of a signal kept in each engine cycle, for a picture."""
+Signal = tuple[NDArray[np.int64], Floats]
+
+
+class Fresh:
+    """What one batch brought: signals by name, (stamps in ns, values), and events at simulation time."""
+
+    def __init__(self) -> None:
+        self.signals: dict[str, Signal] = {}
+        self.events: list[Event] = []
+
+
+class ControlLog:
+    """Cycle means, target, pressures and events of the run at hand; keeps those of the longest.
+
+    Parameters
+    ----------
+    scene : the recording's first
+    scenes : all that it holds
+    cycle : engine cycle, s
+    """
+
+    def __init__(self, scene: Scene, scenes: list[SceneRecord], cycle: float, commands: Commands) -> None:
+        self._scene, self._cycle, self._commands = scene, cycle, commands
+        self._said = sorted(scenes, key=lambda record: record.log_ns)[1:]
+        self._means = CycleMeans(cycle)
+        self._run = -1
+        self._kept: tuple[int, Control] | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start on a run."""
+        self._steps: dict[str, list[Signal]] = {}
+        self._events: list[Event] = []
+        self._last: dict[str, float] = {}
+        self._end = -math.inf
+        self._means.restart()
+
+    def add(self, batch: JointStates, slip_speed: Floats, stream: CycleStream) -> Fresh:
+        """Take the next batch; `stream` has it already."""
+        number, fresh = len(stream.runs) - 1, Fresh()
+        if number != self._run:
+            if self._run >= 0:
+                self._events.append(Event(self._end, "reset or restart"))
+            self._keep(stream)
+            self._begin()
+            self._run = number
+        if not len(batch):
+            return fresh
+        t = batch.stamp_ns.astype(np.float64) * 1e-9
+        self._means_of(t, slip_speed, fresh)
+        for name, signal in self._commands.until(batch).items():
+            fresh.signals[name] = signal
+        if batch.applied_pressure is not None:
+            change = np.flatnonzero(np.diff(batch.applied_pressure, prepend=math.nan) != 0.0)
+            fresh.signals["applied_pressure"] = batch.stamp_ns[change], batch.applied_pressure[change]
+        self._changes(batch, fresh)
+        self._fallbacks(float(t[-1]), fresh)
+        for name, signal in fresh.signals.items():
+            self._hold(name, signal)
+        self._events += fresh.events
+        self._end = float(t[-1])
+        return fresh
+
+    def control(self, stream: CycleStream) -> Control:
+        """Of the longest run."""
+        self._keep(stream)
+        return self._kept[1] if self._kept is not None else Control(np.empty(0), np.empty(0))
+
+    def _hold(self, name: str, signal: Signal) -> None:
+        """Keep the last value in each PER_CYCLE-th part of an engine cycle, and the last MOST_STEPS of these."""
+        part = signal[0] // max(round(self._cycle * 1e9 / PER_CYCLE), 1)
+        last = np.flatnonzero(np.diff(part, append=-1))
+        held = self._steps.setdefault(name, [])
+        held.append((signal[0][last], signal[1][last]))
+        while sum(len(stamps) for stamps, _ in held[1:]) > MOST_STEPS:
+            held.pop(0)
+
+    def _means_of(self, t: Floats, slip_speed: Floats, fresh: Fresh) -> None:
+        """Cycle means; a gap starts them anew."""
+        if math.isfinite(self._end) and len(t) > 1 and t[0] - self._end > 1.5 * float(np.median(np.diff(t))):
+            self._means.restart()
+        ends, means = self._means.feed(t, slip_speed)
+        if len(ends):
+            fresh.signals["mean_slip"] = np.rint(ends * 1e9).astype(np.int64), means
+
+    def _changes(self, batch: JointStates, fresh: Fresh) -> None:
+        """Parameters that were changed up to the end of a batch."""
+        while self._said and self._said[0].log_ns <= batch.sent_ns[-1]:
+            record = self._said.pop(0)
+            try:
+                scene = parse_scene(record.text, self._scene.name)
+            except InputError:
+                continue
+            before, after = dict(values_of(self._scene.system)), dict(values_of(scene.system))
+            changed = [f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
+                       for key, value in after.items() if value != before[key]]
+            self._scene = scene
+            if changed and record.first_stamp_ns:
+                fresh.events.append(Event(record.first_stamp_ns * 1e-9, ", ".join(changed)))
+
+    def _fallbacks(self, end: float, fresh: Fresh) -> None:
+        """Inputs that fell back since no command came for command_timeout."""
+        limit = self._scene.operation.command_timeout
+        for name, (group, what) in INPUTS.items():
+            if limit <= 0.0 or getattr(self._scene.system, group).source != "topic":
+                continue
+            came = fresh.signals[name][0] * 1e-9 if name in fresh.signals else np.empty(0)
+            last = self._last.get(name)
+            times = np.concatenate([[] if last is None else [last], came, [end]])
+            if last is None and not len(came):
+                continue
+            late = np.flatnonzero(np.diff(times) > limit + 1e-9)
+            found = [Event(float(times[k]) + limit, f"{what} falls back: no command for {limit:g} s") for k in late]
+            said = {event.t for event in self._events}
+            fresh.events += [event for event in found if event.t not in said]
+            self._last[name] = float(times[-2])
+
+    def _keep(self, stream: CycleStream) -> None:
+        """Keep the run at hand unless the one kept has more whole cycles."""
+        if self._run < 0:
+            return
+        if self._kept is not None and stream.runs[self._run].observed() < stream.runs[self._kept[0]].observed():
+            return
+        steps = {name: _joined(parts) for name, parts in self._steps.items()}
+        means = steps.get("mean_slip", Steps.none())
+        self._kept = self._run, Control(
+            means.t, means.values, steps.get("target_slip_speed", Steps.none()),
+            steps.get("actuation_pressure", Steps.none()), steps.get("applied_pressure", Steps.none()),
+            tuple(sorted(self._events, key=lambda event: event.t)))
+
+
+def _joined(parts: list[Signal]) -> Steps:
+    """Parts one after the other, the last MOST_STEPS values of them."""
+    return Steps(np.concatenate([part[0] for part in parts])[-MOST_STEPS:] * 1e-9,
+                 np.concatenate([part[1] for part in parts])[-MOST_STEPS:])

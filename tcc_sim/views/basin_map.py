@@ -1,0 +1,98 @@
+"""Basins of attraction as a picture: the map of one plane, or the fractions of the plane against a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor
+from tcc_sim.studies.basins import Axis, Basins
+from tcc_sim.views import style
+
+TINTS = ("#BFD9EC", "#F6D9A8", "#BFE3D4", "#F0C6AE", "#EBD2E0", "#D3ECF8", "#D0D0D0")
+"""Light versions of the colours of `style.CYCLE`, in their order, so that attractors stand out on their basins."""
+MARKERS = "os^Dvp*"
+EXTRAS = {RUNAWAY: ("#444444", "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
+
+
+def draw(found: Sequence[Basins], over: Axis | None, file: Path, width: float = style.PAGE) -> Path:
+    """Draw one plane as a map, or several, one for each value of `over`, as fractions against it."""
+    height = 0.62 * width if over is None else 0.5 * width
+    with style.figure(width, height) as picture:
+        axes = picture.add_subplot()
+        if over is None:
+            _map(axes, found[0])
+        else:
+            _fractions(axes, found, over)
+        return style.save(picture, file)
+
+
+def named(attractor: Attractor) -> str:
+    """An attractor in a legend."""
+    what = f"period {attractor.period}" if attractor.period else "no period"
+    return f"{what}, largest slip speed {attractor.largest:.4g} rad/s"
+
+
+def _map(axes: Any, found: Basins) -> None:
+    """Cells coloured by their attractor, the attractors' section points on them where they lie in the plane."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    first, second = found.plane
+    count = len(found.attractors)
+    colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
+    norm = BoundaryNorm(np.arange(-2.5, max(count, 1)), len(colours))
+    axes.grid(False)
+    axes.imshow(found.labels, origin="lower", aspect="auto", interpolation="nearest", cmap=ListedColormap(colours), norm=norm,
+                extent=(*_edges(first), *_edges(second)))
+    axes.set(xlabel=_label(first.key), ylabel=_label(second.key))
+    columns = [("initial.slip_speed", "initial.plate_angle", "initial.plate_speed").index(a.key) for a in found.plane]
+    handles = []
+    for k, attractor in enumerate(found.attractors):
+        part = 100.0 * found.fraction(k)
+        x, y = attractor.section[:, columns].T
+        style_of = {"marker": MARKERS[k % len(MARKERS)], "color": style.CYCLE[k % len(style.CYCLE)]}
+        axes.plot(x, y, linestyle="", markersize=4.5 if attractor.period else 1.0, markeredgecolor="white",
+                  markeredgewidth=0.6 if attractor.period else 0.0, scalex=False, scaley=False, clip_on=True, **style_of)
+        handles.append(Patch(facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
+                             label=f"{named(attractor)} ({part:.3g} %)"))
+    for label, (colour, name) in EXTRAS.items():
+        if found.fraction(label) > 0.0:
+            handles.append(Patch(facecolor=colour, edgecolor=style.GREY, label=f"{name} ({100 * found.fraction(label):.3g} %)"))
+    axes.figure.legend(handles=handles, loc="outside upper left", ncols=1)
+
+
+def _fractions(axes: Any, found: Sequence[Basins], over: Axis) -> None:
+    """Parts of the plane, stacked: motions in order of their period, those without one, runaway slip, undecided."""
+    periods = sorted({a.period for one in found for a in one.attractors}, key=lambda p: (p == 0, p))
+    rows, names, colours = [], [], []
+    for k, period in enumerate(periods):
+        rows.append([sum(one.fraction(i) for i, a in enumerate(one.attractors) if a.period == period) for one in found])
+        names.append(f"period {period}" if period else "no period")
+        colours.append(TINTS[k % len(TINTS)])
+    for label, (colour, name) in EXTRAS.items():
+        part = [one.fraction(label) for one in found]
+        if any(part):
+            rows.append(part)
+            names.append(name)
+            colours.append(colour)
+    axes.stackplot(over.values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
+    axes.set(xlabel=_label(over.key), ylabel="fraction of the plane", ylim=(0.0, 1.0),
+             xlim=(min(over.values), max(over.values)))
+    style.legend_above(axes)
+
+
+def _edges(axis: Axis) -> tuple[float, float]:
+    """Where the cells of an axis begin and end."""
+    half = 0.5 * (axis.values[-1] - axis.values[0]) / max(len(axis.values) - 1, 1) or 0.5
+    return axis.values[0] - half, axis.values[-1] + half
+
+
+def _label(key: str) -> str:
+    """A key with its unit."""
+    unit = QUANTITIES[key].unit
+    return f"{key.split('.')[1].replace('_', ' ')} ({unit})" if unit else key.split(".")[1].replace("_", " ")

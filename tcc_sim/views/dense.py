@@ -1,0 +1,155 @@
+"""A run in between its samples: solved again from each of them, so that a picture shows curves and not a polygon."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import equations, friction
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.fixed_step import advance, substeps
+from tcc_sim.solvers.per_cycle import hermite
+from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats, State, Trajectory, modes_of
+
+SAMPLES = 2000
+"""Points per engine cycle in a picture, at least: the friction torque passes its maximum within a thousandth of a cycle.
+"""
+SAME = 1e-3
+"""A step solved again that ends farther from the next sample, relative to each signal's maximum, is interpolated."""
+
+
+def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Trajectory:
+    """The last `count` whole cycles of a solved run, solved again with samples from the section point where they start.
+
+    A run that is shorter than a cycle, or whose solver kept no sections, is given back as it is.
+    """
+    cycles = solved.cycles
+    if cycles is None or not len(cycles) or solved.system is None:
+        return solved
+    first = max(len(cycles) - count, 0)
+    begin = math.ceil(float(solved.t[0]) / solved.cycle - 1e-9)
+    return solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
+                 state=State(*cycles.section[first].tolist()), flywheel_angle=False).raise_for_status()
+
+
+def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
+    """The same run with at least `samples` points per engine cycle, the recorded ones among them.
+
+    Every tick is solved from the state recorded before it, with the scene's excitation or, where an input comes from a
+    topic, with the value recorded at the end of the tick, which is the one it applied. Where that does not lead to the
+    next recorded state (parameters were changed, or the law is set-valued) the speeds are interpolated by cubics with
+    the accelerations of (2a) and (2b), limited to be monotone in stick, and the friction torque linearly. In stick the
+    friction torque is the one that keeps the slip acceleration 0: the law's own is a small slip speed times a steep
+    slope, and overshoots where a tick ends right after the clutch has stuck. NaN separates samples that a gap lies
+    between.
+    """
+    t, system = recorded.t, recorded.system
+    steps = np.diff(t)
+    if system is None or len(t) < 3:
+        return recorded
+    tick = float(np.median(steps))
+    points = max(math.ceil(samples * tick / recorded.cycle), 1)
+    if points == 1:
+        return recorded
+    share = np.arange(1, points + 1) / points
+    whole = steps < 1.5 * tick
+    times = t[:-1, None] + share * steps[:, None]
+    states = _solved(recorded, points, whole)
+    known = np.stack([recorded.slip_speed, recorded.plate_angle, recorded.plate_speed], axis=1)
+    size = np.maximum(np.nanmax(np.abs(known), axis=0), 1e-12)
+    wrong = ~(np.abs(states[:, -1] - known[1:]) <= SAME * size).all(axis=1)
+    states[wrong] = _interpolated(recorded, times[wrong].ravel()).reshape(-1, points, 3)
+    states[~whole] = math.nan
+    states[:, -1] = known[1:]
+    engine, load = _excitation(recorded, times)
+    torque = _friction(recorded, states, engine, load, share)
+    out = [np.concatenate([first[:1], rest.ravel()]) for first, rest in (
+        (t, times), (known[:, 0], states[..., 0]), (known[:, 1], states[..., 1]), (known[:, 2], states[..., 2]),
+        (recorded.engine_torque, engine), (recorded.saturation_torque, load), (recorded.friction_torque, torque))]
+    return replace(recorded, t=out[0], slip_speed=out[1], plate_angle=out[2], plate_speed=out[3], engine_torque=out[4],
+                   saturation_torque=out[5], friction_torque=out[6], flywheel_angle=None,
+                   state=modes_of(np.nan_to_num(out[1]), stick_speed_of(terms_of(system))))
+
+
+def _solved(recorded: Trajectory, points: int, whole: np.ndarray) -> Floats:
+    """(n - 1, points, 3) states in every tick, NaN where the real-time solver does not apply."""
+    assert recorded.system is not None
+    terms = terms_of(recorded.system)
+    out = np.full((len(recorded.t) - 1, points, 3), math.nan)
+    if terms.smoothing is None:
+        return out
+    engine, load = recorded.engine_torque.tolist(), recorded.saturation_torque.tolist()
+    topics = recorded.system.engine.source == "topic", recorded.system.pressure.source == "topic"
+    known = np.stack([recorded.slip_speed, recorded.plate_angle, recorded.plate_speed], axis=1)
+    fine = np.empty((0, 3))
+    for k in np.flatnonzero(whole).tolist():
+        applied = _applied(terms, engine[k + 1] if topics[0] else None, load[k + 1] if topics[1] else None)
+        if applied is None:
+            continue
+        step = float(recorded.t[k + 1] - recorded.t[k])
+        try:
+            n = points * math.ceil(substeps(applied, step) / points)
+        except InputError:
+            continue
+        if len(fine) != n:
+            fine = np.empty((n, 3))
+        advance(known[k].copy(), float(recorded.t[k]), step / n, n, applied, None, fine)
+        out[k] = fine[n // points - 1::n // points]
+    return out
+
+
+def _applied(terms: Terms, engine: float | None, load: float | None) -> Terms | None:
+    """The terms of one tick; None where an input that it applied was not recorded."""
+    if engine is not None:
+        terms = terms._replace(mean_torque=engine)
+    if load is not None:
+        terms = terms._replace(mean_load=load)
+    return terms if math.isfinite(terms.mean_torque) and math.isfinite(terms.mean_load) else None
+
+
+def _excitation(recorded: Trajectory, times: Floats) -> tuple[Floats, Floats]:
+    """Engine and saturation torque at `times`, (n - 1, points): harmonic, or held over every tick."""
+    assert recorded.system is not None
+    terms = terms_of(recorded.system)
+    engine = np.asarray(equations.engine_torque(times, terms.mean_torque, terms.torque, terms.harmonics))
+    load = np.asarray(equations.saturation_torque(times, terms.mean_load, terms.pulsation))
+    if recorded.system.engine.source == "topic":
+        engine = np.broadcast_to(recorded.engine_torque[1:, None], times.shape)
+    if recorded.system.pressure.source == "topic":
+        load = np.broadcast_to(recorded.saturation_torque[1:, None], times.shape)
+    return engine, load
+
+
+def _friction(recorded: Trajectory, states: Floats, engine: Floats, load: Floats, share: Floats) -> Floats:
+    """Friction torque in every tick: the smoothed law's, in stick the interface torque; set-valued: between samples."""
+    assert recorded.system is not None
+    terms, ends = terms_of(recorded.system), recorded.friction_torque
+    linear = ends[:-1, None] + share * (ends[1:] - ends[:-1])[:, None]
+    if terms.smoothing is None:
+        return linear
+    law = np.asarray(friction.smoothed(states[..., 0], terms.smoothing, terms.stribeck)) * load
+    stuck = np.abs(states[..., 0]) <= stick_speed_of(terms)
+    needed = equations.interface_torque(states[..., 1], states[..., 2], engine, terms.linear)
+    most = (1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)) * load
+    return np.where(stuck & (np.abs(needed) <= most), needed, np.where(np.isfinite(load), law, linear))
+
+
+def _interpolated(recorded: Trajectory, at: Floats) -> Floats:
+    """States at times `at`, (m, 3), from the samples and the accelerations that the recorded torques give."""
+    assert recorded.system is not None
+    t, v, angle, speed = recorded.t, recorded.slip_speed, recorded.plate_angle, recorded.plate_speed
+    slip, plate = equations.accelerations(angle, speed, recorded.engine_torque, recorded.friction_torque,
+                                          terms_of(recorded.system).linear)
+    chord = np.diff(v) / np.diff(t)
+    before, after = np.concatenate([chord[:1], chord]), np.concatenate([chord, chord[-1:]])
+    # A monotone cubic where the clutch sticks: F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17.
+    bound = np.where(before * after > 0.0, 3.0 * np.minimum(np.abs(before), np.abs(after)), 0.0)
+    stuck = recorded.state == 0
+    near = stuck | np.concatenate([[False], stuck[:-1]]) | np.concatenate([stuck[1:], [False]])
+    slip = np.where(near, np.clip(slip, -bound, bound), slip)
+    return np.stack([hermite(at, t, v, slip), hermite(at, t, angle, speed), hermite(at, t, speed, plate)], axis=1)
+

@@ -1,0 +1,172 @@
+"""What Rerun shows of a run and where: names, colours, the axes of the phase portrait, and the blueprint."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.errors import require
+from tcc_sim.trajectory import Floats
+from tcc_sim.views import style
+
+ELAPSED = "elapsed"
+"""The timeline of the views: simulation time, going on where a reset sets simulation time back."""
+SIMULATION = "sim_time"
+STATES = {-1: "slip -", 0: "stick", 1: "slip +"}
+STATE_COLOURS = {"slip -": style.RED, "stick": style.GREY, "slip +": style.BLUE}
+LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
+         "torque/friction": ("friction torque (N m)", style.BLUE),
+         "slip/speed": ("slip speed (rad/s)", style.BLUE), "plate/angle": ("plate angle (rad)", style.GREEN),
+         "plate_speed/speed": ("plate speed (rad/s)", style.PURPLE),
+         "control/mean": ("cycle mean of the slip speed (rad/s)", style.BLUE)}
+HELD = {"control/target": ("target (rad/s)", style.RED), "pressure/applied": ("applied (Pa)", style.GREEN),
+        "pressure/command": ("commanded (Pa)", style.ORANGE),
+        "torque/engine_command": ("engine torque commanded (N m)", style.YELLOW)}
+"""Signals that keep their value until the next one."""
+MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE, "circle", 3.0),
+         "cycles/smallest": ("smallest slip speed (rad/s)", style.RED, "circle", 3.0),
+         "event/mark": ("event", style.RED, "diamond", 6.0)}
+SIGNALS = {"mean_slip": "control/mean", "target_slip_speed": "control/target", "applied_pressure": "pressure/applied",
+           "actuation_pressure": "pressure/command", "engine_torque": "torque/engine_command"}
+"""Where the signals of a controller's test go."""
+HISTORY_CYCLES = 8
+"""Engine cycles before the cursor that the time series show; zoom out to see more."""
+CONTROL_CYCLES = 400
+"""Engine cycles before the cursor in the views of target and pressure."""
+PORTRAIT_CYCLES = 100
+"""Engine cycles before the cursor that the phase portrait shows."""
+TICKS = 5
+MARGIN = 0.16
+"""Room around the axes for their labels, of the longer axis."""
+
+
+@dataclass(frozen=True)
+class PhaseAxes:
+    """The axes of the phase portrait: ends that are round numbers, in rad and rad/s, and what they are drawn with.
+
+    `scale` is the natural frequency omega_n, rad/s, by which the plate angle is multiplied so that both axes are speeds.
+    """
+
+    angle: tuple[float, float]
+    speed: tuple[float, float]
+    scale: float
+
+    @staticmethod
+    def around(low: Floats, high: Floats, scale: float) -> PhaseAxes:
+        """Axes that hold everything from `low` to `high`, (2,) arrays: plate angle (rad), slip speed (rad/s)."""
+        span = np.maximum((high - low) * (scale, 1.0), 0.0)
+        least = max(0.15 * float(span.max()), 1e-9) / np.array([scale, 1.0])
+        middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, least)
+        ends = [_round_ends(float(m - h), float(m + h)) for m, h in zip(middle, half)]
+        return PhaseAxes(ends[0], ends[1], scale)
+
+    def hold(self, low: Floats, high: Floats) -> bool:
+        """Whether everything from `low` to `high` is within, and not in a small corner."""
+        ends = np.array([self.angle, self.speed])
+        inside = bool((ends[:, 0] <= low).all() and (high <= ends[:, 1]).all())
+        return inside and bool(((high - low) >= 0.3 * (ends[:, 1] - ends[:, 0])).any())
+
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Ranges of the view, x and y (downwards), with room for the labels."""
+        x, y = (self.scale * self.angle[0], self.scale * self.angle[1]), (-self.speed[1], -self.speed[0])
+        room = MARGIN * max(x[1] - x[0], y[1] - y[0])
+        return (x[0] - 1.5 * room, x[1] + room), (y[0] - room, y[1] + room)
+
+    def strips(self) -> list[list[tuple[float, float]]]:
+        """Both axes with a short line at every tick."""
+        (left, right), bottom, top = (self.scale * a for a in self.angle), -self.speed[0], -self.speed[1]
+        tick = 0.015 * max(right - left, bottom - top)
+        out = [[(left, top), (left, bottom), (right, bottom)]]
+        out += [[(self.scale * a, bottom), (self.scale * a, bottom + tick)] for a in _ticks(*self.angle)]
+        return out + [[(left, -v), (left - tick, -v)] for v in _ticks(*self.speed)]
+
+    def labels(self) -> tuple[list[tuple[float, float]], list[str]]:
+        """Places and texts of the numbers at the ticks and of the names of the axes."""
+        (left, right), bottom, top = (self.scale * a for a in self.angle), -self.speed[0], -self.speed[1]
+        room = 0.05 * max(right - left, bottom - top)
+        places = [(self.scale * a, bottom + room) for a in _ticks(*self.angle)]
+        places += [(left - 1.5 * room, -v) for v in _ticks(*self.speed)]
+        texts = [f"{a:.6g}" for a in (*_ticks(*self.angle), *_ticks(*self.speed))]
+        places += [(0.5 * (left + right), bottom + 2.2 * room), (left, top - room)]
+        return places, [*texts, "plate angle (rad)", "slip speed (rad/s)"]
+
+
+def _step(low: float, high: float) -> float:
+    """A distance of ticks of 1, 2 or 5 times a power of ten."""
+    raw = max(high - low, 1e-12) / TICKS
+    power = 10.0 ** math.floor(math.log10(raw))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
+
+
+def _round_ends(low: float, high: float) -> tuple[float, float]:
+    """The multiples of the distance of ticks around a range."""
+    step = _step(low, high)
+    return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Where the ticks are."""
+    step = _step(low, high)
+    return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+
+
+def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = None) -> Any:
+    """The last cycles of torques, slip, lanes and plate on the left; phase portrait, maxima, events, summary on the right.
+
+    Where a controller is tested, its target and the pressures over more cycles take the place of the plate.
+    """
+    rrb = rerun().blueprint
+
+    def before(cycles: float) -> tuple[Any, Any]:
+        """From so many engine cycles before the cursor to the cursor."""
+        boundary = rrb.TimeRangeBoundary
+        return boundary.cursor_relative(seconds=-cycles * cycle), boundary.cursor_relative(seconds=0.0)
+
+    def recent(cycles: float = HISTORY_CYCLES) -> Any:
+        """A time axis that follows the cursor."""
+        return rrb.TimeAxis(view_range=rrb.TimeRange(*before(cycles)))
+
+    def history(origin: str, name: str, cycles: float = HISTORY_CYCLES, marked: bool = False) -> Any:
+        """A time series that follows the cursor, with the events marked in it."""
+        legend = rrb.PlotLegend(visible=origin in ("torque", "control", "pressure"))
+        contents = ["$origin/**", "/event/**"] if marked else "$origin/**"
+        return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent(cycles), plot_legend=legend, contents=contents)
+
+    plate = [history("plate", "Plate angle (rad)"), history("plate_speed", "Plate speed (rad/s)")]
+    control = [history("control", "Target and cycle mean (rad/s)", CONTROL_CYCLES, marked=True),
+               history("pressure", "Actuation pressure (Pa)", CONTROL_CYCLES)]
+    rows = [history("torque", "Torques (N m)"), history("slip", "Slip speed (rad/s)", marked=True),
+            rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=recent())]
+    histories = rrb.Vertical(*rows, *(control if controlled else plate),
+                             row_shares=[3, 3, 1.2, *((3, 2.5) if controlled else (2, 2))])
+    start, end = before(PORTRAIT_CYCLES)
+    x, y = axes.bounds() if axes is not None else (None, None)
+    figures = rrb.Vertical(
+        rrb.Spatial2DView(origin="phase", name="Phase portrait and section: plate angle (rad), slip speed (rad/s)",
+                          visual_bounds=rrb.VisualBounds2D(x_range=x, y_range=y) if axes is not None else None,
+                          time_ranges=rrb.VisibleTimeRange(ELAPSED, start=start, end=end)),
+        rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)",
+                           plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)),
+        *([rrb.Horizontal(*plate)] if controlled else []),
+        rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"), rrb.TextLogView(origin="events", name="Events")),
+        row_shares=[4, 3, *([2] if controlled else []), 2])
+    return rrb.Blueprint(rrb.Horizontal(histories, figures, column_shares=[3, 2]),
+                         rrb.TimePanel(timeline=ELAPSED, state="collapsed", play_state="following"),
+                         collapse_panels=True, auto_views=False)
+
+
+def rgb(colour: str) -> list[int]:
+    """The three bytes of #RRGGBB."""
+    return [int(colour[k:k + 2], 16) for k in (1, 3, 5)]
+
+
+def rerun() -> Any:
+    """The module rerun, or MissingPackage with the extra that brings it."""
+    require("rerun", "Rerun")
+    import rerun
+    import rerun.blueprint
+
+    return rerun

@@ -1,0 +1,156 @@
+"""Pictures of a sweep: maxima and orbit diagram over one key, or a map over two."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.trajectory import Floats
+from tcc_sim.views import style
+
+NOT_FOUND = "#B0B0B0"
+"""Colour of a motion without period, and of a value that failed in a map."""
+PURE_STICK = -1
+"""Stands for the period of a motion that never slips in a map."""
+REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN}
+
+
+def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str = "") -> Path:
+    """Maxima, the orbit diagram (plate angle on the section), and how long the clutch sticks, over one key.
+
+    Parameters
+    ----------
+    values : as `sweep --json` has them
+    width : inch
+    """
+    with style.figure(width, 5.0) as drawn:
+        if title:
+            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+        maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
+        x, names = numbers(values["values"]), values["regime"]
+        largest = numbers(values["max_slip_speed"])
+        maxima.plot(x, largest, color=style.GREY, linewidth=0.6, zorder=1)
+        for regime, colour in REGIMES.items():
+            mine = np.array([name == regime for name in names])
+            if mine.any():
+                maxima.plot(x[mine], largest[mine], linestyle="none", marker="o", color=colour, label=regime,
+                            markeredgewidth=0.0, markersize=_size(len(x)))
+        _failed(maxima, x, largest)
+        style.legend_above(maxima)
+        maxima.set_ylabel("max |slip speed|\n(rad/s)")
+        maxima.set_ylim(bottom=-0.03 * (float(np.nanmax(largest, initial=0.0)) or 1.0))
+        _orbit(orbit, x, values)
+        share = numbers(values["stick_fraction"])
+        stick.plot(x, 100.0 * share, color=style.BLUE, marker="o", markersize=_size(len(x)), markeredgewidth=0.0,
+                   linewidth=0.9)
+        stick.set_ylabel("stick (%)")
+        stick.set_ylim(-4.0, 104.0)
+        stick.set_xlabel(label_of(values["over"]))
+        if len(x) > 1:
+            stick.set_xlim(np.nanmin(x), np.nanmax(x))
+        style.panel_titles((maxima, orbit, stick), ["Maxima", "Orbit diagram", "Time in stick"])
+        return style.save(drawn, path)
+
+
+def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
+    """The section points over the key: those of the period, in blue, or all that were kept where there is none."""
+    periods = values["period"]
+    for periodic, colour, name in ((True, style.BLUE, "periodic"), (False, style.RED, "no period up to 16")):
+        places, angles = [], []
+        for place, section, period in zip(x, values["section"], periods):
+            if section and bool(period) == periodic:
+                places += [place] * len(section)
+                angles += [point[0] for point in section]
+        if angles:
+            axis.plot(places, angles, linestyle="none", marker="o", markersize=max(0.7 * _size(len(x)), 1.0),
+                      markeredgewidth=0.0, color=colour, label=name, rasterized=len(angles) > 5000)
+    style.legend_above(axis)
+    axis.set_ylabel("plate angle (rad)\nat " + r"$t = 2\pi n/\omega$")
+    axis.margins(y=0.1)
+
+
+def draw_grid(path: Path, values: Mapping[str, Any], width: float, title: str = "") -> Path:
+    """Two maps over two keys, rows second: the largest slip speed, and the period.
+
+    Parameters
+    ----------
+    values : as `sweep --json` has them with two keys: `over`, `second_over`, `values`, `second_values`, and results as
+        lists of lists
+    width : inch
+    """
+    wide = width > 0.5 * (style.COLUMN + style.PAGE)
+    with style.figure(width, 3.2 if wide else 5.6) as drawn:
+        if title:
+            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+        maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
+        x, y = edges(numbers(values["values"])), edges(numbers(values["second_values"]))
+        largest = np.array([numbers(row) for row in values["max_slip_speed"]])
+        shade = maxima.pcolormesh(x, y, np.ma.masked_invalid(largest), cmap="viridis", vmin=0.0, rasterized=True)
+        drawn.colorbar(shade, ax=maxima, label="max |slip speed| (rad/s)")
+        _period_map(drawn, periods, x, y, values)
+        for axis in (maxima, periods):
+            axis.set_facecolor(NOT_FOUND)
+            axis.grid(False)
+            axis.set_xlabel(label_of(values["over"]))
+        for axis in (maxima, periods)[:1 if wide else 2]:
+            axis.set_ylabel(label_of(values["second_over"]))
+        if not wide:
+            maxima.set_xlabel("")
+        style.panel_titles((maxima, periods), ["Maxima", "Period"])
+        return style.save(drawn, path)
+
+
+def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
+    """Colours for the periods that occur, dark for none, light for pure stick."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    period = np.array([numbers(row) for row in values["period"]])
+    period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
+    found = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
+    looks = {PURE_STICK: ("stick", style.STICK), 0: ("none", style.INK)}
+    colours = [looks[p][1] if p in looks else style.MANY[(p - 1) % len(style.MANY)] for p in found]
+    place = np.full(period.shape, np.nan)
+    for number, p in enumerate(found):
+        place[period == p] = number
+    norm = BoundaryNorm(np.arange(len(found) + 1) - 0.5, len(found))
+    shade = axis.pcolormesh(x, y, np.ma.masked_invalid(place), cmap=ListedColormap(colours), rasterized=True, norm=norm)
+    bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (engine cycles)")
+    bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
+    bar.ax.minorticks_off()
+
+
+def _failed(axis: Any, x: Floats, largest: Floats) -> None:
+    """Marks on the axis where the solver stopped."""
+    wrong = ~np.isfinite(largest)
+    if wrong.any():
+        axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
+                  clip_on=False)
+
+
+def label_of(key: str) -> str:
+    """A scene key with its unit."""
+    unit = QUANTITIES[key].unit if key in QUANTITIES else ""
+    return f"{key} ({unit})" if unit else key
+
+
+def numbers(values: Sequence[Any]) -> Floats:
+    """Values with NaN for those that are missing."""
+    return np.array([np.nan if v is None else float(v) for v in values], dtype=np.float64)
+
+
+def edges(centres: Floats) -> Floats:
+    """Borders of cells around centres, (n + 1,); a single one gets a cell of its own size."""
+    if len(centres) == 1:
+        half = 0.5 * abs(float(centres[0])) or 0.5
+        return np.array([centres[0] - half, centres[0] + half])
+    middle = 0.5 * (centres[1:] + centres[:-1])
+    return np.concatenate([[centres[0] - (middle[0] - centres[0])], middle, [centres[-1] + (centres[-1] - middle[-1])]])
+
+
+def _size(count: int) -> float:
+    """Size of a marker that fits so many values."""
+    return 3.0 if count <= 80 else 2.0 if count <= 300 else 1.2

@@ -1,0 +1,105 @@
+"""Every JSON says which format, version, scene and command it is of, and is what its schema says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from documents import valid
+from jsonschema import Draft202012Validator, ValidationError
+
+from tcc_sim import cli
+from tcc_sim.model.parameters import System
+from tcc_sim.output import provenance
+from tcc_sim.scene import load_scene
+from tcc_sim.studies import sweep_file
+
+
+@pytest.mark.parametrize("kind", provenance.FORMATS)
+def test_every_kind_has_a_schema_that_is_one_and_names_it(kind: str) -> None:
+    rules = provenance.schema(kind)
+    Draft202012Validator.check_schema(rules)
+    head = rules["oneOf"][0] if kind == "sweep_points" else rules
+    assert head["properties"]["format"]["const"] == provenance.format_of(kind)
+    assert {"format", "version", "scene", "command"} <= set(head["required"]) <= set(head["properties"])
+    assert rules["$id"] == f"urn:tcc_sim:{kind}:{provenance.FORMATS[kind]}"
+
+
+def test_every_verb_that_writes_json_has_a_kind() -> None:
+    folder = Path(cli.__file__).parent
+    writing = [path.stem for path in folder.glob("*.py") if "write_json" in path.read_text()]
+    assert {"demo" if verb == "demo" else verb for verb in writing} - {"demo"} <= set(provenance.FORMATS)
+    for path in folder.glob("*.py"):
+        text = path.read_text()
+        assert "json.dump" not in text, f"{path.name} writes JSON that says nothing of itself"
+        assert text.count("write_json(") == text.count("document("), path.name
+
+
+def test_the_scene_comes_back_from_its_values() -> None:
+    scene = load_scene("chaos").with_values({"engine.harmonic_amplitudes": [3.0, 1.0], "engine.harmonic_phases": [0.0, 0.5],
+                                             "rate": 500.0, "publish_clock": True})
+    values = json.loads(json.dumps(provenance.scene_values(scene)))
+    again = load_scene("fig02").with_values(values)
+    assert (again.system, again.operation) == (scene.system, scene.operation)
+    assert "rate" not in provenance.scene_values(System())
+
+
+def test_a_document_that_lacks_a_key_is_refused() -> None:
+    found = provenance.document("claims", {"claims": [], "complete": True}, System(), ["claims"])
+    valid("claims", found)
+    for key in ("format", "version", "scene", "command", "claims"):
+        with pytest.raises(ValidationError, match=key):
+            Draft202012Validator(provenance.schema("claims")).validate({k: v for k, v in found.items() if k != key})
+    assert provenance.document("claims", {"scene": "mine", "x": 1}, System(), [])["scene"]["clutch.radius"] == 0.1
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("documents")
+
+
+def written(folder: Path, name: str, *words: object) -> tuple[dict[str, object], list[str]]:
+    command = [str(w) for w in words]
+    assert cli.main(command) == 0
+    return json.loads((folder / name).read_text()), command
+
+
+def test_simulate_and_analyse(folder: Path) -> None:
+    found, command = written(folder, "simulate.json", "simulate", "fig02", "--set", "pressure.phase=1", "--cycles", 48,
+                             "--damping", "--lyapunov", "--json", folder / "simulate.json", "--out", folder / "run.mcap")
+    assert valid("simulate", found)["command"] == command
+    assert found["scene"]["pressure.phase"] == 1.0  # type: ignore[index]
+    found, _ = written(folder, "analyse.json", "analyse", folder / "run.mcap", "--json", folder / "analyse.json",
+                       "--damping", "--verify")
+    assert valid("analyse", found)["scene"]["pressure.phase"] == 1.0
+
+
+def test_a_run_shorter_than_a_cycle(folder: Path) -> None:
+    found, _ = written(folder, "short.json", "simulate", "fig02", "--duration", 0.01, "--json", folder / "short.json")
+    assert valid("simulate", found)["section"] == []
+
+
+def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
+    words = ("sweep", "minimal", "--over", "engine.frequency=100:120:3", "--cycles", 30, "--damping", "--out", folder / "s.jsonl",
+             "--json", folder / "s.json")
+    found, command = written(folder, "s.json", *words)
+    valid("sweep", found)
+    first, *points = map(json.loads, (folder / "s.jsonl").read_text().splitlines())
+    assert valid("sweep_points", first)["command"] == command
+    judge = Draft202012Validator(provenance.schema("sweep_points"))
+    assert len(points) == 3
+    for point in points:
+        judge.validate(point)
+    assert provenance.format_of("sweep_points") == sweep_file.FORMAT
+    again, other = written(folder, "t.json", *words[:-1], folder / "t.json")  # another command, the same sweep
+    assert again["max_slip_speed"] == found["max_slip_speed"]
+    assert other != command
+    assert json.loads((folder / "s.jsonl").read_text().splitlines()[0]) == first
+
+
+def test_explain_and_a_figure(folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    valid("explain", written(folder, "explain.json", "explain", "minimal", "--json", folder / "explain.json")[0])
+    found, command = written(folder, "fig03.json", "figure", 3, "--out", folder)
+    assert valid("figure", found)["command"] == command

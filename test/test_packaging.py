@@ -1,0 +1,108 @@
+"""What is shipped: an sdist with all that its tests need, a wheel that works by itself, and what they say of themselves."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tcc_sim import __version__
+from tcc_sim.output.provenance import FORMATS
+
+ROOT = Path(__file__).resolve().parent.parent
+LISTS = {node.targets[0].id: node.value for node in ast.parse((ROOT / "setup.py").read_text()).body
+         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Sdist and wheel, made in a copy of the tree with the setuptools that is installed."""
+    pytest.importorskip("setuptools", minversion="70")
+    folder = tmp_path_factory.mktemp("built")
+    source = folder / "source"
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(
+        "__pycache__", ".git", ".venv", "build", "dist", "install", "log", "*.egg-info", ".*_cache", ".hypothesis"))
+    code = ("import sys; from setuptools import build_meta as b; folder = sys.argv[1]\n"
+            "b.build_sdist(folder); b.build_wheel(folder)")  # building changes sys.argv
+    ended = subprocess.run([sys.executable, "-c", code, str(folder)], cwd=source, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    sdist, = folder.glob("*.tar.gz")
+    wheel, = folder.glob("*.whl")
+    return sdist, wheel
+
+
+def test_the_sdist_holds_every_file_of_package_tests_and_scenes(built):
+    with tarfile.open(built[0]) as file:
+        names = {name.partition("/")[2] for name in file.getnames()}
+    wanted = {str(path.relative_to(ROOT)) for part in ("tcc_sim", "test", "config", "resource", ".ci", ".github")
+              for path in (ROOT / part).rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    wanted |= {"setup.py", "pyproject.toml", "package.xml", "README.md", "LICENSE", "CHANGELOG.rst", "CITATION.cff"}
+    assert wanted - names == set()
+    assert "test/conftest.py" in wanted
+
+
+def test_the_tests_of_the_sdist_pass_in_it(built, tmp_path):
+    with tarfile.open(built[0]) as file:
+        file.extractall(tmp_path, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
+    folder, = tmp_path.iterdir()
+    ended = subprocess.run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test/test_scenes.py",
+                            "test/messages", "test/model", "test/test_topics.py"], cwd=folder, capture_output=True, text=True,
+                           check=False, env={"PATH": "", "HOME": str(Path.home()), "PYTHONPATH": str(folder)})
+    assert ended.returncode == 0, ended.stdout[-2000:]
+
+
+def test_the_wheel_finds_its_scenes_and_schemas_outside_the_checkout(built, tmp_path):
+    site = tmp_path / "lib" / "site-packages"
+    with zipfile.ZipFile(built[1]) as file:
+        for name in file.namelist():
+            inside = re.sub(r"^tcc_sim-[^/]+\.data/data/", "../../", name)
+            target = (site / inside).resolve()
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if not name.endswith("/"):
+                target.write_bytes(file.read(name))
+    code = ("import sys; sys.path.insert(0, sys.argv[1]); import tcc_sim; from tcc_sim.scene import bundled_scenes\n"
+            "from tcc_sim.output.provenance import FORMATS, schema\n"
+            "print(tcc_sim.__file__); print(*bundled_scenes()); print(*(schema(kind)['$id'] for kind in FORMATS))")
+    ended = subprocess.run([sys.executable, "-c", code, str(site)], cwd=tmp_path, capture_output=True, text=True, check=False,
+                           env={"PATH": "", "HOME": str(Path.home())})
+    assert ended.returncode == 0, ended.stderr
+    where, scenes, schemas = ended.stdout.splitlines()
+    assert where.startswith(str(site))
+    assert scenes.split() == sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
+    assert len(schemas.split()) == len(FORMATS)
+
+
+def test_the_metadata_are_whole_and_hold_no_placeholder(built):
+    with zipfile.ZipFile(built[1]) as file:
+        name, = (n for n in file.namelist() if n.endswith("METADATA"))
+        text = file.read(name).decode()
+    head = text.partition("\n\n")[0]
+    assert "example.org" not in head
+    assert "example.org" not in (ROOT / "package.xml").read_text()
+    assert head.count("Classifier: ") >= 8
+    assert "Keywords: " in head
+    assert {"ros", "view", "cluster", "test", "all"} == set(re.findall(r"Provides-Extra: (\S+)", head))
+    everything = re.findall(r"Requires-Dist: ([A-Za-z0-9_.-]+).*extra == .all.", head)
+    assert {"rerun-sdk", "matplotlib", "distributed", "ros-rclpy"} <= set(everything)
+    assert not {"pytest", "ruff", "mypy"} & set(everything)
+
+
+def test_the_paper_is_cited_in_full():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert cited["version"] == __version__
+    paper, = cited["references"]
+    assert [author["family-names"] for author in paper["authors"]] == ["Duan", "Singh"]
+    assert {"title", "journal", "volume", "year", "start", "end"} <= paper.keys()
+
+
+def test_every_requirement_has_a_floor_that_can_be_tested():
+    for name in ("INSTALL", "VIEW", "CLUSTER"):
+        for requirement in ast.literal_eval(LISTS[name]):
+            assert re.fullmatch(r"[A-Za-z0-9_.-]+>=[0-9.]+", requirement), requirement
+    assert "setup.py" in (ROOT / ".ci" / "floors").read_text()

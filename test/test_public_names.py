@@ -1,0 +1,58 @@
+"""What `import tcc_sim` offers: a dozen names, each with an example that runs."""
+
+import doctest
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tcc_sim
+
+PACKAGE = Path(tcc_sim.__file__).parent
+NAMES = [name for name in tcc_sim.__all__ if name != "__version__"]
+EXAMPLES = sorted(".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+                  for path in PACKAGE.rglob("*.py") if ">>>" in path.read_text())
+
+
+def test_the_package_shows_its_public_names():
+    assert dir(tcc_sim) == sorted(tcc_sim.__all__)
+    assert {"load_scene", "solve", "simulate", "sweep", "analyse", "plot", "Scene", "System", "Trajectory", "__version__"
+            } <= set(dir(tcc_sim))
+    assert len(dir(tcc_sim)) <= 14
+    for name in NAMES:
+        assert callable(getattr(tcc_sim, name)), name
+    with pytest.raises(AttributeError, match="nothing"):
+        tcc_sim.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_has_an_example(name):
+    assert ">>>" in (getattr(tcc_sim, name).__doc__ or ""), name
+
+
+@pytest.mark.parametrize("module", EXAMPLES)
+def test_the_examples_run(module, tmp_path):
+    if "plot" in module:
+        pytest.importorskip("matplotlib")
+    found = doctest.testmod(import_module(module), extraglobs={"folder": tmp_path},
+                            optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert found.attempted > 0
+    assert found.failed == 0
+
+
+def test_a_scene_and_its_system_give_the_same():
+    scene = tcc_sim.load_scene("fig02")
+    one, two = (tcc_sim.solve(x, cycles=3, samples_per_cycle=10) for x in (scene, scene.system))
+    np.testing.assert_array_equal(one.slip_speed, two.slip_speed)
+
+
+def test_results_say_what_they_are_in_a_line_or_two():
+    run = tcc_sim.solve(tcc_sim.load_scene("slip"), cycles=40, samples_per_cycle=50)
+    found = tcc_sim.simulate("slip", cycles=40)
+    for result in (run, found):
+        assert len(repr(result)) < 250
+        assert "array" not in repr(result)
+    columns = run.columns()
+    assert list(columns)[:2] == ["t", "slip_speed"]
+    assert {len(column) for column in columns.values()} == {2001}

@@ -1,0 +1,114 @@
+"""Between samples a picture shows the motion itself: judged by SciPy at a tight tolerance and by arrays made by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driveline_bags import bag, ticked
+from scipy.integrate import solve_ivp
+
+from tcc_sim.model import equations, friction
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.views.dense import SAMPLES, between, last_cycles
+
+
+def truth(system, t0, state, at):
+    """The smoothed model by SciPy's Radau, from (v, theta2, omega2) at t0."""
+    terms = terms_of(system)
+
+    def rates(t, y):
+        engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
+        load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
+        torque = load * friction.smoothed(y[0], terms.smoothing, terms.stribeck)
+        slip, plate = equations.accelerations(y[1], y[2], engine, torque, terms.linear)
+        return [slip, y[2], plate]
+
+    found = solve_ivp(rates, (t0, at[-1]), state, method="Radau", t_eval=at, rtol=1e-10, atol=1e-10)
+    assert found.success
+    return found.y
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Three seconds of fig02 at 1 kHz, as the driveline ticks: 42 samples per engine cycle."""
+    return replay(bag(tmp_path_factory.mktemp("dense") / "run", ticked(load_scene("fig02"), 3000), "fig02"))
+
+
+def test_between_ticks_the_recorded_motion_is_a_curve(recorded):
+    tail = recorded.trajectory
+    dense = between(tail)
+    per_cycle = np.count_nonzero(dense.t > dense.t[-1] - dense.cycle)
+    assert per_cycle >= SAMPLES
+    # The recorded samples are among the dense ones, as they were.
+    place = np.searchsorted(dense.t, tail.t - 1e-9)
+    np.testing.assert_allclose(dense.t[place], tail.t, atol=1e-12)
+    np.testing.assert_array_equal(dense.plate_angle[place], tail.plate_angle)
+    np.testing.assert_array_equal(dense.slip_speed[place], tail.slip_speed)
+    # A polygon of 42 samples misses a slip peak by far more than what SciPy finds between two samples.
+    begin = int(np.argmax(tail.slip_speed[-50:])) + len(tail.t) - 50
+    inside = (dense.t >= tail.t[begin - 2]) & (dense.t <= tail.t[begin + 1])
+    state = [tail.slip_speed[begin - 2], tail.plate_angle[begin - 2], tail.plate_speed[begin - 2]]
+    exact = truth(tail.system, tail.t[begin - 2], state, dense.t[inside])
+    size = np.abs(tail.slip_speed).max()
+    assert np.abs(exact[0] - dense.slip_speed[inside]).max() < 1e-4 * size
+    assert np.abs(exact[1] - dense.plate_angle[inside]).max() < 1e-5
+
+
+def test_the_friction_torque_between_ticks_has_no_spikes_in_stick(recorded):
+    dense = between(recorded.trajectory)
+    stuck = dense.state == 0
+    inner = stuck & np.roll(stuck, 1) & np.roll(stuck, -1)
+    jumps = np.abs(np.diff(dense.friction_torque))[inner[1:] & inner[:-1]]
+    assert len(jumps) > 1000
+    assert jumps.max() < 2.0  # N m between neighbours; what the ticks themselves hold jumps by more than 100
+    own = recorded.trajectory
+    both = (own.state[1:] == 0) & (own.state[:-1] == 0)
+    assert np.abs(np.diff(own.friction_torque))[both].max() > 30.0
+    most = own.system.friction_ratio * dense.saturation_torque
+    assert (np.abs(dense.friction_torque) <= most * (1.0 + 1e-9)).all()
+
+
+def test_commands_are_held_over_a_tick(tmp_path):
+    scene = load_scene("commands")
+    rows = ticked(scene, 1200, torque=lambda k: 300.0 + 200.0 * math.sin(0.15 * k), pressure=lambda k: 2e5 + 100.0 * (k % 7))
+    tail = replay(bag(tmp_path / "run", rows, scene), frequency=150.0).trajectory
+    dense = between(tail)
+    k = len(tail.t) - 20
+    inside = (dense.t > tail.t[k] + 1e-9) & (dense.t <= tail.t[k + 1] + 1e-9)
+    assert inside.sum() > 10
+    assert set(dense.engine_torque[inside]) == {tail.engine_torque[k + 1]}
+    assert set(dense.saturation_torque[inside]) == {tail.saturation_torque[k + 1]}
+
+
+def test_changed_parameters_and_gaps_are_not_drawn_as_if_solved(recorded):
+    tail = recorded.trajectory
+    other = replace(tail, system=load_scene("slip").system)  # ticks of another scene lead elsewhere: interpolated
+    dense = between(other)
+    assert np.isfinite(dense.slip_speed).all()
+    assert dense.slip_speed.max() < 1.02 * tail.slip_speed.max()
+    assert dense.slip_speed.min() > tail.slip_speed.min() - 0.02 * tail.slip_speed.max()
+    keep = np.r_[0:100, 140:len(tail.t)]
+    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque", "state")
+    holed = between(replace(tail, **{name: getattr(tail, name)[keep] for name in names}))
+    hole = (holed.t > tail.t[99] + 1e-9) & (holed.t < tail.t[140] - 1e-9)
+    assert hole.any()
+    assert np.isnan(holed.slip_speed[hole]).all()
+    assert np.isfinite(holed.slip_speed[~hole]).all()
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_last_cycles_of_a_solve_again_with_samples(law):
+    system = load_scene("fig02").with_values({"friction.law": law}).system
+    run = solve(system, cycles=40)
+    dense = last_cycles(run, 3)
+    assert dense.t[0] == pytest.approx(37 * system.cycle)
+    assert dense.t[-1] == pytest.approx(run.t[-1])
+    assert len(dense.t) == 3 * SAMPLES + 1
+    assert dense.slip_speed.max() == pytest.approx(run.cycles.highest[-3:].max(), rel=1e-5)
+    assert dense.final.plate_angle == pytest.approx(run.final.plate_angle, abs=1e-6)
+    whole = solve(system, duration=0.5 * system.cycle, samples_per_cycle=100)
+    assert last_cycles(whole, 3) is whole

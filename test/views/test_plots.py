@@ -1,0 +1,209 @@
+"""--plot and plot(): what is drawn, from what, and what is refused before anything is computed."""
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+from driveline_bags import bag, ticked
+
+from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps
+from tcc_sim.analysis.cycles import cycles_of
+from tcc_sim.analysis.summary import summarise
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.studies.sweep import Plan, sweep, sweep_grid
+from tcc_sim.views import plots, style, sweeps
+from tcc_sim.views.overview import overview
+
+
+@pytest.fixture(autouse=True)
+def _matplotlib():
+    pytest.importorskip("matplotlib")
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Every figure as it is saved: (label, x, y) of its lines by the title of their panel."""
+    found = {}
+    plain = style.save
+
+    def look(figure, path):
+        for axis in figure.axes:
+            lines = [(line.get_label(), np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.lines]
+            found[axis.get_title(loc="left") or axis.get_title()] = {"lines": lines, "axis": axis}
+        found["size"] = tuple(figure.get_size_inches())
+        return plain(figure, path)
+
+    monkeypatch.setattr(style, "save", look)
+    return found
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return bag(tmp_path_factory.mktemp("plots") / "run", ticked(load_scene("fig02"), 3000), "fig02")
+
+
+def test_a_recording_is_drawn_as_a_curve(recording, tmp_path, drawn):
+    assert main(["analyse", str(recording), "--plot", str(tmp_path / "run.png")]) == 0
+    (_, angle, _), _section = drawn["(c) Phase portrait"]["lines"]
+    assert len(angle) > 1000  # the ticks alone are 42 a cycle
+    names = [name for name, *_ in drawn["(a) Torques"]["lines"]]
+    assert names == ["engine", "friction", r"$\mu_k N R$", r"$\mu_s N R$"]
+    kinetic, static = (line[2] for line in drawn["(a) Torques"]["lines"][2:])
+    np.testing.assert_allclose(static, 0.3 / 0.24 * kinetic)
+
+
+@pytest.mark.parametrize(("suffix", "starts"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_simulate_draws_its_last_cycles_in_every_format_and_always_the_same(suffix, starts, tmp_path, drawn):
+    for name in "ab":
+        words = ["simulate", "minimal", "--cycles", "60", "--plot", str(tmp_path / f"{name}.{suffix}"), "--width", "column"]
+        assert main(words) == 0
+    one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in "ab")
+    assert one.startswith(starts)
+    assert one == two
+    assert drawn["size"][0] == style.COLUMN
+    assert [name for name, *_ in drawn["(a) Torques"]["lines"]] == ["engine", "friction", r"$\mu_k N R$"]  # mu_s = mu_k
+    (_, t, v) = drawn["(b) Slip speed"]["lines"][0]
+    assert len(t) > 6 * 1000
+    last = solve(load_scene("minimal").system, cycles=60).cycles.highest[-6:]
+    assert np.abs(v).max() == pytest.approx(last.max(), rel=1e-4)
+
+
+def test_a_run_shorter_than_a_cycle_is_drawn(tmp_path, drawn):
+    assert main(["simulate", "fig02", "--duration", "0.02", "--plot", str(tmp_path / "a.png")]) == 0
+    assert len(drawn["(b) Slip speed"]["lines"][0][1]) > 90
+
+
+def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
+    words = ["sweep", "fig02", "--over", "engine.frequency=70:190:7", "--cycles", "100", "--json", str(tmp_path / "s.json")]
+    assert main([*words, "--plot", str(tmp_path / "s.png")]) == 0
+    values = json.loads((tmp_path / "s.json").read_text())
+    shown = {x: y for name, xs, ys in drawn["(a) Maxima"]["lines"] if name in sweeps.REGIMES for x, y in zip(xs, ys)}
+    assert shown == dict(zip(values["values"], values["max_slip_speed"]))
+    points = sorted((x, y) for _, xs, ys in drawn["(b) Orbit diagram"]["lines"] for x, y in zip(xs, ys))
+    assert points == sorted((x, p[0]) for x, section in zip(values["values"], values["section"]) for p in section)
+    assert drawn["(c) Time in stick"]["axis"].get_xlabel() == "engine.frequency (rad/s)"
+    # The JSON read back gives the same picture as the result itself.
+    plots.plot(values, tmp_path / "t.png", title="fig02")
+    assert (tmp_path / "t.png").read_bytes() == (tmp_path / "s.png").read_bytes()
+
+
+def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
+    x, y = [80.0, 120.0, 160.0], [0.24, 0.3]
+    rows = [row.as_json() for row in sweep_grid(load_scene("fig02").system, "engine.frequency", x,
+                                                "friction.kinetic_coefficient", y, Plan(cycles=40))]
+    names = ("max_slip_speed", "period", "regime", "stick_fraction", "section")
+    values = {"over": "engine.frequency", "values": x, "second_over": "friction.kinetic_coefficient", "second_values": y,
+              **{name: [row[name] for row in rows] for name in names}}
+    plots.plot(values, tmp_path / "grid.png")
+    axis = drawn["(a) Maxima"]["axis"]
+    mesh = axis.collections[0]
+    np.testing.assert_allclose(np.asarray(mesh.get_array()).reshape(2, 3), values["max_slip_speed"])
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("engine.frequency (rad/s)", "friction.kinetic_coefficient")
+    assert axis.get_xlim() == (60.0, 180.0)
+    values["max_slip_speed"][0][1] = values["period"][0][1] = None  # a value that failed
+    plots.plot(values, tmp_path / "failed.png", "column")
+    assert np.ma.count_masked(drawn["(a) Maxima"]["axis"].collections[0].get_array()) == 1
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (["simulate", "fig02", "--plot", "run.jpg"], "must end in .png, .svg or .pdf"),
+    (["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot", "no/run.png"], "no directory"),
+    (["simulate", "fig02", "--plot", "here.png"], "not overwritten"),
+    (["simulate", "fig02", "--plot", "x.svg", "--json", "x.svg"], "asked for twice")])
+def test_what_cannot_be_a_picture_is_refused_first(words, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here.png").write_text("mine")
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert says in err
+    assert [p.name for p in tmp_path.iterdir()] == ["here.png"]
+
+
+@pytest.mark.parametrize(("missing", "words"), [
+    ("matplotlib", ["simulate", "fig02", "--plot", "run.png"]), ("matplotlib", ["figure", "4", "--out", "figures"]),
+    ("matplotlib", ["precision", "--quick", "--out", "p"]), ("matplotlib", ["stability", "--quick", "--out", "s"]),
+    ("matplotlib", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot", "run.svg"]),
+    ("matplotlib", ["analyse", "RUN", "--plot", "run.png"]), ("rerun", ["analyse", "RUN", "--rrd", "run.rrd"]),
+    ("rerun", ["analyse", "RUN", "--spawn"]),
+    ("distributed", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--dask", "tcp://localhost:1", "--out", "x"])])
+def test_a_missing_extra_is_said_before_anything_is_computed_or_written(missing, words, recording, tmp_path, monkeypatch,
+                                                                        capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, missing, None)
+    for module in ("tcc_sim.solvers", "tcc_sim.studies.sweep", "tcc_sim.replay.replay", "tcc_sim.paper.figures"):
+        for name in ("solve", "sweep", "replay", "figure_data"):
+            if hasattr(sys.modules.get(module), name):
+                monkeypatch.setattr(sys.modules[module], name, lambda *_, **__: pytest.fail("something was computed"))
+    assert main([str(recording) if word == "RUN" else word for word in words]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    extra = "cluster" if missing == "distributed" else "view"
+    assert f"pip install 'tcc_sim[{extra}]'" in err
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_result_cannot_be_drawn(tmp_path):
+    with pytest.raises(InputError, match="a float cannot be drawn"):
+        plots.plot(3.0, tmp_path / "a.png")
+    with pytest.raises(InputError, match="column or page"):
+        plots.plot(3.0, tmp_path / "a.png", "poster")
+
+
+def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
+    run = solve(load_scene("fig02").system, cycles=30, samples_per_cycle=100)
+    t = run.cycle * np.arange(1, 31)
+    control = Control(t, np.full(30, 7.0), Steps(np.array([0.1]), np.array([20.0])),
+                      Steps(np.array([0.0, 0.5]), np.array([2e5, 3e5])), Steps(np.array([0.0, 0.51]), np.array([2e5, 3e5])),
+                      (Event(0.3, "pressure falls back: no command for 0.5 s"), Event(0.7, "clutch.radius = 0.12")))
+    for width in ("page", "column"):
+        overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "test", control=control, width=width)
+        lines = drawn["(c) Cycle mean"]["lines"]
+        assert [name for name, *_ in lines][:2] == ["cycle mean", "target"]
+        assert [float(x[0]) for _, x, _ in lines[2:]] == [0.3, 0.7]
+        texts = [text.get_text() for text in drawn["(c) Cycle mean"]["axis"].texts]
+        assert texts == ["pressure falls back: no command for 0.5 s", "clutch.radius = 0.12"]
+        pressures = drawn["(d) Actuation pressure"]["lines"]
+        assert [name for name, *_ in pressures][:2] == ["applied", "commanded"]
+        assert pressures[1][2].max() == 300.0  # kPa
+        assert "target" in [name for name, *_ in drawn["(b) Slip speed"]["lines"]]
+
+
+def test_cycle_means_are_those_of_a_known_signal():
+    means, step = CycleMeans(0.04), 1e-3
+    t = np.arange(0, 401) * step
+    v = 5.0 + 3.0 * t + np.sin(2.0 * math.pi * t / 0.04)
+    ends, found = [], []
+    for part in np.array_split(np.arange(401), 13):
+        e, m = means.feed(t[part], v[part])
+        ends, found = [*ends, *e], [*found, *m]
+    np.testing.assert_allclose(ends, 0.04 * np.arange(1, 11))
+    np.testing.assert_allclose(found, 5.0 + 3.0 * (np.array(ends) - 0.02), atol=1e-9)
+    means.restart()
+    assert len(means.feed(t[:30], v[:30])[0]) == 0
+
+
+def test_events_of_a_recording(tmp_path):
+    scene = load_scene("commands").with_values({"command_timeout": 0.2})
+    said = []
+    rows = ticked(scene, 1500, pressure=lambda k: 2e5 if k < 700 else 2.5e5, said=said,
+                  changes=[(900, {"friction.kinetic_coefficient": 0.25}, False)], resets=(1300,))
+    found = replay(bag(tmp_path / "run", rows, scene, said=said), frequency=150.0).control
+    assert [event.text for event in found.events] == ["friction.kinetic_coefficient = 0.25", "reset or restart"]
+    assert found.events[0].t == pytest.approx(0.9, abs=2e-3)
+    assert found.events[1].t == pytest.approx(1.3, abs=2e-3)
+    assert found.applied.values.min() == 2e5
+    assert found.applied.values[-1] == 2.5e5
+    assert len(found.mean_slip) == int(1.3 / load_scene("fig02").system.cycle)
+
+
+def test_sweep_results_are_drawn_as_they_are(tmp_path):
+    found = sweep(load_scene("minimal").system, "engine.frequency", [100.0, 120.0], Plan(cycles=20))
+    assert plots.plot(found, tmp_path / "s.svg", "column").stat().st_size > 1000
