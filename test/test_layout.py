@@ -149,9 +149,12 @@ def keys_in(path: Path) -> dict[str, object]:
 def without_effect(keys: dict[str, object]) -> set[str]:
     """Keys that may be left out since nothing depends on them."""
     free = {"engine.harmonic_amplitudes", "engine.harmonic_phases"}
-    if keys["engine.source"] == "topic":
+    for group in ("engine", "pressure"):
+        if keys[f"{group}.source"] == "harmonic":
+            free |= {f"{group}.fallback"}
+    if keys["engine.source"] == "topic" and keys["engine.fallback"] == "mean":
         free |= {"engine.torque_amplitude"}
-    if keys["pressure.source"] == "topic":
+    if keys["pressure.source"] == "topic" and keys["pressure.fallback"] == "mean":
         free |= {"pressure.amplitude", "pressure.frequency_ratio", "pressure.phase"}
     if keys.get("pressure.amplitude") == 0.0:
         free |= {"pressure.frequency_ratio", "pressure.phase"}
