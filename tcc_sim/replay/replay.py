@@ -19,11 +19,11 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
-from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import Commands
 from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.control_log import ControlLog
+from tcc_sim.replay.pace import Pace
 from tcc_sim.replay.scene_places import MOST_SCENES, Place, ScenePlaces
 from tcc_sim.replay.segments import MOST_SEGMENTS, Segment, SegmentLog
 from tcc_sim.replay.tail import Tail
@@ -140,31 +140,6 @@ class Replay:
         cells = [line.strip().split("  ", 1) for line in self.lines()[1:]]
         table = [f"| {cell[0]} | {cell[1].strip()} |" if len(cell) > 1 else f"| | {cell[0]} |" for cell in cells]
         return "\n".join([f"# {self.path.name}", "", "| | |", "|---|---|", *table, ""])
-
-
-class Pace:
-    """Simulated time against the real time at which messages were received; resets and restarts count from anew.
-
-    The first batch of a run only sets the start: its messages may have waited for the recorder to be discovered.
-    """
-
-    def __init__(self) -> None:
-        self._simulated = self._real = 0.0
-        self._last: tuple[int, int, int] | None = None
-
-    def add(self, batch: JointStates) -> None:
-        """Take the next messages, all of one run."""
-        if len(batch):
-            before, self._last = self._last, (batch.run, int(batch.stamp_ns[-1]), int(batch.log_ns[-1]))
-            begin = before if before is not None and before[0] == batch.run else self._last
-            if self._last[2] < begin[2]:
-                return  # The clock was set back: this batch says nothing.
-            self._simulated += self._last[1] - begin[1]
-            self._real += self._last[2] - begin[2]
-
-    def factor(self) -> float:
-        """Simulated over real time; NaN where no real time passed, as in a recording that was not made live."""
-        return self._simulated / self._real if self._real > 0.0 else math.nan
 
 
 def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
