@@ -1,4 +1,8 @@
+<<<<<<< HEAD
 """How fast a recording ran: simulated against real time."""
+=======
+"""How fast a recorded run was: simulated time over the real time in which its messages came in."""
+>>>>>>> mend
 
 from __future__ import annotations
 
