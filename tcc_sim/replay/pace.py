@@ -1,8 +1,4 @@
-<<<<<<< HEAD
 """How fast a recording ran: simulated against real time."""
-=======
-"""How fast a recorded run was: simulated time over the real time in which its messages came in."""
->>>>>>> mend
 
 from __future__ import annotations
 

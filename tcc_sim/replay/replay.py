@@ -26,11 +26,7 @@ from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.pace import Pace
-<<<<<<< HEAD
 from tcc_sim.replay.places import MOST_SCENES, Place, Places, Said
-=======
-from tcc_sim.replay.scene_places import MOST_SCENES, Place, ScenePlaces
->>>>>>> mend
 from tcc_sim.replay.segments import MOST_SEGMENTS, Segment, SegmentLog
 from tcc_sim.replay.tail import Tail
 from tcc_sim.replay.verification import Verification, Verifier
