@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
+    from tcc_sim.studies.basin_rows import basins
+    from tcc_sim.studies.motions import continuation
     from tcc_sim.studies.simulation import simulate
     from tcc_sim.studies.sweep import sweep, sweep_grid
     from tcc_sim.trajectory import Trajectory
@@ -25,11 +27,11 @@ __version__ = "0.1.0"
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.studies.simulation",
            "sweep": "tcc_sim.studies.sweep", "sweep_grid": "tcc_sim.studies.sweep", "analyse": "tcc_sim.replay.replay",
-           "plot": "tcc_sim.views.plots"}
+           "continuation": "tcc_sim.studies.motions", "basins": "tcc_sim.studies.basin_rows", "plot": "tcc_sim.views.plots"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
-__all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "load_scene", "plot", "simulate", "solve", "sweep",
-           "sweep_grid"]
+__all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "continuation", "load_scene", "plot",
+           "simulate", "solve", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

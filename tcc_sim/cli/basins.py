@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
-    from tcc_sim.output.provenance import document
+    from tcc_sim.output.provenance import document, said
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.studies.basin_rows import basins
 
@@ -57,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.dask is not None:
         require("distributed", "--dask")
     try:
-        found = basins(scene.system, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
-                       part=part, progress=True)
+        found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
+                       part=part, progress=True, said=said("basin_rows", scene, arguments.words))
     except BasinsInterrupted:
         kept = f"; the same command goes on from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{kept}", file=sys.stderr)

@@ -26,20 +26,19 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
     One row for each: `index` along the curve, `value` of the key, `max_slip_speed` and `period` of the cold start's
     motion and of the `other`, and `spike`: whether the cold start stands out from both of its neighbours.
     """
-    largest = sweep.column("max_slip_speed")
+    largest, records = sweep.column("max_slip_speed"), sweep.records
     size = float(np.nanmax(largest))
     pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
-             if all((sweep.records[i] or {}).get("period") for i in (here, there))]
+             if all((records[i] or {}).get("period") for i in (here, there))]
 
     def follow(pair: tuple[int, int]) -> dict[str, Any] | None:
         here, there = pair
-        own, neighbour = sweep.records[here], sweep.records[there]
+        own, neighbour = records[here], records[there]
         assert own is not None
         assert neighbour is not None
         plan = replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
-        point = solve_point(sweep.curve.at(here), sweep.curve.values[here], plan,
-                            handed_over(sweep.curve.at(there), Start(State(*neighbour["final"]), neighbour["final_cycle"]),
-                                        sweep.curve.at(here)))
+        system, end = sweep.curve.at(here), Start(State(*neighbour["final"]), neighbour["final_cycle"])
+        point = solve_point(system, sweep.curve.values[here], plan, handed_over(sweep.curve.at(there), end, system))
         found = point.summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None

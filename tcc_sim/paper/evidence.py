@@ -63,6 +63,7 @@ class Evidence:
     jobs: int | None = None
     progress: bool = False
     _kept: dict[str, Any] = field(default_factory=dict)
+    _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
@@ -98,16 +99,18 @@ class Evidence:
 
         What has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor not.
         """
-        def at(k: int) -> int:
-            record = sweep.records[k]
-            if record is None or record["period"] is None:
-                return -1
-            if "settled_period" not in record:
-                record["settled_period"] = self._period(sweep.curve.at(k), record)
-            return int(record["settled_period"])
+        name = (sweep.curve, sweep.plan)
+        if name not in self._settled:
+            records = sweep.records
 
-        with ThreadPoolExecutor(self.jobs) as threads:
-            return np.array(list(threads.map(at, range(len(sweep.records)))), dtype=np.int64)
+            def at(k: int) -> int:
+                record = records[k]
+                found = None if record is None else self._period(sweep.curve.at(k), record)
+                return -1 if found is None else found
+
+            with ThreadPoolExecutor(self.jobs) as threads:
+                self._settled[name] = np.array(list(threads.map(at, range(len(records)))), dtype=np.int64)
+        return self._settled[name]
 
     def _period(self, system: System, record: dict[str, Any]) -> int | None:
         """The period of a record, from further cycles where its section does not repeat yet."""

@@ -175,10 +175,9 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
 
 
 @fast
-def turning(c: Any, row: int, degree: int, low: float, high: float, noise: float) -> float:
-    """The value of the polynomial at the one root of its slope between low and high."""
+def turning(c: Any, row: int, degree: int, low: float, high: float, rising: bool, noise: float) -> float:
+    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high."""
     x = 0.5 * (low + high)
-    rising = slope_and_curvature(c, row, degree, low)[0] > 0.0
     for _ in range(80):
         slope, curvature = slope_and_curvature(c, row, degree, x)
         if (slope > 0.0) == rising:
@@ -227,7 +226,7 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
                     last = difference
         left, width = workspace[top, LEFT], workspace[top, WIDTH]
         if changes == 1:
-            v = turning(c, row, degree, left, left + width, noise)
+            v = turning(c, row, degree, left, left + width, last < 0.0, noise)
             highest, lowest = max(highest, v), min(lowest, v)
         if changes < 2 or width <= shortest or top + 2 >= SCALED:
             top -= 1

@@ -113,6 +113,30 @@ def end_cycle(output: Any, cycles: Any, slip_speed: float, plate_angle: float, p
 
 
 @fast
+def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, output: Any, cycles: Any,
+               workspace: Any) -> None:
+    """Extremes of a step that the end of the cycle cuts at `cut` (beyond x: not at all); time in stick `behind` it.
+
+    The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+    """
+    if cut > x:
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
+                                                               workspace)
+    else:
+        if cut < x:
+            to_bernstein(rows, SLIP, degree, cut, workspace)
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
+                                                               workspace)
+        end_cycle(output, cycles, polynomial.value(rows, SLIP, degree, cut),
+                  polynomial.value(rows, ANGLE, degree, cut), polynomial.value(rows, SPEED, degree, cut), behind)
+        if cut < x:
+            to_bernstein(rows, SLIP, degree, x, workspace)
+            later_part(workspace, BERNSTEIN, degree, cut / x)
+            output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest,
+                                                                   output.lowest, workspace)
+
+
+@fast
 def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
            per_cycle: int, stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any,
            workspace: Any) -> None:
@@ -131,15 +155,4 @@ def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float
     if per_cycle > 0:
         keep_samples(rows, degree, unit, x, tau, period, per_cycle, output, samples, angle)
     behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
-    if cut < x:
-        to_bernstein(rows, SLIP, degree, cut, workspace)
-    output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, min(cut, x), output.highest,
-                                                           output.lowest, workspace)
-    if cut <= x:
-        end_cycle(output, cycles, polynomial.value(rows, SLIP, degree, cut),
-                  polynomial.value(rows, ANGLE, degree, cut), polynomial.value(rows, SPEED, degree, cut), behind)
-    if cut < x:
-        to_bernstein(rows, SLIP, degree, x, workspace)
-        later_part(workspace, BERNSTEIN, degree, cut / x)
-        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
-                                                               workspace)
+    keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)

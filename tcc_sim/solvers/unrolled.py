@@ -8,8 +8,10 @@ text computes the same thing, which is how it is tested.
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+"""Compiled code is kept under the text of the functions that it names, which does not reach into methods: so this is
+named too."""
 REAL = ir.DoubleType()
 WHOLE = ir.IntType(64)
 SHIFTER = 6755399441055744.0
@@ -229,6 +234,7 @@ def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
     def implement(_typing: Any, order: Any, *kinds: Any) -> Any:
         def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
+            builder.comment(f"unrolled {OWN_TEXT}")
             end = builder.append_basic_block("reached")
             for k in text(*names) or ():
                 further = builder.append_basic_block(f"beyond_{k}")
@@ -243,7 +249,7 @@ def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
 
     # An intrinsic's parameters are read from its signature: there is no *args.
     parameters = ", ".join(f"a{i}" for i in range(count))
-    scope: dict[str, Any] = {"implement": implement}
+    scope: dict[str, Any] = {"implement": implement, "__name__": __name__}
     exec(f"def typed(typing, order, {parameters}):\n    return implement(typing, order, {parameters})\n", scope)
     made: Callable[..., None] = intrinsic(scope["typed"])
     return made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,6 +16,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.scene import Scene
 from tcc_sim.studies.attractors import UNDECIDED, Attractor, Captures, find_attractors
 from tcc_sim.studies.basins import (
     CYCLES,
@@ -63,8 +64,9 @@ class _Progress:
     done: set[int] = field(default_factory=set)
 
 
-def basins(system: System, plane: Sequence[Axis], *, cycles: int = CYCLES, over: Axis | None = None, jobs: int | None = None,
-           dask: str | None = None, part: Path | None = None, progress: bool = False) -> list[Basins]:
+def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES, over: Axis | None = None,
+           jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
+           said: Mapping[str, Any] | None = None) -> list[Basins]:
     """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
 
     Parameters
@@ -75,6 +77,7 @@ def basins(system: System, plane: Sequence[Axis], *, cycles: int = CYCLES, over:
     jobs : threads; all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     part : file that takes every row as it is done, and from which the same call goes on
+    said : what the first line of that file says besides, such as the command
     progress : show a bar on a terminal
 
     Raises
@@ -87,11 +90,13 @@ def basins(system: System, plane: Sequence[Axis], *, cycles: int = CYCLES, over:
     Examples
     --------
     >>> from tcc_sim import load_scene
+    >>> from tcc_sim.studies.basins import Axis
     >>> plane = [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))]
-    >>> found, = basins(load_scene("stick").system, plane)
+    >>> found, = basins(load_scene("stick"), plane)
     >>> found.fraction(0)
     1.0
     """
+    system = scene if isinstance(scene, System) else scene.system
     axes = check_plane(plane)
     if not 16 <= cycles <= 1_000_000:
         raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
@@ -104,7 +109,7 @@ def basins(system: System, plane: Sequence[Axis], *, cycles: int = CYCLES, over:
     file = None
     if part is not None:
         file = SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
-                         kind="basin map")
+                         kind="basin map", said=said)
     out: list[Basins] = []
     try:
         with workers(jobs, dask) as (executor, width), _bar(len(systems) * len(axes[1].values), progress) as tick:

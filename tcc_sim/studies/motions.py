@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.scene import Scene
 from tcc_sim.solvers import solve
 from tcc_sim.studies.bifurcations import Bifurcation, Station
 from tcc_sim.studies.branches import Branch, first_station, follow
@@ -113,6 +114,35 @@ class Motions:
             out["curves"] = [{"kind": c.kind, "value": list(c.values), "second": list(c.second), "ended": list(c.ended)}
                              for c in self.curves]
         return out
+
+
+def continuation(scene: Scene | System, over: str, start: float, stop: float, **settings: Any) -> Motions:
+    """The branches of periodic motions along one scene key, with their bifurcations.
+
+    Parameters
+    ----------
+    over : scene key that is followed, from the smaller of `start` and `stop` to the larger
+    settings : the other fields of `Plan`, such as ``at=(301.5,)`` or ``switch=1``
+
+    Raises
+    ------
+    InputError, NumericalFailure
+        As `continue_motions`, and for a setting that there is not.
+
+    Examples
+    --------
+    >>> from tcc_sim import load_scene
+    >>> scene = load_scene("stick").with_values({"friction.law": "set_valued"})
+    >>> found = continuation(scene, "engine.mean_torque", 295.0, 305.0, at=(301.5,))
+    >>> [(branch.period, branch.origin) for branch in found.branches], found.at[0]["stable"]
+    ([(1, 'start')], True)
+    """
+    names = {item.name for item in fields(Plan)} - {"over", "low", "high"}
+    for name in settings:
+        if name not in names:
+            raise InputError(f"{name} is no setting of a continuation; there are {', '.join(sorted(names))}")
+    system = scene if isinstance(scene, System) else scene.system
+    return continue_motions(system, Plan(over, min(start, stop), max(start, stop), **settings))
 
 
 def check(system: System, plan: Plan) -> DrivelineMap:
@@ -278,4 +308,4 @@ def _limits(system: System, plan: Plan, window: Window, out: Motions) -> None:
         out.limits[number] = limit_of(item, smoothed, set_valued, window, system.friction.smoothing)
 
 
-__all__ = ["Motions", "Plan", "check", "continue_motions", "start_orbit"]
+__all__ = ["Motions", "Plan", "check", "continuation", "continue_motions", "start_orbit"]

@@ -128,11 +128,8 @@ class Simulation:
 
     Examples
     --------
-    >>> found = simulate("slip", cycles=60)
-    >>> found
+    >>> simulate("slip", cycles=60)
     <Simulation by smoothed: 60 cycles, period 1, settled, slip; largest |slip speed| 166.667 rad/s>
-    >>> found.summary.period, found.confirmed
-    (1, True)
     """
 
     trajectory: Trajectory
@@ -193,6 +190,12 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     ------
     InputError
         An unknown scene or setting, or a value out of its range.
+
+    Examples
+    --------
+    >>> found = simulate("slip", cycles=60)
+    >>> found.summary.period, found.confirmed
+    (1, True)
     """
     if plan is not None and settings:
         raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")

@@ -64,8 +64,9 @@ class SweepFile:
             for number in range(1, 1 << 62):
                 line = stream.readline(LONGEST_LINE)
                 if not line.endswith(b"\n") and len(line) < LONGEST_LINE:
-                    # The end: nothing, or a line that was cut short, of which the first must be this sweep's own.
-                    if number == 1 and not first.startswith(line):
+                    # The end: nothing, or a line that was cut short, of which the first must be this sweep's own,
+                    # whatever was said besides.
+                    if number == 1 and not (first.startswith(line) or line.startswith(_beginning(wanted))):
                         raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
                     return whole
                 if number == 1:
@@ -109,6 +110,11 @@ class SweepFile:
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
+
+
+def _beginning(wanted: Mapping[str, Any]) -> bytes:
+    """What every first line of the same work begins with, where more is said after it."""
+    return (json.dumps(wanted, allow_nan=False)[:-1] + ", ").encode()
 
 
 def encoded(values: Mapping[str, Any]) -> bytes:

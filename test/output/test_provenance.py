@@ -13,14 +13,14 @@ from tcc_sim import cli
 from tcc_sim.model.parameters import System
 from tcc_sim.output import provenance
 from tcc_sim.scene import load_scene
-from tcc_sim.studies import sweep_file
+from tcc_sim.studies import basin_rows, sweep_file
 
 
 @pytest.mark.parametrize("kind", provenance.FORMATS)
 def test_every_kind_has_a_schema_that_is_one_and_names_it(kind: str) -> None:
     rules = provenance.schema(kind)
     Draft202012Validator.check_schema(rules)
-    head = rules["oneOf"][0] if kind == "sweep_points" else rules
+    head = rules["oneOf"][0] if "oneOf" in rules else rules
     assert head["properties"]["format"]["const"] == provenance.format_of(kind)
     assert {"format", "version", "scene", "command"} <= set(head["required"]) <= set(head["properties"])
     assert rules["$id"] == f"urn:tcc_sim:{kind}:{provenance.FORMATS[kind]}"
@@ -28,8 +28,8 @@ def test_every_kind_has_a_schema_that_is_one_and_names_it(kind: str) -> None:
 
 def test_every_verb_that_writes_json_has_a_kind() -> None:
     folder = Path(cli.__file__).parent
-    writing = [path.stem for path in folder.glob("*.py") if "write_json" in path.read_text()]
-    assert {"demo" if verb == "demo" else verb for verb in writing} - {"demo"} <= set(provenance.FORMATS)
+    writing = {path.stem.removesuffix("_") for path in folder.glob("*.py") if "write_json" in path.read_text()}
+    assert writing - {"demo"} <= set(provenance.FORMATS)
     for path in folder.glob("*.py"):
         text = path.read_text()
         assert "json.dump" not in text, f"{path.name} writes JSON that says nothing of itself"
@@ -96,6 +96,38 @@ def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
     assert again["max_slip_speed"] == found["max_slip_speed"]
     assert other != command
     assert json.loads((folder / "s.jsonl").read_text().splitlines()[0]) == first
+
+
+def test_a_grid(folder: Path) -> None:
+    words = ("sweep", "minimal", "--over", "engine.frequency=100:120:2", "--over", "engine.torque_amplitude=50:60:2",
+             "--cycles", 20, "--lyapunov", "--json", folder / "grid.json")
+    assert valid("sweep", written(folder, "grid.json", *words)[0])["second_over"] == "engine.torque_amplitude"
+
+
+def test_continue(folder: Path) -> None:
+    words = ("continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305", "--at", 301.5,
+             "--second", "pressure.mean=1.7e5:1.9e5", "--json", folder / "branches.json")
+    found, command = written(folder, "branches.json", *words)
+    assert valid("continue", found)["command"] == command
+    assert (found["range"], found["complete"]) == ([295.0, 305.0], True)
+
+
+@pytest.mark.parametrize("more", [(), ("--over", "engine.mean_torque=295:300:2")])
+def test_basins_and_the_file_of_their_rows(more: tuple[str, ...], folder: Path,
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    part = folder / f"{len(more)}.npz.part"
+    monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)
+    words = ("basins", "stick", "--plane", "initial.slip_speed=0:50:3", "--plane", "initial.plate_angle=0:0.1:2", "--boundary",
+             *more, "--json", folder / f"basins{len(more)}.json", "--out", folder / f"{len(more)}.npz")
+    found, command = written(folder, f"basins{len(more)}.json", *words)
+    assert valid("basins", found)["command"] == command
+    first, *rows = map(json.loads, part.read_text().splitlines())
+    assert valid("basin_rows", first)["command"] == command
+    judge = Draft202012Validator(provenance.schema("basin_rows"))
+    assert len(rows) == 2 * (2 if more else 1)
+    for row in rows:
+        judge.validate(row)
+    assert provenance.format_of("basin_rows") == basin_rows.FORMAT
 
 
 def test_explain_and_a_figure(folder: Path) -> None:

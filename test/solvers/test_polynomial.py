@@ -181,6 +181,17 @@ def test_extremes(seed):
         assert polynomial.extremes(c, 1, degree, end, 1e9, -1e9, WORKSPACE) == (1e9, -1e9)
 
 
+@pytest.mark.parametrize("slope", [0.0, 1e-17, -1e-17])
+def test_an_extreme_after_a_start_without_slope(slope):
+    """Slip begins so: v = 3 x^2 - 2.1 x^3 has its largest value at x = 20/21."""
+    c, degree = row_of([0.0, slope, 3.0, -2.1])
+    for sign in (1.0, -1.0):
+        c[1, :4] *= sign
+        highest, lowest = polynomial.extremes(c, 1, degree, 1.2, 0.0, 0.0, WORKSPACE)
+        found = highest if c[1, 2] > 0.0 else lowest
+        assert found == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
+
+
 def test_the_extremes_of_what_does_not_move():
     c, degree = row_of([2.0, 0.0, 0.0])
     assert polynomial.extremes(c, 1, degree, 1.0, 2.0, 2.0, WORKSPACE) == (2.0, 2.0)

@@ -97,12 +97,29 @@ def test_a_damaged_first_line_is_said(change, whole: list[bytes], tmp_path: Path
     assert "line 1 is damaged" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("bytes_kept", [0, 1, 40])
-def test_a_first_line_that_was_cut_short_is_written_again(bytes_kept: int, whole: list[bytes], tmp_path: Path) -> None:
+@pytest.mark.parametrize("kept", [lambda x: b"", lambda x: x[:1], lambda x: x[:40], lambda x: x[:x.index(b'"command"')],
+                                  lambda x: x[:x.index(b'"--out"') + 20], lambda x: x[:-1]])
+def test_a_first_line_that_was_cut_short_is_written_again(kept, whole: list[bytes],  # type: ignore[no-untyped-def]
+                                                          tmp_path: Path) -> None:
+    """Whatever the command was: that of `whole` names another file."""
     out = tmp_path / "sweep.jsonl"
-    out.write_bytes(whole[0][:bytes_kept])
-    assert main([*WORDS, "--out", str(out), "--jobs", "1"]) == 0
-    assert out.read_bytes().splitlines(keepends=True)[0] == whole[0]
+    out.write_bytes(kept(whole[0]))
+    words = [*WORDS, "--out", str(out), "--jobs", "1"]
+    assert main(words) == 0
+    first, old = (decoded(lines[0]) for lines in (out.read_bytes().splitlines(keepends=True), whole))
+    assert first.pop("command") == words != old.pop("command")
+    assert first == old
+
+
+@pytest.mark.parametrize("change", [lambda x: x[:300].replace(b"slip", b"slap"), lambda x: b"{}",
+                                    lambda x: x[:x.index(b'"scene"')].replace(b"40.0", b"41.0") + b'"scene": {'])
+def test_a_first_line_of_something_else_that_was_cut_short_stays(change, whole: list[bytes],  # type: ignore[no-untyped-def]
+                                                                 tmp_path: Path) -> None:
+    out, changed = tmp_path / "sweep.jsonl", change(whole[0])
+    assert not whole[0].startswith(changed)
+    out.write_bytes(changed)
+    assert main([*WORDS, "--out", str(out)]) == 2
+    assert out.read_bytes() == changed
 
 
 @pytest.mark.parametrize("left", [1, 30])

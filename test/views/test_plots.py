@@ -95,11 +95,8 @@ def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
 
 def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
     x, y = [80.0, 120.0, 160.0], [0.24, 0.3]
-    rows = [row.as_json() for row in sweep_grid(load_scene("fig02").system, "engine.frequency", x,
-                                                "friction.kinetic_coefficient", y, Plan(cycles=40))]
-    names = ("max_slip_speed", "period", "regime", "stick_fraction", "section")
-    values = {"over": "engine.frequency", "values": x, "second_over": "friction.kinetic_coefficient", "second_values": y,
-              **{name: [row[name] for row in rows] for name in names}}
+    values = sweep_grid(load_scene("fig02").system, "engine.frequency", x, "friction.kinetic_coefficient", y,
+                        Plan(cycles=40)).as_json()
     plots.plot(values, tmp_path / "grid.png")
     axis = drawn["(a) Maxima"]["axis"]
     mesh = axis.collections[0]

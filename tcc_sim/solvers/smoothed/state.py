@@ -38,7 +38,7 @@ CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.floa
 method, level : the method now, and the rung of the next collocation step
 slope : rate rho = beta Ts mubar' at the end of the last collocation step, 1/s
 released : that rate when stick was left for the series; 0 where nothing keeps it from coming back
-waited, calm : series steps since then, and after how many it may come back all the same
+waited, calm : series steps in the layer since then, and after how many it may come back all the same
 last, streak, patience : length of the last series step, how many of one length there were, and how many are borne
 slip_before, slip_now, speed_before, speed_now : largest |v| and |theta2'| in the cycle before and in this one
 """

@@ -12,6 +12,7 @@ import math
 from typing import Any
 
 from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.smoothed.collocation_step import FLAT
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.limits import Limits
 from tcc_sim.solvers.smoothed.series_step import Friction
@@ -30,6 +31,11 @@ CALM, CALM_MOST = 8, 256
 PROJECTED = 2.0
 """Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta, so
 it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
+SETTLED = 32
+"""Series steps within the layer after which what decays has decayed: the state is on the slow manifold itself, not on the
+first-order one, and goes over to stick as it is."""
+CURVED = 0.3
+"""Distance of the two then, as sigma delta^2 per error allowed in stick."""
 SLOW = 3.0
 """The slip speed is at least this many projections, so that v = 0 is not passed by one."""
 FIRST = 0.2
@@ -58,7 +64,7 @@ def distance_to_creep(friction: Friction, rho: float, state: Any, limits: Limits
 @fast
 def enter_creep(place: Place, friction: Friction, room: float, state: Any, control: Any, limits: Limits, terms: Terms,
                 drive: Any, tables: Tables) -> bool:
-    """Go over to stick where the state is on the slow manifold, to which it is projected along the fast direction.
+    """Go over to stick where the state is on the slow manifold, or so near that it is projected to it.
 
     The projection leaves w = theta2' + kappa v as it is, and takes back what the decay of delta would have moved theta2.
     """
@@ -70,11 +76,14 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
     if not rho * shortest > WORTH_SHORTEST or room < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
-    if not abs(delta) < PROJECTED * limits.creep_tolerance or abs(v) < SLOW * abs(delta):
+    near = abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
+    settled = control.waited >= SETTLED and delta * delta * limits.sigma < CURVED * limits.creep_tolerance
+    if not (near or settled) or abs(v) < SLOW * abs(delta):
         return False
-    state.slip_speed += delta
-    state.plate_speed -= limits.kappa * delta
-    state.plate_angle += limits.kappa * delta / rho
+    if near:
+        state.slip_speed += delta
+        state.plate_speed -= limits.kappa * delta
+        state.plate_angle += limits.kappa * delta / rho
     control.method = CREEP
     control.slope = rho
     control.level = rung_below(tables.rungs, 0, FIRST * limits.period)
@@ -90,6 +99,7 @@ def choose_method(place: Place, friction: Friction, room: float, state: Any, con
     if place.region != LAYER:
         control.released = 0.0
         control.calm = CALM
+        control.waited = 0
     elif enter_creep(place, friction, room, state, control, limits, terms, drive, tables):
         return True
     if control.streak > control.patience:
