@@ -19,6 +19,8 @@ from tcc_sim.model import parameters
 from tcc_sim.model.parameters import Quantity, System, quantity
 
 DEFAULT_SCENE = "fig02"
+NODE_SCENE = "commands"
+"""What the driveline node runs where nothing says otherwise: it takes commands, and moves by itself until they come."""
 LARGEST_FILE = 1 << 16
 """A scene file of more bytes is refused unread: a scene needs 1 kB, and the YAML reader some seconds for each MB."""
 LONGEST_VALUE = 4000
@@ -37,13 +39,17 @@ class Operation:
     pacing: str = quantity("real_time", "what a tick waits for: its deadline, or the command of the tick before",
                            choices=("real_time", "lockstep"))
     command_timeout: float = quantity(0.5,
-                                      "without a command for this long in simulated time the input falls back to the "
-                                      "scene's mean value; 0 never falls back", "s", 0.0, 1e6, live=True)
+                                      "without a command for this long in simulated time the input falls back (see "
+                                      "engine.fallback and pressure.fallback); 0 never falls back", "s", 0.0, 1e6,
+                                      live=True)
     wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0,
                                          1000)
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
     publish_clock: bool = quantity(False, "publish /clock")
+    thread_priority: int = quantity(0, "SCHED_FIFO priority of the real-time thread; 0 leaves it as it is", "", 0, 99)
+    cpu_affinity: tuple[int, ...] = quantity((), "cores that the real-time thread may run on; empty: all", "", 0, 1023)
+    lock_memory: bool = quantity(False, "lock the process's memory, so that the real-time thread meets no page fault")
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
@@ -52,6 +58,9 @@ class Operation:
                 if not isinstance(value, bool):
                     raise InputError(f"{item.name} is {value!r}; it must be true or false")
                 continue
+            if isinstance(default, tuple):
+                object.__setattr__(self, item.name, _whole_numbers(item.name, value))
+                value = getattr(self, item.name)
             if isinstance(default, int) and isinstance(value, float) and value.is_integer():
                 object.__setattr__(self, item.name, int(value))
             elif isinstance(default, int) and isinstance(value, float):
@@ -59,6 +68,13 @@ class Operation:
             item.metadata["quantity"].check(item.name, value)
             if isinstance(default, float):
                 object.__setattr__(self, item.name, float(value))
+
+
+def _whole_numbers(key: str, value: object) -> tuple[int, ...]:
+    """A list of whole numbers as a parameter file or a command line gives it."""
+    if not isinstance(value, (list, tuple)) or any(isinstance(x, bool) or not isinstance(x, int) for x in value):
+        raise InputError(f"{key} is {value!r}; it must be a list of whole numbers")
+    return tuple(value)
 
 
 OPERATION_QUANTITIES: dict[str, Quantity] = {f.name: f.metadata["quantity"] for f in dataclasses.fields(Operation)}
@@ -100,6 +116,19 @@ class Scene:
         return dataclasses.replace(self, system=parameters.replace(self.system, model),
                                    operation=dataclasses.replace(self.operation, **options))
 
+    def value(self, key: str) -> object:
+        """The value of a scene key or of a node option.
+
+        Raises
+        ------
+        InputError
+            An unknown key; the nearest valid one is named.
+        """
+        if key not in KNOWN_KEYS:
+            raise parameters.unknown_key(key, KNOWN_KEYS)
+        group, _, name = key.rpartition(".")
+        return getattr(getattr(self.system, group) if group else self.operation, name)
+
     def text(self) -> str:
         """The scene as a parameter file with every key, from which the same scene is read back exactly."""
         import yaml
@@ -109,7 +138,9 @@ class Scene:
             group, name = key.split(".")
             if value != ():  # ROS 2 cannot read an empty list, and it is the default.
                 tree.setdefault(group, {})[name] = list(value) if isinstance(value, tuple) else value
-        tree.update({item.name: getattr(self.operation, item.name) for item in dataclasses.fields(self.operation)})
+        options = {item.name: getattr(self.operation, item.name) for item in dataclasses.fields(self.operation)}
+        tree.update({name: list(value) if isinstance(value, tuple) else value for name, value in options.items()
+                     if value != ()})
         body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         return f"# {self.description or self.name}\n{body}"
 
@@ -290,5 +321,5 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
     return values
 
 
-__all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "Operation", "Scene", "bundled_scenes", "load_scene", "parse_assignments",
+__all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene", "parse_assignments",
            "parse_scene"]

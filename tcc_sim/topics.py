@@ -1,8 +1,11 @@
-"""Every topic of the driveline, one row each: what it is, who creates it, what it carries and where a viewer shows it.
+"""Every topic of the driveline, one row each: what it is, when it is there, what fills it and where a viewer shows it.
+
+The rows drive the nodes (publishers, subscriptions, encoding), the recorder, `explain` and the README.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 
@@ -13,57 +16,89 @@ class Topic:
     name : as given to ROS 2: relative to the node's namespace, or absolute
     type : message type, package/msg/Name
     unit : SI unit of the value; empty where it has none or several
-    direction : in (the driveline subscribes) or out (it publishes)
-    switch : the scene key or node parameter, with its value, that creates the topic; empty: always there
+    direction : in (the driveline subscribes), out (it publishes) or beside (not there from the start: another node of
+        this package publishes it, or the driveline where it has something to say)
+    there_when : scene keys or node parameters, each with the value that creates the topic; empty: always there
     carries : what one message says
     view : entity path in Rerun; empty where it is not shown
     latched : the last message is kept for those who subscribe later
+    fields : what fills it every tick, names of `nodes.plant.Reading`; empty where it is not said every tick
+    key : the scene key that has the range of a command
     """
 
     name: str
     type: str
     unit: str
     direction: str
-    switch: str
+    there_when: tuple[tuple[str, object], ...]
     carries: str
     view: str = ""
     latched: bool = False
+    fields: tuple[str, ...] = ()
+    key: str = ""
+
+    @property
+    def switch(self) -> str:
+        """The condition in words; empty: always there."""
+        return " or ".join(f"{key}: {str(value).lower() if isinstance(value, bool) else value}"
+                           for key, value in self.there_when)
+
+    def wanted(self, value_of: Callable[[str], object]) -> bool:
+        """Whether the driveline creates it where `value_of(key)` gives the values of scene keys and parameters."""
+        return self.direction != "beside" and (not self.there_when
+                                               or any(value_of(key) == value for key, value in self.there_when))
 
 
 FLOAT64 = "std_msgs/msg/Float64"
 STRING = "std_msgs/msg/String"
 INT8 = "std_msgs/msg/Int8"
+HEADER = "std_msgs/msg/Header"
 FLUID_PRESSURE = "sensor_msgs/msg/FluidPressure"
 JOINT_STATE = "sensor_msgs/msg/JointState"
+DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK = "rosgraph_msgs/msg/Clock"
 
 JOINT_NAMES = ("flywheel", "clutch_plate")
 """The two joints of joint_states, in this order."""
 
+_TORQUE = (("engine.source", "topic"),)
+_PRESSURE = (("pressure.source", "topic"),)
+_SCALARS = (("publish_scalars", True),)
+
 TOPICS: tuple[Topic, ...] = (
-    Topic("scene", STRING, "", "out", "",
-          "the scene with every override, as a parameter file; said again after a change",
-          latched=True),
-    Topic("engine_torque", FLOAT64, "N m", "in", "engine.source: topic",
-          "engine torque command, held until the next one",
-          "torque/engine_command"),
-    Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", "pressure.source: topic",
-          "actuation pressure command, held until the next one", "pressure/command"),
-    Topic("joint_states", JOINT_STATE, "", "out", "",
-          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel and friction "
-          "torque on the plate (N m); stamp: simulation time", "plate"),
-    Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", "pressure.source: topic",
-          "actuation pressure that this tick applied; stamp: simulation time", "pressure/applied"),
-    Topic("slip_speed", FLOAT64, "rad/s", "out", "publish_scalars: true", "slip speed v = theta1' - theta2'",
-          "slip/speed"),
-    Topic("friction_torque", FLOAT64, "N m", "out", "publish_scalars: true", "friction torque on the clutch plate",
-          "torque/friction"),
-    Topic("stick_slip_state", INT8, "", "out", "publish_scalars: true", "-1 negative slip, 0 stick, 1 positive slip",
-          "slip/state"),
-    Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", "publish_diagnostics: true",
+    Topic("scene", STRING, "", "out", (),
+          "the scene with every override, as a parameter file; said again after a change", latched=True),
+    Topic("engine_torque", FLOAT64, "N m", "in", _TORQUE, "engine torque command, held until the next one",
+          "torque/engine_command", key="engine.mean_torque"),
+    Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", _PRESSURE,
+          "actuation pressure command, held until the next one", "pressure/command", key="pressure.mean"),
+    Topic("input_source", HEADER, "", "out", (*_TORQUE, *_PRESSURE),
+          "which inputs a command holds and which the fallback, from the state with this stamp on; said at every "
+          "change", "events", latched=True),
+    Topic("joint_states", JOINT_STATE, "", "out", (),
+          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel and "
+          "friction torque on the plate (N m); stamp: simulation time", "plate",
+          fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
+                  "friction_torque")),
+    Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", _PRESSURE,
+          "actuation pressure at the end of this tick; stamp: simulation time", "pressure/applied",
+          fields=("applied_pressure",)),
+    Topic("slip_speed", FLOAT64, "rad/s", "out", _SCALARS, "slip speed v = theta1' - theta2'", "slip/speed",
+          fields=("slip_speed",)),
+    Topic("friction_torque", FLOAT64, "N m", "out", _SCALARS, "friction torque on the clutch plate", "torque/friction",
+          fields=("friction_torque",)),
+    Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "slip/state",
+          fields=("stick_slip_state",)),
+    Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
+          "what the slip controller is asked to hold in the mean over an engine cycle; from the slip_controller node",
+          "slip/target", latched=True),
+    Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "beside", (),
+          "by topic, messages that the middleware did not take from the driveline since it started; said when there "
+          "are more", latched=True),
+    Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
-    Topic("/clock", CLOCK, "", "out", "publish_clock: true", "simulation time"),
+    Topic("/clock", CLOCK, "", "out", (("publish_clock", True),), "simulation time", fields=("stamp_ns",)),
 )
 
 

@@ -6,21 +6,24 @@ import numpy as np
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.input_sources import written
 from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
-from tcc_sim.solvers.terms import general_terms, terms_of
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
+from tcc_sim.solvers.terms import general_terms, holding, terms_of
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, JOINT_STATE
 
 TICK = 1_000_000
 START = 10**18
 
 
-def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), said=None):
-    """Rows (stamp, six columns of joint_states, applied pressure) of a driveline; torque and pressure are f(tick).
+def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), said=None, sources=None):
+    """Rows (stamp, six columns of joint_states, applied pressure) of a driveline; torque and pressure are f(tick), None
+    where the scene's own input applies.
 
     After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while
-    running. A list given as `said` gets (row, text) of every scene said again."""
+    running. A list given as `said` gets (row, text) of every scene said again, one given as `sources` (row, stamp, text)
+    of every change of what holds the inputs."""
     stepper, system, changes = Stepper(scene.system,
                                        1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
     rows, terms, text, general = [], stepper.terms, "", False
@@ -33,6 +36,12 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
         v, angle, speed, flywheel = stepper.state.tolist()
         rows.append((stepper.tick * TICK, flywheel, angle, v + speed, speed, *stepper.torques(), applied))
 
+    def say_source(torque, pressure):
+        source = written({"engine_torque": torque is not None, "actuation_pressure": pressure is not None})
+        if sources is not None and (stepper.tick == 0 or sources[-1][2] != source):
+            sources.append((len(rows), stepper.tick * TICK, source))
+
+    say_source(None, None)
     publish(system.pressure.mean)
     for k in range(1, ticks):
         if k in changes:
@@ -42,17 +51,16 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
             terms = (general_terms if general else terms_of)(system)
             stepper.use(terms)
             say((stepper.tick + 1) * TICK)
-        applied = pressure(k) if pressure is not None else math.nan
-        if torque is not None:
-            stepper.use(stepper.terms._replace(mean_torque=torque(k)))
-        if pressure is not None:
-            stepper.use(stepper.terms._replace(mean_load=system.torque_per_pressure * applied))
+        engine, applied = (f(k) if f is not None else None for f in (torque, pressure))
+        stepper.use(holding(terms, engine, None if applied is None else system.torque_per_pressure * applied))
         stepper.advance()
-        publish(applied)
+        say_source(engine, applied)
+        publish(math.nan if pressure is None else system.pressure.mean if applied is None else applied)
         if k in resets:
             stepper.reset(system)
             stepper.use(terms)
             say(0)
+            say_source(None, None)
             publish(system.pressure.mean)
     return rows
 
@@ -66,15 +74,19 @@ def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, fricti
             for k in range(len(t))]
 
 
-def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), **options):
+def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), sources=(),
+        **options):
     """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of who published from there on;
-    `targets` are (row, rad/s) that a slip controller was asked for; `options` are those of BagWriter."""
+    `targets` are (row, rad/s) that a slip controller was asked for; `sources` are (row, stamp, text) of what held the
+    inputs from that state on, with the row at which it was sent where it arrived again; `options` are those of
+    BagWriter."""
     clock = clock or (lambda number: START + number * TICK)
     scene = load_scene(scene) if isinstance(scene, str) else scene
     writer = BagWriter(directory, scene.text() if scene is not None else None, **options)
     wished = writer.channel("/target_slip_speed", FLOAT64) if targets else 0
+    holding_it = writer.channel("/input_source", HEADER) if sources else 0
     pressed = not math.isnan(rows[-1][-1])
     joints, applied = {}, {}
     for first, who in publishers or [(0, "")]:
@@ -86,6 +98,9 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
             writer.describe(text, log_ns=log - TICK // 2)
         for value in (value for row, value in targets if row == number):
             writer.write(wished, log - TICK // 2, log - TICK // 2, cdr.float64(value))
+        for since, text, *first in (rest for row, *rest in sources if row == number):
+            sent = clock(first[0]) if first else log
+            writer.write(holding_it, log - 1, sent - 1, cdr.header(since, text))
         writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns), number)
         if pressed:
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)

@@ -24,7 +24,7 @@ ROS = ["nodes"]
 DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {
-    "numba": ["solvers.compiled", "solvers.kernel_cache"],
+    "numba": ["solvers.compiled", "solvers.kernel_cache", "solvers.unrolled"], "llvmlite": ["solvers.unrolled"],
     "scipy": ["solvers", "analysis", "studies", "benchmarks"], "distributed": ["studies.cluster"],
     "dask": ["studies.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
@@ -38,8 +38,8 @@ ROOMS = {
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
 LONGEST = 320
-LONGER = {"tcc_sim/solvers/smoothed/kernel.py": 400}
-"""Lines that a file may have; more only where one compiled march cannot be cut."""
+LONGER: dict[str, int] = {}
+"""Lines that a file may have; more only where it cannot be cut."""
 
 
 def name_of(path: Path) -> str:
@@ -149,9 +149,12 @@ def keys_in(path: Path) -> dict[str, object]:
 def without_effect(keys: dict[str, object]) -> set[str]:
     """Keys that may be left out since nothing depends on them."""
     free = {"engine.harmonic_amplitudes", "engine.harmonic_phases"}
-    if keys["engine.source"] == "topic":
+    for group in ("engine", "pressure"):
+        if keys[f"{group}.source"] == "harmonic":
+            free |= {f"{group}.fallback"}
+    if keys["engine.source"] == "topic" and keys["engine.fallback"] == "mean":
         free |= {"engine.torque_amplitude"}
-    if keys["pressure.source"] == "topic":
+    if keys["pressure.source"] == "topic" and keys["pressure.fallback"] == "mean":
         free |= {"pressure.amplitude", "pressure.frequency_ratio", "pressure.phase"}
     if keys.get("pressure.amplitude") == 0.0:
         free |= {"pressure.frequency_ratio", "pressure.phase"}

@@ -18,7 +18,7 @@ from tcc_sim.scene import KNOWN_KEYS, OPERATION_QUANTITIES, load_scene, parse_sc
 EVERY = {**QUANTITIES, **OPERATION_QUANTITIES}
 FIG02 = load_scene("fig02")
 NUMBERS = [key for key, quantity in EVERY.items() if quantity.low > -math.inf]
-LISTS = ("engine.harmonic_amplitudes", "engine.harmonic_phases")
+LISTS = ("engine.harmonic_amplitudes", "engine.harmonic_phases", "cpu_affinity")
 
 
 def written(key: str, value: object) -> str:
@@ -47,9 +47,9 @@ def test_every_number_beyond_its_range_is_named_with_the_range(key: str) -> None
 
 
 def test_the_keys_that_are_no_numbers_are_few_and_known() -> None:
-    assert sorted(set(EVERY) - set(NUMBERS)) == ["engine.source", "friction.law", "pacing", "pressure.source",
-                                                 "publish_clock",
-                                                 "publish_diagnostics", "publish_scalars"]
+    assert sorted(set(EVERY) - set(NUMBERS)) == [
+        "engine.fallback", "engine.source", "friction.law", "lock_memory", "pacing", "pressure.fallback",
+        "pressure.source", "publish_clock", "publish_diagnostics", "publish_scalars"]
     assert sorted(EVERY) == sorted(KNOWN_KEYS)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.nodes.processes import SENDING, NodeProcess, Session
+from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 from tcc_sim.recording.reader import open_run
 
 WARM_UP = 60.0

@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,48 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
+from tcc_sim.nodes.children import NodeProcess, isolated_environment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.processes import NodeProcess, isolated_environment
+from tcc_sim.nodes.scheduling import TIMER_SLACK_NS, prepare_thread, release_memory
 
 SLICE = 5.0
 """Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
+SETTING_SLICE = 0.1
+"""Part of the duration that the bare loop runs with each of the settings."""
+SHORTEST_TRIAL = 0.2
+"""Seconds of a trial at least."""
+DEFAULT_SLACK_NS = 50_000
+"""What Linux gives a thread that asks for nothing."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the threads ask of Linux, as the parameters of the driveline node name it."""
+
+    thread_priority: int = 0
+    cpu_affinity: tuple[int, ...] = ()
+    lock_memory: bool = False
+
+    def prepare(self, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
+        """Prepare the calling thread; the wishes that were refused."""
+        return prepare_thread(self.thread_priority, self.cpu_affinity, self.lock_memory, timer_slack_ns)
+
+    def parameters(self) -> list[Parameter]:
+        """The same for the driveline node."""
+        found = {"thread_priority": self.thread_priority, "lock_memory": self.lock_memory}
+        return [Parameter(name, value=value) for name, value in found.items()] + (
+            [Parameter("cpu_affinity", value=list(self.cpu_affinity))] if self.cpu_affinity else [])
+
+
+def _trials() -> list[tuple[str, Settings, int]]:
+    """Name, settings and timer slack, ns, of what is tried one by one."""
+    core = max(os.sched_getaffinity(0))
+    return [("nothing asked for", Settings(), DEFAULT_SLACK_NS), ("timer slack 1 ns", Settings(), TIMER_SLACK_NS),
+            ("and thread_priority 50", Settings(thread_priority=50), TIMER_SLACK_NS),
+            (f"and cpu_affinity [{core}]", Settings(cpu_affinity=(core,)), TIMER_SLACK_NS),
+            ("and lock_memory", Settings(lock_memory=True), TIMER_SLACK_NS),
+            ("and all of them", Settings(50, (core,), True), TIMER_SLACK_NS)]
 
 
 class Stretches:
@@ -32,7 +69,7 @@ class Stretches:
         self.pacers: list[Pacer] = []
         self.cpu = self.wall = 0.0
 
-    def run(self, pacer: Pacer, body: Callable[[], None]) -> None:
+    def run(self, pacer: Pacer, body: Callable[[], object]) -> None:
         """Run one stretch and count the processor time of the whole process during it."""
         began, cpu = time.monotonic(), time.process_time()
         body()
@@ -48,21 +85,24 @@ class Stretches:
                 f"{prefix}lateness_max_s": float(late.max()), f"{prefix}cpu_fraction": self.cpu / self.wall}
 
 
-def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False) -> dict[str, float]:
-    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each.
+def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False,
+            settings: Settings = Settings()) -> dict[str, Any]:
+    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each, with the same settings.
 
     Parameters
     ----------
     rate : Hz
     duration : s of each loop
-    progress : called with the seconds done so far, of 2 * duration
+    progress : called with the part done so far, 0 to 1
     recorder : publish to a recorder in a process of its own, which works while the node runs and rests beside the bare
         loop
+    settings : of both loops
 
     Returns
     -------
     The figures of `tcc-sim realtime --json`. The drift is that of the node's clock against real time, the largest of
-    the stretches; missed ticks are those given up beyond the catch-up bound.
+    the stretches; missed ticks are those given up beyond the catch-up bound. `settings` has the bare loop's figures with
+    each setting by itself, and what was refused.
     """
     environment = isolated_environment()
     os.environ.update(environment)
@@ -71,8 +111,10 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                environment) if recorder else None
-        node = DrivelineNode(parameter_overrides=[Parameter("rate", value=rate),
-                                                  Parameter("wait_for_subscribers", value=int(recorder))])
+        trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
+        node = DrivelineNode(parameter_overrides=[
+            Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
+            Parameter("wait_for_subscribers", value=int(recorder))])
         node.get_logger().set_level(LoggingSeverity.WARN)
         try:
             node.start()
@@ -87,11 +129,12 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
                 pacer = Pacer(1.0 / rate, kept)
                 node_side.run(pacer, lambda length=length,
                               pacer=pacer: _node_stretch(node, pacer, length))  # type: ignore[misc]
-                progress(2.0 * done + length)
+                progress((done + 0.5 * length) / duration)
                 bare = Pacer(1.0 / rate, kept)
-                bare_side.run(bare, lambda length=length, bare=bare: _bare_stretch(bare, length))  # type: ignore[misc]
+                bare_side.run(bare, lambda length=length, bare=bare: _bare_stretch(  # type: ignore[misc]
+                    bare, length, settings))
                 done += length
-                progress(2.0 * done)
+                progress(done / duration)
         finally:
             node.destroy_node()
             if listener is not None:
@@ -99,7 +142,16 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     worst = max((p.drift for p in node_side.pacers), key=abs)
     return {"rate": rate, "ticks": sum(p.ticks for p in node_side.pacers),
             "missed_ticks": sum(p.missed_ticks for p in node_side.pacers), "drift_s": worst,
-            **node_side.figures(""), **bare_side.figures("bare_")}
+            **node_side.figures(""), **bare_side.figures("bare_"), "settings": trials}
+
+
+def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int) -> dict[str, Any]:
+    """The bare loop's figures with some settings, and the wishes among them that were refused."""
+    pacer, stretches, refused = Pacer(1.0 / rate, int(length * rate * 1.5) + 100), Stretches(), list[str]()
+    stretches.run(pacer, lambda: refused.extend(_bare_stretch(pacer, length, settings, timer_slack_ns)))
+    if settings.lock_memory:
+        release_memory()
+    return {"name": name, "refused": refused, **stretches.figures("")}
 
 
 def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
@@ -118,12 +170,14 @@ def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
     loop.request(lambda: loop.pause(True))
 
 
-def _bare_stretch(pacer: Pacer, length: float) -> None:
-    """A thread that only waits for its deadlines for `length` seconds."""
-    stop = threading.Event()
+def _bare_stretch(pacer: Pacer, length: float, settings: Settings, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
+    """A thread that only waits for its deadlines for `length` seconds; the settings that it was refused."""
+    stop, refused = threading.Event(), list[str]()
 
     def spin() -> None:
+        refused.extend(settings.prepare(timer_slack_ns))
         pacer.anchor()
+        pacer.wait(lambda: False)
         while not stop.is_set():
             pacer.wait(stop.is_set)
 
@@ -132,3 +186,4 @@ def _bare_stretch(pacer: Pacer, length: float) -> None:
     stop.wait(length)
     stop.set()
     thread.join()
+    return refused

@@ -27,6 +27,8 @@ VERBS: dict[str, str] = {
     "basins": "find attractors and their basins in a plane of two initial conditions",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
+    "watch": "show running nodes live in Rerun",
+    "control": "reset, pause, step, set parameters of running nodes and send them commands",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
     "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
     "precision": "measure error against run time of every solver",

@@ -15,6 +15,8 @@ from tcc_sim.cli.arguments import new_directory, number
 if TYPE_CHECKING:
     from tcc_sim.scene import Scene
 
+TARGET = 20.0
+"""What the slip controller holds in scenes that take the pressure from one, rad/s."""
 STEP = 0.1
 """Seconds between two looks at the nodes."""
 
@@ -29,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Record, analyse, draw, and say what was made."""
-    from tcc_sim.nodes.processes import require_ros
+    from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import load_scene
 
     scene = load_scene(arguments.scene)
@@ -49,10 +51,13 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
     """Driveline and recorder as processes of their own, for `duration` seconds of real time; Ctrl-C ends it sooner."""
     from tqdm import tqdm
 
-    from tcc_sim.nodes.processes import Session
+    from tcc_sim.nodes.children import Session
 
     print(f"scene {scene.name}: {scene.description}")
-    session = Session(recording, {"scene": name})
+    controller = _controller(scene)
+    if controller is not None:
+        print(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
+    session = Session(recording, {"scene": name}, controller)
     print(f"recording {duration:g} s to {recording}", flush=True)
     try:
         with tqdm(total=duration, desc="recording", unit="s", disable=None, leave=False,
@@ -65,6 +70,15 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
         print("stopped early; what was recorded is analysed")
     finally:
         session.stop()
+
+
+def _controller(scene: Scene) -> dict[str, object] | None:
+    """Parameters of a slip controller for a scene that needs one: an engine of its own, a pressure to be commanded."""
+    system = scene.system
+    if (system.engine.source, system.pressure.source) != ("harmonic", "topic"):
+        return None
+    return {"target": TARGET, "frequency": system.engine.frequency, "inertia": system.driveline.flywheel_inertia,
+            "torque_per_pressure": system.torque_per_pressure, "step": 1.0 / scene.operation.rate}
 
 
 def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str], words: list[str]) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file, number
+from tcc_sim.cli.arguments import new_file, number, whole_number
 
 LABELS = {"ticks": "ticks", "missed_ticks": "missed ticks", "drift_s": "drift (ms)"}
 
@@ -18,6 +18,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="of each loop (60)")
     parser.add_argument("--recorder", action="store_true",
                         help="publish to a recorder in a process of its own, which competes for the cores")
+    parser.add_argument("--thread-priority", type=whole_number(0, 99), default=0, metavar="N",
+                        help="SCHED_FIFO priority of both loops (0: as it is)")
+    parser.add_argument("--cpu-affinity", type=whole_number(0, 1023), nargs="+", default=[], metavar="CORE",
+                        help="cores that both loops may run on (all)")
+    parser.add_argument("--lock-memory", action="store_true", help="lock the memory of both loops")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
 
 
@@ -25,17 +30,18 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write JSON."""
     from tqdm import tqdm
 
-    from tcc_sim.nodes.processes import require_ros
+    from tcc_sim.nodes.children import require_ros
 
     require_ros()
     if arguments.json is not None:
         new_file(arguments.json)
-    from tcc_sim.benchmarks.pacing_benchmark import measure
+    from tcc_sim.benchmarks.pacing_benchmark import Settings, measure
 
-    with tqdm(total=2.0 * arguments.duration, unit="s", desc="realtime", disable=None, leave=False,
-              bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:
-        found = measure(arguments.rate, arguments.duration, lambda seconds: bar.update(seconds - bar.n),
-                        arguments.recorder)
+    settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
+    with tqdm(total=1.0, desc="realtime", disable=None, leave=False,
+              bar_format="{desc} {percentage:3.0f}%|{bar}|") as bar:
+        found = measure(arguments.rate, arguments.duration, lambda part: bar.update(part - bar.n), arguments.recorder,
+                        settings)
     print(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
           f"drift {found['drift_s'] * 1e3:.3f} ms")
     print(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
@@ -45,6 +51,12 @@ def run(arguments: argparse.Namespace) -> int:
                               ("cpu_fraction", "CPU (% of a core)", 100.0)):
         node, bare = found[key] * factor, found[f"bare_{key}"] * factor
         print(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
+    print(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
+    for trial in found["settings"]:
+        figures = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
+        print(f"{trial['name']:<26}{figures}{'  refused' if trial['refused'] else ''}")
+    for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
+        print(f"  {sentence}")
     if arguments.json is not None:
         from tcc_sim.output.files import write_json
         from tcc_sim.output.provenance import document

@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from tcc_sim.benchmarks.endurance import soak
-    from tcc_sim.nodes.processes import require_ros
+    from tcc_sim.nodes.children import require_ros
 
     require_ros()
     if arguments.json is not None:

@@ -8,10 +8,12 @@ serialises.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim import topics
 from tcc_sim.topics import JOINT_NAMES
 
 HEADER = b"\x00\x01\x00\x00"
@@ -72,6 +74,26 @@ def int8(value: int) -> bytes:
     return _INT8.pack(HEADER, value)
 
 
+def header(stamp_ns: int, frame_id: str) -> bytes:
+    """std_msgs/msg/Header."""
+    return HEADER + _STAMP.pack(*divmod(stamp_ns, _NANOSECONDS)) + _string(frame_id)
+
+
+def read_header(data: bytes) -> tuple[int, str]:
+    """Stamp (ns) and frame_id of a serialised Header.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian Header.
+    """
+    if len(data) >= 16 and data[1] == HEADER[1]:
+        length = _LENGTH.unpack_from(data, 12)[0]
+        if 1 <= length <= len(data) - 16:
+            return read_stamp(data), data[16:15 + length].decode(errors="replace")
+    raise ValueError("not a little-endian std_msgs/msg/Header")
+
+
 def string(text: str) -> bytes:
     """std_msgs/msg/String."""
     return HEADER + _string(text)
@@ -109,6 +131,16 @@ def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywhe
     """
     return _JOINT_STATE.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, _NAMES, _PAIR, flywheel_angle,
                              plate_angle, _PAIR, flywheel_speed, plate_speed, _PAIR, engine_torque, friction_torque)
+
+
+ENCODERS: Mapping[str, Callable[..., bytes]] = {
+    topics.FLOAT64: lambda _, value: float64(value),
+    topics.INT8: lambda _, value: int8(value),
+    topics.FLUID_PRESSURE: fluid_pressure,
+    topics.JOINT_STATE: joint_state,
+    topics.CLOCK: lambda _, stamp_ns: clock(stamp_ns),
+}
+"""By message type: the bytes of a stamp (ns) and the values that fill the message."""
 
 
 def read_stamp(data: bytes) -> int:

@@ -123,8 +123,10 @@ class Engine(Group):
     """
 
     source: str = quantity("harmonic", "where the engine torque comes from", choices=("harmonic", "topic"))
-    mean_torque: float = quantity(300.0, "mean engine torque Tm; with source topic the torque until the first command "
-                                  "and after a time-out", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
+    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: the "
+                             "mean torque, or the scene's own harmonic torque at simulation time",
+                             choices=("mean", "harmonic"))
+    mean_torque: float = quantity(300.0, "mean engine torque Tm", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
     torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
                                        live=True)
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
@@ -141,19 +143,30 @@ class Engine(Group):
         if len(self.harmonic_amplitudes) > 32:
             raise InputError(f"engine.harmonic_amplitudes has {len(self.harmonic_amplitudes)} values; at most 32 are allowed")
 
+    @property
+    def harmonic(self) -> bool:
+        """Whether the scene's own harmonics ever apply: always, or as the fallback beside commands."""
+        return "harmonic" in (self.source, self.fallback)
+
 
 @dataclass(frozen=True)
 class Pressure(Group):
     """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
 
     source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
-    mean: float = quantity(FIG02_PRESSURE,
-                           "mean pressure Pm; with source topic the pressure until the first command and after "
-                           "a time-out", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
+    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: the "
+                             "mean pressure, or the scene's own harmonic pressure at simulation time",
+                             choices=("mean", "harmonic"))
+    mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
     amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
                                 PRESSURE_MAXIMUM, live=True)
     frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True)
     phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)
+
+    @property
+    def harmonic(self) -> bool:
+        """Whether the scene's own pulsation ever applies: always, or as the fallback beside commands."""
+        return "harmonic" in (self.source, self.fallback)
 
 
 @dataclass(frozen=True)
@@ -201,8 +214,8 @@ class System:
 
     @property
     def saturation_amplitude(self) -> float:
-        """Tsp of (5b), N m; 0 where the pressure comes from a topic."""
-        return self.torque_per_pressure * self.pressure.amplitude if self.pressure.source == "harmonic" else 0.0
+        """Tsp of (5b), N m; 0 where the pressure comes from a topic and falls back to its mean."""
+        return self.torque_per_pressure * self.pressure.amplitude if self.pressure.harmonic else 0.0
 
     @property
     def inverse_inertia(self) -> float:

@@ -64,7 +64,7 @@ class Sines:
 def engine_series(system: System) -> Sines:
     """Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper."""
     e = system.engine
-    if e.source != "harmonic":
+    if not e.harmonic:
         return Sines.of(e.mean_torque, [])
     higher = [(n * e.frequency, a, p) for n,
               (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2) if a > 0.0]

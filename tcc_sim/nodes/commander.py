@@ -5,8 +5,12 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from tcc_sim.nodes.executables import commander
+
+    raise SystemExit(commander())
+
 import math
-import sys
 
 import rclpy
 from sensor_msgs.msg import FluidPressure
@@ -14,9 +18,11 @@ from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
+from tcc_sim.nodes import signals
+from tcc_sim.nodes.children import SENDING
 from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.polling import COMMANDS, run
-from tcc_sim.nodes.processes import SENDING
+from tcc_sim.nodes.process import run
+from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.scene import load_scene
 
 
@@ -35,12 +41,14 @@ def _send() -> int:
     engine, pressure = system.engine, system.pressure
     torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+    signals.leave_to_ros()
     node.get_logger().info(SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
     try:
         while rclpy.ok():
-            pacer.wait(lambda: not rclpy.ok())
+            if not pacer.wait(lambda: not rclpy.ok()):
+                break
             t = tick / rate
             torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
             swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)
@@ -51,7 +59,3 @@ def _send() -> int:
         if rclpy.ok():
             raise
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

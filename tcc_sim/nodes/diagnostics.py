@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from tcc_sim.nodes.loop import RealTimeLoop
-from tcc_sim.nodes.polling import DIAGNOSTICS
+from tcc_sim.nodes.qos import DIAGNOSTICS
 
 PERIOD = 1.0
 """Real time between two messages, s."""
@@ -25,37 +26,40 @@ class Diagnostics:
         self._stick = self._slip = 0
 
     def publish_when_due(self) -> None:
-        """Publish if a second has passed."""
+        """Publish if a second has passed; one that the middleware does not take is followed by the next."""
         now = time.monotonic()
         if now < self._due:
             return
         self._due = max(self._due + PERIOD, now)
         message = DiagnosticArray(status=[self._status(now)])
         message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        with suppress(RuntimeError):
+            self._publisher.publish(message)
 
     def _status(self, now: float) -> DiagnosticStatus:
         """The status over the time since the last message."""
         loop, pacer, operation = self._loop, self._loop.pacer, self._loop.scene.operation
+        stepper = loop.plant.stepper
         done = loop.stick_ticks + loop.slip_ticks
         rate = (done - self._ticks) / (now - self._since)
         stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip
         regime = "paused" if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
         middle, high = pacer.lateness()
         values = {
-            "scene": loop.scene.name, "simulation time (s)": f"{loop.stepper.tick * loop.stepper.step:.3f}",
+            "scene": loop.scene.name, "simulation time (s)": f"{stepper.tick * stepper.step:.3f}",
             "regime": regime,
             "rate (Hz)": f"{rate:.1f}", "rate wanted (Hz)": f"{operation.rate * (operation.real_time_factor or 1.0):g}",
             "real-time factor": f"{rate / operation.rate:.4f}",
             "missed ticks": str(pacer.missed_ticks), "late ticks": str(pacer.late_ticks),
-            "messages not sent": str(loop.unsent_messages),
+            "messages not sent": str(sum(dict(loop.outputs.unsent).values())),
             "lateness p50 (s)": f"{middle:.6f}", "lateness p99 (s)": f"{high:.6f}",
             "lateness max (s)": f"{pacer.lateness_max:.6f}",
-            "sub-steps per tick": str(loop.stepper.substeps), "iterations max": str(loop.stepper.iterations_most),
-            "iterations bound": str(loop.stepper.iterations_bound)}
+            "sub-steps per tick": str(stepper.substeps), "iterations max": str(stepper.iterations_most),
+            "iterations bound": str(stepper.iterations_bound)}
         for command in loop.commands:
             values |= {f"{command.name} received": str(command.received),
                        f"{command.name} refused": str(command.refused),
+                       f"{command.name} last refusal": command.refusal,
                        f"{command.name} time-outs": str(command.timeouts),
                        f"{command.name} source": "fallback" if command.fallen_back else "topic"}
         waiting = [c.name for c in loop.commands if c.fallen_back]
@@ -63,7 +67,7 @@ class Diagnostics:
         if pacer.missed_ticks > self._late:
             level, text = DiagnosticStatus.WARN, f"{pacer.missed_ticks - self._late} ticks missed in real time"
         elif waiting:
-            level, text = DiagnosticStatus.WARN, f"no command on {' and '.join(waiting)}; the scene's mean value applies"
+            level, text = DiagnosticStatus.WARN, f"no command on {' and '.join(waiting)}; the scene's fallback applies"
         self._since, self._ticks, self._late = now, done, pacer.missed_ticks
         self._stick, self._slip = loop.stick_ticks, loop.slip_ticks
         return DiagnosticStatus(level=level, name=f"{self._node.get_fully_qualified_name()}: driveline",

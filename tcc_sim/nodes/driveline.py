@@ -5,6 +5,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from tcc_sim.nodes.executables import driveline_node
+
+    raise SystemExit(driveline_node())
+
 import gc
 import sys
 import time
@@ -12,19 +17,18 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import parameters
+from tcc_sim.nodes import parameters, signals
+from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import RealTimeLoop
-from tcc_sim.nodes.polling import LATCHED, hold_signals, release_signals, run
-from tcc_sim.nodes.processes import CLOCK_STARTED
+from tcc_sim.nodes.process import run
 from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import Scene
 
@@ -32,6 +36,8 @@ SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
 HOUSEKEEPING = 0.1
 """Longest time, s, between two looks at refusals and failures."""
+COMPILING = 1.0
+"""Real time, s, that a change waits for the kernel that it needs."""
 
 
 class DrivelineNode(Node):
@@ -41,9 +47,8 @@ class DrivelineNode(Node):
         super().__init__("driveline", automatically_declare_parameters_from_overrides=True, **options)
         self.scene = parameters.declare(self)
         self.loop = RealTimeLoop(self, self.scene)
-        self._scene_publisher = self.create_publisher(String, "scene", LATCHED)
         self._scene_text, self._changed = self.scene.text(), False
-        self._scene_publisher.publish(cdr.string(self._scene_text))
+        self.loop.outputs.say("scene", cdr.string(self._scene_text))
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -54,26 +59,39 @@ class DrivelineNode(Node):
         self._warned: dict[str, tuple[int, float]] = {}
 
     def start(self) -> None:
-        """Warm up, then start the clock."""
+        """Warm up, then start the clock.
+
+        Raises
+        ------
+        InputError
+            The scene cannot be computed in real time on this machine.
+        """
         self.loop.start()
-        self.get_logger().info(
-            f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, {self.loop.stepper.substeps} sub-steps a tick")
+        self.get_logger().info(f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
+                               f"{self.loop.plant.stepper.substeps} sub-steps a tick")
 
     def housekeeping(self) -> None:
         """Diagnostics when they are due, throttled warnings, and the failure of the loop if there was one."""
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
-        now = time.monotonic()
+        self.loop.outputs.tell_unsent()
         if self.loop.clock_started.is_set() and not self._announced and self.context.ok():
             self._announced = True
             self.get_logger().info(CLOCK_STARTED)
+            for sentence in self.loop.refused_wishes:
+                self.get_logger().warning(sentence)
         for command in self.loop.commands:
-            count, when = self._warned.get(command.name, (0, -1.0))
-            if command.refused > count and now - when >= 1.0:
-                self._warned[command.name] = (command.refused, now)
-                self.get_logger().warning(f"{command.refusal} ({command.refused} refused so far)")
+            self.warn(command.name, command.refused, f"{command.refusal} ({command.refused} refused so far)")
         if self.loop.failure is not None:
             raise self.loop.failure
+
+    def warn(self, what: str, count: int, sentence: str) -> None:
+        """Say a sentence where `count` has grown since one was last said of `what`, at most once a second."""
+        before, when = self._warned.get(what, (0, -1.0))
+        now = time.monotonic()
+        if count > before and now - when >= 1.0:
+            self._warned[what] = count, now
+            self.get_logger().warning(sentence)
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy everything."""
@@ -87,13 +105,17 @@ class DrivelineNode(Node):
         try:
             parameters.check_text(changes, self.scene)
             after = parameters.changed(self.scene, changes)
-            self.loop.check(after)
         except InputError as error:
             return parameters.refused(error)
+        if after == self.scene:
+            return parameters.accepted()
+        plant = self.loop.plant
+        if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
+            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is still "
+                                                 "being compiled; ask again in a moment"))
         text = after.text()
-        if after != self.scene and not self.loop.request(lambda: self._take(after, text)):
-            return parameters.refused(InputError("the real-time loop did not take the change within 1 s"))
-        return parameters.accepted()
+        outcome = self.loop.request(lambda: self._take(after, text))
+        return parameters.accepted() if outcome else parameters.refused(InputError(outcome.why))
 
     def _after_set_parameters(self, changes: list[Parameter]) -> None:
         """Let scene_text follow what was changed."""
@@ -108,10 +130,11 @@ class DrivelineNode(Node):
         """
         self.loop.use(scene)
         self.scene, self._scene_text, self._changed = scene, text, True
-        self._say(self.loop.next_stamp_ns)
+        plant = self.loop.plant
+        self._say(plant.stamp_of(plant.stepper.tick + 1))
         return True
 
-    def _restart(self) -> bool:
+    def restart(self) -> bool:
         """In the loop: start again with the parameters as they are, which hold from stamp 0 of the new run on."""
         if self._changed:
             self._say(0)
@@ -119,47 +142,67 @@ class DrivelineNode(Node):
 
     def _say(self, stamp_ns: int) -> None:
         """Say the scene as it was changed, and the stamp of the first state that it leads to."""
-        self.loop.send(self._scene_publisher, cdr.string(holding_from(self._scene_text, stamp_ns, self.loop.general)))
+        text = holding_from(self._scene_text, stamp_ns, self.loop.plant.general)
+        self.loop.outputs.say("scene", cdr.string(text))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/reset."""
-        response.success = self.loop.request(self._restart)
-        response.message = "at the initial state, simulation time 0" if response.success else "the real-time loop did not answer"
+        outcome = self.loop.request(self.restart)
+        response.success = outcome.done
+        response.message = outcome.why or "at the initial state, simulation time 0"
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """~/pause."""
-        response.success = self.loop.request(lambda: self.loop.pause(request.data))
-        response.message = "paused" if self.loop.paused else "running"
+        outcome = self.loop.request(lambda: self.loop.pause(request.data))
+        response.success = outcome.done
+        response.message = outcome.why or ("paused" if self.loop.paused else "running")
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """~/step."""
-        response.success = self.loop.request(self.loop.single_step)
-        response.message = f"at tick {self.loop.stepper.tick}" if response.success else "not paused"
+        outcome = self.loop.request(self.loop.single_step)
+        response.success = outcome.done
+        response.message = outcome.why or (f"at tick {self.loop.plant.stepper.tick}" if outcome else "not paused")
         return response
+
+
+def spin(node: DrivelineNode) -> None:
+    """Answer requests and keep house until the context ends; a request that makes no sense does not end it."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    senseless = 0
+    while node.context.ok():
+        try:
+            executor.spin_once(timeout_sec=HOUSEKEEPING)
+        except ExternalShutdownException:
+            return
+        except Exception as error:
+            # What a client sends is decoded and looked at by rclpy, which raises here what it did not expect.
+            if not node.context.ok():
+                return
+            senseless += 1
+            node.warn("requests", senseless, f"a request was not understood: {type(error).__name__}: "
+                      f"{one_line(str(error))} ({senseless} so far)")
+        node.housekeeping()
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run("driveline_node", _spin, args)
+    return run("driveline_node", _run, args)
 
 
-def _spin() -> int:
+def _run() -> int:
     """Build the node and run it until the context ends."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    hold_signals()
     node = DrivelineNode()
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
     try:
-        release_signals()
+        node.loop.plant.warm_up()
+        signals.leave_to_ros()
         node.start()
         gc.collect()
         gc.freeze()
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=HOUSEKEEPING)
-            node.housekeeping()
+        spin(node)
     except RuntimeError:
         # Publishing fails in the moment between a signal and the end of the loop.
         if rclpy.ok():
@@ -167,7 +210,3 @@ def _spin() -> int:
     finally:
         node.destroy_node()
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

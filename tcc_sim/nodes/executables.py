@@ -1,14 +1,12 @@
-"""What `ros2 run tcc_sim` and the path know as driveline_node, recorder_node and so on: one line where ROS 2 is not
-installed.
+"""What `ros2 run tcc_sim`, the path and `python -m` know as driveline_node, recorder_node and so on.
+
+Signals are taken before anything else is loaded; `--help` and `--version` need no ROS 2; where ROS 2 is not installed
+there is one line.
 """
 
 from __future__ import annotations
 
-import sys
-from importlib import import_module
-
-from tcc_sim.errors import MissingPackage
-from tcc_sim.nodes.processes import require_ros
+from tcc_sim.nodes import signals
 
 
 def driveline_node() -> int:
@@ -26,12 +24,32 @@ def slip_controller_node() -> int:
     return _run("slip_controller")
 
 
+def commander() -> int:
+    """Run the node that sends commands for `tcc-sim soak`; the exit status."""
+    return _run("commander")
+
+
 def _run(name: str) -> int:
-    """Run a node's `main` where rclpy and its messages are there."""
+    """Run a node's `main` where rclpy and its messages are there, and give the exit status."""
+    signals.take()
+    import sys
+
+    from tcc_sim.nodes.usage import asked_for
+
+    text = asked_for(name, sys.argv[1:])
+    if text is not None:
+        sys.stdout.write(text)
+        signals.give_back()
+        return 0
+    from importlib import import_module
+
+    from tcc_sim.errors import MissingPackage
+    from tcc_sim.nodes.children import require_ros
+
     try:
         require_ros()
     except MissingPackage as error:
         sys.stderr.write(f"{name}_node: {error}\n")
+        signals.give_back()
         return 1
-    status: int = import_module(f"tcc_sim.nodes.{name}").main()
-    return status
+    return signals.end(import_module(f"tcc_sim.nodes.{name}").main())

@@ -4,6 +4,9 @@ One tick goes: wait for the deadline, take what has arrived, step, publish. Comm
 from the next tick on and are held through it (zero-order hold), so a controller that answers the state of tick k before
 the next deadline acts on the interval from k to k + 1. What a message says of torques and pressure is what the tick
 that ended applied.
+
+Whatever the loop waits for (subscribers, a deadline, a command in lock-step, a reader that is slow), it does what is
+asked of it meanwhile; and nothing that is asked of it or sent to it ends it.
 """
 
 from __future__ import annotations
@@ -14,25 +17,37 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import FluidPressure, JointState
-from std_msgs.msg import Float64, Int8
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.inputs import Command, engine_torque_command, pressure_command
+from tcc_sim.nodes.inputs import Command
+from tcc_sim.nodes.outputs import Outputs
 from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.polling import states
+from tcc_sim.nodes.plant import Plant
+from tcc_sim.nodes.scheduling import prepare_thread
+from tcc_sim.nodes.signals import COMPILER
+from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import Stepper, substeps
-from tcc_sim.solvers.terms import Terms, general_terms, stick_speed_of, terms_of
+from tcc_sim.topics import topic
 
-HISTORY = 0.25
-"""Seconds of messages that a publisher keeps for a slow reader."""
 SETTLED = 0.3
 """Real time, s, without a new subscription, after which the subscribers waited for count as complete."""
+LOOK = 0.02
+"""Real time, s, between two looks for subscribers, and between two tries to send what a reader was too slow for."""
+LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
+"""Real time, s, between two looks for a command in lock-step: at first, and after so many seconds in vain."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a request: whether it was done, and else why not."""
+
+    done: bool
+    why: str = ""
+
+    def __bool__(self) -> bool:
+        return self.done
 
 
 @dataclass
@@ -44,7 +59,17 @@ class Request:
     action: Callable[[], bool]
     claim: threading.Lock = field(default_factory=threading.Lock)
     done: threading.Event = field(default_factory=threading.Event)
-    result: bool = False
+    outcome: Outcome = Outcome(False)
+
+    def carry_out(self) -> None:
+        """Do it unless it was withdrawn; an action that fails is an answer, not the end of the loop."""
+        if not self.claim.acquire(blocking=False):
+            return
+        try:
+            self.outcome = Outcome(self.action())
+        except Exception as error:
+            self.outcome = Outcome(False, str(error) or type(error).__name__)
+        self.done.set()
 
 
 class RealTimeLoop:
@@ -57,42 +82,46 @@ class RealTimeLoop:
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
-        self.scene = scene
         self._context = node.context
-        operation = scene.operation
-        self.stepper = Stepper(scene.system, 1.0 / operation.rate)
-        self.pacer = Pacer(self._period(scene))
-        self.paused = self.general = False
-        self.stick_ticks = self.slip_ticks = self.unsent_messages = 0
+        self.plant = Plant(scene)
+        self.pacer = Pacer(_period(scene))
+        self.paused = False
+        self.stick_ticks = self.slip_ticks = 0
         self.failure: BaseException | None = None
-        self._stamp_step = 1e9 / operation.rate
-        self._own = terms_of(scene.system)
-        self._general = general_terms(scene.system)
-        self._terms = self._own
-        self._stick_speed = stick_speed_of(self._own)
-        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        self._stop = threading.Event()
+        self.refused_wishes: list[str] = []
         self.clock_started = threading.Event()
-        self._wake = threading.Event()
+        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
-        engine, pressure = scene.system.engine, scene.system.pressure
-        self.engine_command = engine_torque_command(node, engine.mean_torque) if engine.source == "topic" else None
-        self.pressure_command = pressure_command(node, pressure.mean) if pressure.source == "topic" else None
+        self._compiler = threading.Thread(target=self.plant.warm_up_general, name=COMPILER, daemon=True)
+        engine, pressure = topic("engine_torque"), topic("actuation_pressure")
+        self.engine_command = Command(node, engine) if engine.wanted(scene.value) else None
+        self.pressure_command = (Command(node, pressure, self.plant.check_pressure)
+                                 if pressure.wanted(scene.value) else None)
         self.commands: list[Command] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
-        qos = states(0 if operation.real_time_factor == 0.0 else max(10, math.ceil(HISTORY * operation.rate)))
-        self._joint_states = node.create_publisher(JointState, "joint_states", qos)
-        publishers: list[tuple[bool, Any, str]] = [
-            (self.pressure_command is not None, FluidPressure, "applied_pressure"),
-            (operation.publish_scalars, Float64, "slip_speed"), (operation.publish_scalars, Float64, "friction_torque"),
-            (operation.publish_scalars, Int8, "stick_slip_state"), (operation.publish_clock, Clock, "/clock")]
-        made = [node.create_publisher(kind, name, qos) if on else None for on, kind, name in publishers]
-        self._applied_pressure, self._slip_speed, self._friction_torque, self._state, self._clock = made
-        self._publishers = [self._joint_states, *(p for p in made if p is not None)]
+        self.outputs = Outputs(node, scene)
+        self._lockstep = scene.operation.pacing == "lockstep" and bool(self.commands)
+        self._unanswered: list[Command] | None = None
+        self._waits_since = 0.0
+        self._said_source = ""
+
+    @property
+    def scene(self) -> Scene:
+        """What runs."""
+        return self.plant.scene
 
     def start(self) -> None:
-        """Warm the kernels up, then start the thread."""
-        self.stepper.warm_up(self._own, self._general)
+        """Compile and measure the scene's kernel, then start the thread; what only changes while running may need is
+        compiled beside it.
+
+        Raises
+        ------
+        InputError
+            The scene cannot be computed in real time on this machine.
+        """
+        self.plant.warm_up()
         self._thread.start()
+        self._compiler.start()
 
     def stop(self) -> None:
         """End the thread; returns when it has ended, at most after one sleep slice."""
@@ -102,33 +131,31 @@ class RealTimeLoop:
             self._thread.join(timeout=1.0)
 
     @property
-    def next_stamp_ns(self) -> int:
-        """Stamp of the state that the next tick leads to."""
-        return round((self.stepper.tick + 1) * self._stamp_step)
-
-    @property
     def running(self) -> bool:
         """Whether the thread is alive."""
         return self._thread.is_alive()
 
-    def request(self, action: Callable[[], bool], timeout: float = 1.0) -> bool:
-        """Have the loop do `action` between two ticks; its result, or False where it was withdrawn after `timeout`
-        seconds.
+    def request(self, action: Callable[[], bool], timeout: float = 1.0) -> Outcome:
+        """Have the loop do `action` between two ticks; it is withdrawn where it was not done after `timeout` seconds.
+
+        An action refuses by False or by an exception, whose sentence is then the outcome's.
         """
         asked = Request(action)
         self._requests.put(asked)
         self._wake.set()
         if not asked.done.wait(timeout) and asked.claim.acquire(blocking=False):
-            return False
-        return asked.done.wait(timeout) and asked.result
+            return Outcome(False, f"the real-time loop did not answer within {timeout:g} s")
+        asked.done.wait(timeout)
+        return asked.outcome
 
     def reset(self) -> bool:
         """Back to the initial state at simulation time 0."""
-        self.stepper.reset(self.scene.system)
         for command in self.commands:
             command.reset()
-        self._apply_inputs()
-        self._publish()
+        self.plant.reset()
+        self._unanswered, self._said_source = None, ""
+        if self.clock_started.is_set():
+            self._publish()
         return True
 
     def pause(self, paused: bool) -> bool:
@@ -136,138 +163,141 @@ class RealTimeLoop:
         self.paused = paused
         if not paused:
             self.pacer.anchor()
+            self._waits_since = time.monotonic()
         return True
 
     def single_step(self) -> bool:
         """One tick while paused; False while running."""
-        if not self.paused:
+        if not (self.paused and self.clock_started.is_set()):
             return False
+        for command in self.commands:
+            command.poll(self.plant.stepper.tick, self._timeout_ticks())
         self._tick()
         return True
 
     def use(self, scene: Scene) -> bool:
-        """Take changed parameters from the next tick on. The kernel must be one that was warmed up."""
-        own, general = terms_of(scene.system), general_terms(scene.system)
-        self.general = any((a is None) != (b is None) for a, b in zip(own, self._own))
-        self._terms = general if self.general else own
-        self._stick_speed = stick_speed_of(own)
-        self.scene = scene
-        if self.engine_command is not None:
-            self.engine_command.replace_fallback(scene.system.engine.mean_torque)
-        if self.pressure_command is not None:
-            self.pressure_command.replace_fallback(scene.system.pressure.mean)
-        self._apply_inputs()
-        self.pacer.period_ns = self._period(scene) * 1e9
-        self.pacer.anchor()
+        """Take changed parameters from the next tick on, all or none; InputError where they cannot be computed."""
+        period = self.scene.operation.real_time_factor
+        self.plant.use(scene)
+        if scene.operation.real_time_factor != period:
+            self.pacer.period_ns = _period(scene) * 1e9
+            self.pacer.anchor()
         return True
-
-    def check(self, scene: Scene) -> None:
-        """Raise InputError where the real-time solver cannot run `scene`."""
-        substeps(terms_of(scene.system), self.stepper.step)
-
-    @staticmethod
-    def _period(scene: Scene) -> float:
-        """Real time of a tick, s; 0 where it is as fast as possible."""
-        factor = scene.operation.real_time_factor
-        return 1.0 / (scene.operation.rate * factor) if factor > 0.0 else 0.0
 
     def _run(self) -> None:
         """The thread."""
         try:
+            wishes = self.scene.operation
+            self.refused_wishes = prepare_thread(wishes.thread_priority, wishes.cpu_affinity, wishes.lock_memory)
             if not self._await_subscribers():
                 return
             self._publish()
             self.pacer.anchor()
             self.clock_started.set()
-            stopped, lockstep = self._stop.is_set, self.scene.operation.pacing == "lockstep"
-            while not stopped():
-                while not self._requests.empty():
-                    asked = self._requests.get()
-                    if asked.claim.acquire(blocking=False):
-                        asked.result = asked.action()
-                        asked.done.set()
-                if self.paused:
-                    self._wake.wait()
-                    self._wake.clear()
-                    continue
-                if not lockstep and self.pacer.period_ns > 0.0:
-                    self.pacer.wait(stopped)
-                    if stopped():
-                        return
-                self._tick(lockstep)
+            while not self._stop.is_set():
+                self._serve()
+                if not self.outputs.flush():
+                    self._rest(LOOK)
+                elif self.paused:
+                    self._rest(None)
+                elif self._due():
+                    self._tick()
         except BaseException as error:
             # A signal ends the context first; what publishing says to that is no failure.
             if not self._stop.is_set() and self._context.ok():
                 self.failure = error
 
-    def _tick(self, lockstep: bool = False) -> None:
-        """Take commands, step, publish."""
-        if self.commands:
-            tick, timeout = self.stepper.tick, self.scene.operation.command_timeout
-            limit = timeout * self.scene.operation.rate if timeout > 0.0 else math.inf
-            for command in self.commands:
-                if lockstep:
-                    command.await_one(tick, round(tick * self._stamp_step), timeout, self._stop.is_set)
-                else:
-                    command.poll(tick, limit)
-            self._apply_inputs()
-        self.stepper.advance()
-        self._publish()
+    def _serve(self) -> None:
+        """Do what was asked."""
+        while not self._requests.empty():
+            self._requests.get().carry_out()
 
-    def _apply_inputs(self) -> None:
-        """Put the held commands into the terms of the next tick."""
-        terms: Terms = self._terms
-        if self.engine_command is not None:
-            terms = terms._replace(mean_torque=self.engine_command.value)
-        if self.pressure_command is not None:
-            terms = terms._replace(mean_load=self.scene.system.torque_per_pressure * self.pressure_command.value)
-        if terms is not self.stepper.terms:
-            self.stepper.use(terms)
+    def _rest(self, seconds: float | None) -> None:
+        """Wait until something is asked, or for so many seconds."""
+        self._wake.wait(seconds)
+        self._wake.clear()
+
+    def _interrupted(self) -> bool:
+        """Whether there is something else to do than to wait."""
+        return self._stop.is_set() or not self._requests.empty()
+
+    def _due(self) -> bool:
+        """Wait for what the next tick waits for, with its commands taken; False where something else comes first."""
+        tick = self.plant.stepper.tick
+        if self._lockstep:
+            return self._answered(tick)
+        if self.pacer.period_ns > 0.0 and not self.pacer.wait(self._interrupted):
+            return False
+        for command in self.commands:
+            command.poll(tick, self._timeout_ticks())
+        return True
+
+    def _answered(self, tick: int) -> bool:
+        """Lock-step: whether every command that answers this state is there, or was waited for long enough."""
+        now = time.monotonic()
+        if self._unanswered is None:
+            self._unanswered, self._waits_since = list(self.commands), now
+        stamp = self.plant.stamp_of(tick)
+        self._unanswered = [c for c in self._unanswered if not c.answered(tick, stamp)]
+        timeout = self.scene.operation.command_timeout
+        if self._unanswered and 0.0 < timeout < now - self._waits_since:
+            for command in self._unanswered:
+                command.fall_back()
+            self._unanswered = []
+        if self._unanswered:
+            time.sleep(LOCKSTEP_LOOK if now - self._waits_since < LOCKSTEP_EAGER else LOCKSTEP_REST)
+            return False
+        return True
+
+    def _timeout_ticks(self) -> float:
+        """Ticks without a command after which the fallback applies."""
+        operation = self.scene.operation
+        return operation.command_timeout * operation.rate if operation.command_timeout > 0.0 else math.inf
+
+    def _tick(self) -> None:
+        """Step with the commands as they are, publish."""
+        if self.commands:
+            self.plant.hold(_value(self.engine_command), _value(self.pressure_command))
+        self._unanswered = None
+        self.plant.stepper.advance()
+        self._publish()
 
     def _publish(self) -> None:
         """Publish the state of this tick, stamped with simulation time."""
-        stepper = self.stepper
-        v, plate_angle, plate_speed, flywheel_angle = stepper.state.tolist()
-        engine, friction = stepper.torques()
-        stamp = round(stepper.tick * self._stamp_step)
-        self.send(self._joint_states,
-                  cdr.joint_state(stamp, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
-                                                      friction))
-        state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
-        if state:
+        reading = self.plant.reading()
+        if reading.stick_slip_state:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
-        if self._slip_speed is not None and self._friction_torque is not None and self._state is not None:
-            self.send(self._slip_speed, cdr.float64(v))
-            self.send(self._friction_torque, cdr.float64(friction))
-            self.send(self._state, cdr.int8(state))
-        if self._applied_pressure is not None and self.pressure_command is not None:
-            self.send(self._applied_pressure, cdr.fluid_pressure(stamp, self.pressure_command.value))
-        if self._clock is not None:
-            self.send(self._clock, cdr.clock(stamp))
-
-    def send(self, publisher: Any, data: bytes) -> None:
-        """Publish; what the middleware refuses (it does in the moment when a flooded reader dies) is counted, not
-        fatal.
-        """
-        try:
-            publisher.publish(data)
-        except RuntimeError:
-            if not self._context.ok():
-                raise
-            self.unsent_messages += 1
+        if self.commands:
+            source = written({command.name: not command.fallen_back for command in self.commands})
+            if source != self._said_source:
+                self._said_source = source
+                self.outputs.say("input_source", cdr.header(reading.stamp_ns, source))
+        self.outputs.state(reading)
 
     def _await_subscribers(self) -> bool:
         """Wait for the subscribers that were asked for, and until no more of them appear; False when told to stop."""
         wanted = self.scene.operation.wait_for_subscribers
         seen, since = -1, time.monotonic()
         while wanted and not self._stop.is_set():
-            count = sum(p.get_subscription_count() for p in self._publishers)
+            self._serve()
+            joint_states, count = self.outputs.subscriptions()
             now = time.monotonic()
             if count != seen:
                 seen, since = count, now
-            elif self._joint_states.get_subscription_count() >= wanted and now - since >= SETTLED:
+            elif joint_states >= wanted and now - since >= SETTLED:
                 break
-            self._stop.wait(0.02)
+            self._rest(LOOK)
         return not self._stop.is_set()
+
+
+def _value(command: Command | None) -> float | None:
+    """What a command holds, None where the scene's own input applies."""
+    return None if command is None else command.value
+
+
+def _period(scene: Scene) -> float:
+    """Real time of a tick, s; 0 where it is as fast as possible."""
+    factor = scene.operation.real_time_factor
+    return 1.0 / (scene.operation.rate * factor) if factor > 0.0 else 0.0

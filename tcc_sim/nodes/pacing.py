@@ -25,10 +25,14 @@ class Pacer:
     ----------
     period : real time between ticks, s
     kept : how many of the last latenesses are kept for `lateness`
+    clock : monotonic time, ns
+    sleep : sleeps for so many seconds
     """
 
-    def __init__(self, period: float, kept: int = 10_000) -> None:
+    def __init__(self, period: float, kept: int = 10_000, clock: Callable[[], int] = time.monotonic_ns,
+                 sleep: Callable[[float], object] = time.sleep) -> None:
         self.period_ns = period * 1e9
+        self._clock, self._sleep = clock, sleep
         self.ticks = 0
         self.late_ticks = 0
         self.missed_ticks = 0
@@ -42,19 +46,22 @@ class Pacer:
 
     def anchor(self) -> None:
         """Count deadlines from now: at the start, after a pause, after a change of the period."""
-        self._anchor = self._first = float(time.monotonic_ns())
+        self._anchor = self._first = float(self._clock())
         self._since_anchor = self._since_first = 0
 
-    def wait(self, stopped: Callable[[], bool]) -> None:
-        """Sleep until the next deadline, or return at once where it has passed or `stopped()` holds."""
-        self._since_anchor += 1
-        deadline = self._anchor + self._since_anchor * self.period_ns
-        now = time.monotonic_ns()
+    def wait(self, interrupted: Callable[[], bool]) -> bool:
+        """Sleep until the next deadline; True when it has come, also where it had passed before.
+
+        False as soon as `interrupted()` holds, which is looked at every SLICE: the deadline is then still the next one.
+        """
+        deadline = self._anchor + (self._since_anchor + 1) * self.period_ns
+        now = self._clock()
         while now < deadline:
-            time.sleep(min((deadline - now) * 1e-9, SLICE))
-            now = time.monotonic_ns()
-            if now < deadline and stopped():
-                return
+            if interrupted():
+                return False
+            self._sleep(min((deadline - now) * 1e-9, SLICE))
+            now = self._clock()
+        self._since_anchor += 1
         lateness = (now - deadline) * 1e-9
         self._recent[self.ticks % len(self._recent)] = lateness
         self.ticks += 1
@@ -68,6 +75,7 @@ class Pacer:
             self.missed_ticks += int((now - deadline) // self.period_ns)
             self._anchor = float(now)
             self._since_anchor = 0
+        return True
 
     def latenesses(self) -> NDArray[np.float64]:
         """Lateness of the last ticks, s, in no order."""

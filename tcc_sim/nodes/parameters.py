@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import QUANTITIES, Quantity, unknown_key, values_of
-from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, OPERATION_QUANTITIES, Scene, load_scene
+from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 
 ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
 TEXT = "scene_text"
@@ -22,6 +22,8 @@ BUILT_IN = ("use_sim_time", "start_type_description_service")
 def declare(node: Node) -> Scene:
     """Declare every scene key and node option on `node`, with the overrides it was started with, and give their scene.
 
+    Without `scene` they are those of NODE_SCENE. Where the overrides say where an input comes from, as the parameter
+    file of a scene does, they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere.
     The node must have been made with `automatically_declare_parameters_from_overrides=True`, which is how the overrides
     are read with whatever type they were given.
 
@@ -34,11 +36,12 @@ def declare(node: Node) -> Scene:
              parameter in node.get_parameters_by_prefix("").items() if name not in BUILT_IN}
     for name in given:
         node.undeclare_parameter(name)
-    base = load_scene(str(given.pop("scene", DEFAULT_SCENE)))
+    otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
+    base = load_scene(str(given.pop("scene", otherwise)))
     known = {}
     for name, value in given.items():
         if name in ALL_QUANTITIES:
-            known[name] = list(value) if hasattr(value, "tolist") else value
+            known[name] = value.tolist() if hasattr(value, "tolist") else value
         else:
             node.get_logger().warning(f"parameter ignored: {unknown_key(name, KNOWN_KEYS)}")
     scene = base.with_values(known)
@@ -72,8 +75,9 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
     elif isinstance(value, int) and not isinstance(value, bool):
         descriptor.integer_range = [IntegerRange(from_value=int(meaning.low), to_value=int(meaning.high), step=1)]
     if isinstance(value, tuple):
-        descriptor.type = Parameter.Type.DOUBLE_ARRAY.value
-        value = Parameter(name, Parameter.Type.DOUBLE_ARRAY, list(value)).value
+        kind = Parameter.Type.INTEGER_ARRAY if name in OPERATION_QUANTITIES else Parameter.Type.DOUBLE_ARRAY
+        descriptor.type = kind.value
+        value = Parameter(name, kind, list(value)).value
     node.declare_parameter(name, value, descriptor, ignore_override=True)
 
 

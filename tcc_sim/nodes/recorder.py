@@ -6,6 +6,11 @@ costs.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from tcc_sim.nodes.executables import recorder_node
+
+    raise SystemExit(recorder_node())
+
 import sys
 import time
 from collections.abc import Sequence
@@ -23,9 +28,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tcc_sim.errors import InputError, RecordingError, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.message_types import message_class, qos_fields
-from tcc_sim.nodes.polling import hold_signals, poll, release_signals, run, subscribe, unknown_parameters
+from tcc_sim.nodes.process import run, unknown_parameters
+from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.nodes.track import MOST_PUBLISHERS, Track
+from tcc_sim.nodes.unsent import UnsentCount
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
@@ -83,16 +91,15 @@ class Recorder:
         self.tracks: dict[str, Track] = {}
         self._next_look = 0.0
         # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
-        # driveline may
-        # wait for their subscriber, and then all the others are there.
+        # driveline may wait for their subscriber, and then all the others are there.
+        self.unsent = UnsentCount()
+        self._unsent_topic = node.resolve_topic_name("unsent_messages")
         self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self.unsent: dict[str, int] = {}
-        """Messages by topic that their publisher counted and could not send, from whoever hears of it."""
         self._told: dict[str, dict[str, int]] = {}
         self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
                              result=self._part_result)
@@ -137,6 +144,8 @@ class Recorder:
             received = info["received_timestamp"] or time.time_ns()
             if track.topic in self._scene_topics:
                 self._describe(data, info["source_timestamp"] or received)
+            if track.topic == self._unsent_topic and who:
+                self.unsent.add(bytes(who), data)
             write(channel, received, info["source_timestamp"], data, number)
         if track.type == JOINT_STATE and not track.messages:
             self._next_look = 0.0  # Now a scene that is not there yet can be asked for.
@@ -210,7 +219,8 @@ class Recorder:
         found = {"messages": {track.topic: track.messages for track in seen},
                  "lost": {track.topic: track.lost for track in seen},
                  "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}}
-        return found | ({"unsent": dict(self.unsent)} if any(self.unsent.values()) else {})
+        unsent = self.unsent.by_topic()
+        return found | ({"unsent": unsent} if any(unsent.values()) else {})
 
     def _part_result(self) -> dict[str, dict[str, int]]:
         """The figures of the part that ends: what came since the part before it."""
@@ -264,12 +274,13 @@ def _default_name() -> str:
 
 def record() -> int:
     """Record until a signal; the exit status."""
-    hold_signals()
+    signals.hold()
+    signals.leave_to_ros()
     node = rclpy.create_node("recorder")
     recorder = Recorder(node)
     try:
         try:
-            release_signals()
+            signals.release()
             node.get_logger().info(f"recording to {recorder.bag.directory}")
             recorder.spin()
         finally:
@@ -287,8 +298,4 @@ def record() -> int:
 
 def main(args: list[str] | None = None) -> int:
     """Run the recorder node."""
-    return run("recorder", record, args, interruptible=False)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return run("recorder", record, args)

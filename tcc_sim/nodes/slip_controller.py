@@ -6,8 +6,12 @@ your own control law in the place of `SlipController`, and test it against the s
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from tcc_sim.nodes.executables import slip_controller_node
+
+    raise SystemExit(slip_controller_node())
+
 import dataclasses
-import sys
 from typing import Any
 
 import rclpy
@@ -15,8 +19,11 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64
 
-from tcc_sim.nodes.polling import run
+from tcc_sim.nodes import signals
+from tcc_sim.nodes.process import run
+from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
@@ -28,6 +35,7 @@ QOS = QoSProfile(depth=5000)
 class SlipControllerNode(Node):
     """joint_states in, actuation_pressure out: one command for every state, with that state's stamp.
 
+    target_slip_speed says what it is asked to hold, once and to whoever subscribes later.
     The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the
     same controller gives the same run to the last bit however slow it is.
     """
@@ -41,7 +49,18 @@ class SlipControllerNode(Node):
             for item in dataclasses.fields(Tuning)}))
         self._last_stamp = -1
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
-        self.create_subscription(JointState, "joint_states", self._on_state, QOS)
+        self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
+        self._target.publish(Float64(data=float(self.controller.tuning.target)))
+        self._states = self.create_subscription(JointState, "joint_states", self._on_state, QOS)
+
+    def report(self) -> None:
+        """Say what it controls, and with what belief of its plant."""
+        tuning = self.controller.tuning
+        self.get_logger().info(
+            f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
+            f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, "
+            f"engine cycle {tuning.cycle_steps:.4g} states of {tuning.step:g} s, "
+            f"at most {tuning.pressure_limit:g} Pa")
 
     def _on_state(self, state: JointState) -> None:
         """Answer one state."""
@@ -63,9 +82,8 @@ def main(args: list[str] | None = None) -> int:
 
 def _spin() -> int:
     """Build the node and spin it."""
-    rclpy.spin(SlipControllerNode())
+    node = SlipControllerNode()
+    signals.leave_to_ros()
+    node.report()
+    rclpy.spin(node)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

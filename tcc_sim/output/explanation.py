@@ -48,7 +48,8 @@ def explain(scene: Scene) -> dict[str, Any]:
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
         "terms": {"held": held, "left_out": left_out},
         "kernel": {name: _kind(value) for name, value in zip(terms._fields, terms)},
-        "topics": {"held": needed, "left_out": [row.name for row in TOPICS if row.name not in needed]},
+        "topics": {"held": needed, "left_out": [row.name for row in TOPICS
+                                                if row.name not in needed and row.direction != "beside"]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
         "step": {**_cost(scene), **looked["calls"]} if terms.smoothing is not None else None,
         "closed_forms": closed_forms(scene.system),
@@ -57,13 +58,7 @@ def explain(scene: Scene) -> dict[str, Any]:
 
 def needs(scene: Scene, row: Topic) -> bool:
     """Whether the driveline node creates this topic for `scene`."""
-    key, _, value = row.switch.partition(": ")
-    if not key:
-        return True
-    group, _, name = key.rpartition(".")
-    owner: Any = getattr(scene.system, group) if group else scene.operation
-    found = getattr(owner, name)
-    return (str(found).lower() if isinstance(found, bool) else found) == value
+    return row.wanted(scene.value)
 
 
 def _kind(value: object) -> str:

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.paper.evidence import JUMP, steep
-from tcc_sim.studies.point import Point, handed_over, solve_point
+from tcc_sim.studies.point import handed_over, solve_point
+from tcc_sim.studies.simulation import Start
 from tcc_sim.studies.sweep import Sweep
+from tcc_sim.trajectory import State
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
@@ -24,33 +26,29 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
     One row for each: `index` along the curve, `value` of the key, `max_slip_speed` and `period` of the cold start's
     motion and of the `other`, and `spike`: whether the cold start stands out from both of its neighbours.
     """
-    largest = sweep.column("max_slip_speed")
+    largest, records = sweep.column("max_slip_speed"), sweep.records
     size = float(np.nanmax(largest))
     pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
-             if _period(sweep.points[here]) and _period(sweep.points[there])]
+             if all((records[i] or {}).get("period") for i in (here, there))]
 
     def follow(pair: tuple[int, int]) -> dict[str, Any] | None:
         here, there = pair
-        neighbour = sweep.points[there]
+        own, neighbour = records[here], records[there]
+        assert own is not None
         assert neighbour is not None
         plan = replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
-        point = solve_point(sweep.curve.at(here), sweep.curve.values[here], plan,
-                            handed_over(sweep.curve.at(there), neighbour.end, sweep.curve.at(here)))
+        system, end = sweep.curve.at(here), Start(State(*neighbour["final"]), neighbour["final_cycle"])
+        point = solve_point(system, sweep.curve.values[here], plan, handed_over(sweep.curve.at(there), end, system))
         found = point.summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None
         return {"index": here, "value": sweep.curve.values[here], "max_slip_speed": float(largest[here]),
-                "period": _period(sweep.points[here]), "other": {"max_slip_speed": found.max_slip_speed, "period": found.period},
+                "period": own["period"], "other": {"max_slip_speed": found.max_slip_speed, "period": found.period},
                 "spike": stands_out(largest, here, JUMP * size)}
 
     with ThreadPoolExecutor(jobs) as threads:
         rows = [row for row in threads.map(follow, pairs) if row is not None]
     return sorted(rows, key=lambda row: int(row["index"]))
-
-
-def _period(point: Point | None) -> int:
-    """Of a point; 0 where there is none or the solver failed."""
-    return 0 if point is None or point.summary is None else point.summary.period
 
 
 def stands_out(values: np.ndarray, k: int, least: float) -> bool:

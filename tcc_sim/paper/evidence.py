@@ -15,9 +15,9 @@ from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import System, Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
-from tcc_sim.studies.point import Plan, Point, solve_point
+from tcc_sim.studies.point import Plan, solve_point
 from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
-from tcc_sim.trajectory import Status, Trajectory
+from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
@@ -63,7 +63,7 @@ class Evidence:
     jobs: int | None = None
     progress: bool = False
     _kept: dict[str, Any] = field(default_factory=dict)
-    _periods: dict[int, tuple[Sweep, NDArray[np.int64]]] = field(default_factory=dict)
+    _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
@@ -89,8 +89,8 @@ class Evidence:
         name = json.dumps([sorted(row.items()), lyapunov])
         if name not in self._kept:
             point = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov))
-            period = None if point.summary is None else self._period(paper_system(row), point)
-            self._kept[name] = {**point.as_record(), "period": period}
+            record = point.as_record()
+            self._kept[name] = {**record, "period": self._period(paper_system(row), record)}
         found: dict[str, Any] = self._kept[name]
         return found
 
@@ -99,27 +99,29 @@ class Evidence:
 
         What has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor not.
         """
-        kept = self._periods.get(id(sweep))
-        if kept is None or kept[0] is not sweep:
-            def at(point: Point | None, k: int) -> int:
-                if point is None or point.summary is None:
-                    return -1
-                return self._period(sweep.curve.at(k), point)
+        name = (sweep.curve, sweep.plan)
+        if name not in self._settled:
+            records = sweep.records
+
+            def at(k: int) -> int:
+                record = records[k]
+                found = None if record is None else self._period(sweep.curve.at(k), record)
+                return -1 if found is None else found
 
             with ThreadPoolExecutor(self.jobs) as threads:
-                found = threads.map(at, sweep.points, range(len(sweep.points)))
-                kept = self._periods[id(sweep)] = sweep, np.array(list(found), dtype=np.int64)
-        return kept[1]
+                self._settled[name] = np.array(list(threads.map(at, range(len(records)))), dtype=np.int64)
+        return self._settled[name]
 
-    def _period(self, system: System, point: Point) -> int:
-        """The period of a point that was solved, from further cycles where its section does not repeat yet."""
-        assert point.summary is not None
-        if point.summary.settled:
-            return point.summary.period
-        run = solve(system, cycles=LATER, start_cycle=point.end.cycle, state=point.end.state, rtol=self._rtol(system))
+    def _period(self, system: System, record: dict[str, Any]) -> int | None:
+        """The period of a record, from further cycles where its section does not repeat yet."""
+        period: int | None = record["period"]
+        if period is None or record.get("settled", True):
+            return period
+        run = solve(system, cycles=LATER, start_cycle=record["final_cycle"], state=State(*record["final"]),
+                    rtol=self._rtol(system))
         if run.status is not Status.DONE or run.cycles is None:
             return -1
-        return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=point.end.cycle + LATER - LAST).period
+        return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=CYCLES + LATER - LAST).period
 
     def _rtol(self, system: System) -> float | None:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
@@ -181,7 +183,7 @@ def steep(values: Floats) -> NDArray[np.int64]:
 
 def sticks(sweep: Sweep) -> NDArray[np.bool_]:
     """(n,) whether the motion is pure stick."""
-    return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
+    return np.array([r is not None and r["regime"] == "stick" for r in sweep.records])
 
 
 def slips_at(sweep: Sweep) -> Floats:

@@ -1,4 +1,4 @@
-"""How fast a recorded run was: simulated time over the real time in which its messages came in."""
+"""How fast a recording ran: simulated against real time."""
 
 from __future__ import annotations
 

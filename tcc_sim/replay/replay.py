@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,11 +21,12 @@ from tcc_sim.errors import InputError, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
 from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.pace import Pace
-from tcc_sim.replay.scene_places import MOST_SCENES, Place, ScenePlaces
+from tcc_sim.replay.places import MOST_SCENES, Place, Places, Said
 from tcc_sim.replay.segments import MOST_SEGMENTS, Segment, SegmentLog
 from tcc_sim.replay.tail import Tail
 from tcc_sim.replay.verification import Verification, Verifier
@@ -189,8 +191,10 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     system = replace(own.system, engine=replace(own.system.engine, frequency=omega))
     cycle = 2.0 * math.pi / omega
     stream, tail = CycleStream(system, cycle), Tail(system, cycle)
-    places = _places(run, progress)
-    verifier, pace = Verifier(run.scenes, places, own, run.size) if verify else None, Pace()
+    places = _places(run, run.scenes[:MOST_SCENES], "scenes", progress)
+    sources = input_sources(run) if verify else []
+    held = [(place.index, sources[place.number].commanded) for place in _places(run, sources, "inputs", progress)]
+    verifier, pace = Verifier(run.scenes, places, own, run.size, held) if verify else None, Pace()
     commands = Commands(run.joint_states_topic)
     control = ControlLog(own, run.scenes, cycle, commands)
     with ExitStack() as stack:
@@ -228,6 +232,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
                             "out with the first")
         if len(run.scenes) > MOST_SCENES:
             warnings.append(f"only the first {MOST_SCENES} scenes are followed")
+        if len(sources) == MOST_SOURCES:
+            warnings.append(f"only the first {MOST_SOURCES} changes of the source of an input are followed")
         told = segments.finish(summary.solver, summary.elapsed_s)
         if segments.count > MOST_SEGMENTS:
             warnings.append(f"only the first {MOST_SEGMENTS} of {segments.count} segments have figures of their own")
@@ -272,13 +278,13 @@ def _frequency(run: Run, scene: Scene, given: float | None, progress: bool) -> t
     return scene.system.engine.frequency, "scene"
 
 
-def _places(run: Run, progress: bool) -> list[Place]:
-    """From which states on the recording's scenes hold; it is read once more for that where there are several."""
-    if len(run.scenes) < 2:
-        return [Place(0, 0)] if run.scenes else []
-    found = ScenePlaces(run.scenes)
+def _places(run: Run, said: Sequence[Said], what: str, progress: bool) -> list[Place]:
+    """From which states on what the driveline said holds; the recording is read once more for more than one message."""
+    if len(said) < 2:
+        return [Place(0, 0)] if said else []
+    found = Places(said)
     with ExitStack() as stack:
-        for batch in _watched(run, "scenes", stack, progress):
+        for batch in _watched(run, what, stack, progress):
             found.feed(batch)
     return found.places()
 

@@ -22,7 +22,7 @@ from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.scene_records import SceneRecord
-from tcc_sim.replay.scene_places import Place
+from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 
@@ -108,7 +108,7 @@ class SegmentLog:
         self.segments: list[Segment] = []
         self.count = 0
         self._scene, self._scenes, self._frequency, self._discard = scene, scenes, frequency, discard
-        self._places = deque(place for place in places if place.scene)
+        self._places = deque(place for place in places if place.number)
         self._recording, self._heard = run, 0
         controlled = any(name.rpartition("/")[2] == TARGET for name in run.topics)
         self._shared = None if self._places or controlled else stream
@@ -136,7 +136,7 @@ class SegmentLog:
         """Begin a segment where there is a reason to at this state."""
         before, target = dict(values_of(self._scene.system)), self._target
         while self._places and self._places[0].index <= self._index + row:
-            self._use(self._scenes[self._places.popleft().scene])
+            self._use(self._scenes[self._places.popleft().number])
         targets = self._recording.targets
         while self._heard < len(targets) and targets[self._heard][0] <= int(batch.sent_ns[row]):
             self._target = targets[self._heard][1]

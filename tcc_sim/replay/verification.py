@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.input_sources import INPUTS
 from tcc_sim.recording.scene_records import SceneRecord
-from tcc_sim.replay.scene_places import Place
+from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
-from tcc_sim.solvers.terms import Terms, general_terms, terms_of
+from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_of
 from tcc_sim.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6
@@ -70,21 +71,31 @@ class Verifier:
     that the change led to and the kernel that went on; the change is made at that tick, in a gap too. A pause leaves no
     trace.
 
+    An input that a command held is the constant that the message says. One that fell back to the scene's harmonics
+    varies within the tick, so `sources` tells which it was. In a recording without them every input counts as commanded.
+
     Parameters
     ----------
-    scenes, places : of the recording, and the states from which on they hold (`ScenePlaces`)
+    scenes, places : of the recording, and the states from which on they hold (`Places`)
     fallback : scene of a recording that holds none
     size : bytes of the recording, with which the work that it may cause grows
+    sources : what the driveline said on input_source, in its order: index of a state, and the inputs that a command
+        held from there on
     """
 
-    def __init__(self, scenes: Sequence[SceneRecord], places: Sequence[Place], fallback: Scene, size: int) -> None:
+    def __init__(self, scenes: Sequence[SceneRecord], places: Sequence[Place], fallback: Scene, size: int,
+                 sources: Sequence[tuple[int, frozenset[str]]] = ()) -> None:
         self._scenes, self._places = scenes, deque(places)
+        self._sources = deque(sources)
+        self._commanded = self._sources[0][1] if self._sources else frozenset(INPUTS)
+        self._told_sources = bool(self._sources)
         self._place = -1
         self._index = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
         self._scene, self._general = fallback, False
         self._run = -1
+        self._harmonic = False, False
         self._stepper: Stepper | None = None
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
@@ -107,6 +118,7 @@ class Verifier:
             if batch.run != self._run:
                 self._begin(batch)
                 begin = 1
+                self._follow_sources(self._index)
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
                 if not self._exact:
                     solved[0] = recorded[0]
@@ -133,6 +145,8 @@ class Verifier:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
                       f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another "
                       "version or machine)")
+            if any(self._harmonic) and not self._told_sources:
+                detail += "; the topic input_source was not recorded, so every input counts as commanded"
         return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
@@ -143,7 +157,9 @@ class Verifier:
         scene = self._scene
         self._run = batch.run
         self._stamp_step = 1e9 / scene.operation.rate
-        self._topics = scene.system.engine.source == "topic", scene.system.pressure.source == "topic"
+        engine, pressure = scene.system.engine, scene.system.pressure
+        self._topics = engine.source == "topic", pressure.source == "topic"
+        self._harmonic = self._topics[0] and engine.harmonic, self._topics[1] and pressure.harmonic
         stepper = self._stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
         self._use_scene()
         stepper.tick = self._tick(stamp)
@@ -157,8 +173,8 @@ class Verifier:
         """
         latest = None
         while self._places and self._places[0].index <= index and (
-                self._scenes[self._places[0].scene].first_stamp_ns <= stamp_ns or self._places[0].index < index):
-            latest = self._places.popleft().scene
+                self._scenes[self._places[0].number].first_stamp_ns <= stamp_ns or self._places[0].index < index):
+            latest = self._places.popleft().number
         if latest is None:
             return False
         self._take_scene(latest)
@@ -174,7 +190,7 @@ class Verifier:
         assert self._stepper is not None
         system = self._scene.system
         self._terms: Terms = general_terms(system) if self._general else terms_of(system)
-        self._applied = self._terms.mean_torque, self._terms.mean_load
+        self._held: tuple[float | None, float | None] = None, None
         self._stepper.use(self._terms)
 
     def _tick(self, stamp: int) -> int:
@@ -205,6 +221,7 @@ class Verifier:
         for tick in range(begin + 1 if known else end, end + 1):
             if self._places and self._take_over(index, round(tick * self._stamp_step)):
                 self._use_scene()
+            self._follow_sources(index)
             self._apply(row[4], pressure)
             if known:
                 stepper.advance()
@@ -236,7 +253,8 @@ class Verifier:
 
     def _applied_is_known(self, engine: float, pressure: float) -> bool:
         """Whether the recording holds the inputs of this tick."""
-        return not (self._topics[0] and math.isnan(engine)) and not (self._topics[1] and math.isnan(pressure))
+        return not (self._topics[0] and math.isnan(engine)) and not (
+            self._topics[1] and math.isnan(pressure) and not self._harmonic[1])
 
     def _now(self, row: Floats, pressure: float) -> list[float]:
         """What the message of the state as it is should hold."""
@@ -245,16 +263,25 @@ class Verifier:
 
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""
-        stepper, terms = self._stepper, self._terms
+        stepper = self._stepper
         assert stepper is not None
-        torque, load = terms.mean_torque, terms.mean_load
-        if self._topics[0]:
-            torque = self._applied[0] if math.isnan(engine) else engine
-        if self._topics[1]:
-            load = self._applied[1] if math.isnan(pressure) else self._scene.system.torque_per_pressure * pressure
-        if (torque, load) != self._applied:
-            self._applied = torque, load
-            stepper.use(terms._replace(mean_torque=torque, mean_load=load))
+        torque, load = self._held
+        if self._topics[0] and not math.isnan(engine):
+            torque = engine
+        if self._topics[1] and not math.isnan(pressure):
+            load = self._scene.system.torque_per_pressure * pressure
+        if self._harmonic[0] and "engine_torque" not in self._commanded:
+            torque = None
+        if self._harmonic[1] and "actuation_pressure" not in self._commanded:
+            load = None
+        if (torque, load) != self._held:
+            self._held = torque, load
+            stepper.use(holding(self._terms, torque, load))
+
+    def _follow_sources(self, index: int) -> None:
+        """Go on to what the driveline said of its inputs up to the state with this index."""
+        while self._sources and self._sources[0][0] <= index:
+            self._commanded = self._sources.popleft()[1]
 
     def _values(self) -> list[float]:
         """The columns of a message about the state as it is."""

@@ -1,8 +1,8 @@
-"""What a step's polynomial of the slip speed says: its values, the first crossing of a level, its extrema.
+"""What a step's polynomial of the slip speed says: its values, the first crossing of a level, its extremes, certified.
 
-Nothing is decided from values at the ends of a step: a bound on the second derivative over the whole step gives steps
-of the search that cannot pass a root, so a dip into the layer and out again within one step is found. A polynomial is a
-row of an array of coefficients: a view of the row would cost two atomic reference counts at every call.
+Nothing is decided from values at the ends of a step: Descartes' rule of signs on the coefficients of Bernstein's form
+proves that there is no root, or isolates the first, so a dip into the layer and out again within one step is found. A
+polynomial is a row of an array of coefficients: a view of the row would cost two atomic reference counts at every call.
 """
 
 from __future__ import annotations
@@ -10,12 +10,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.solvers.compiled import compiled_without_allocation
+from tcc_sim.solvers.bernstein import (
+    BERNSTEIN,
+    DEGREE_MAXIMUM,
+    HALVINGS,
+    LEFT,
+    NOISE,
+    ROUNDING,
+    SCALED,
+    WIDTH,
+    WORKSPACE,
+    fast,
+    halve,
+    isolate,
+    later_part,
+    to_bernstein,
+)
 
-SEARCH_MAXIMUM = 200
 
-
-@compiled_without_allocation
+@fast
 def value(c: Any, row: int, degree: int, x: float) -> float:
     """The polynomial sum of c[row, k] x^k, k = 0 to degree."""
     out = c[row, degree]
@@ -24,7 +37,7 @@ def value(c: Any, row: int, degree: int, x: float) -> float:
     return float(out)
 
 
-@compiled_without_allocation
+@fast
 def value_and_slope(c: Any, row: int, degree: int, x: float) -> tuple[float, float]:
     """The polynomial and its first derivative."""
     out = c[row, degree]
@@ -35,7 +48,7 @@ def value_and_slope(c: Any, row: int, degree: int, x: float) -> tuple[float, flo
     return out, slope
 
 
-@compiled_without_allocation
+@fast
 def slope_and_curvature(c: Any, row: int, degree: int, x: float) -> tuple[float, float]:
     """First and second derivative of the polynomial."""
     slope = 0.0
@@ -46,7 +59,7 @@ def slope_and_curvature(c: Any, row: int, degree: int, x: float) -> tuple[float,
     return slope, curvature
 
 
-@compiled_without_allocation
+@fast
 def variation(c: Any, row: int, degree: int, x: float) -> float:
     """A bound on how far the polynomial moves from its first value over [0, x]."""
     out = 0.0
@@ -55,97 +68,180 @@ def variation(c: Any, row: int, degree: int, x: float) -> float:
     return out
 
 
-@compiled_without_allocation
-def curvature_bound(c: Any, row: int, degree: int, x: float, derivative: int) -> float:
-    """A bound over [0, x] on the second derivative of the polynomial (derivative 0) or of its slope (derivative 1)."""
-    out = 0.0
-    for k in range(degree, 1 + derivative, -1):
-        factor = k * (k - 1.0) * (k - 2.0 if derivative == 1 else 1.0)
-        out = out * x + factor * abs(c[row, k])
-    return out
+@fast
+def fall_within(c: Any, row: int, degree: int, low: float, high: float, x: float, sign: float, level: float,
+                accuracy: float, since: float) -> float:
+    """The one root between low and high at which sign * polynomial falls to `level`: Newton's method within a bracket.
 
-
-@compiled_without_allocation
-def safe_advance(q: float, slope: float, bound: float) -> float:
-    """How far a function of value q >= 0 and this slope surely stays positive, its second derivative being bounded."""
-    if bound <= 0.0:
-        return math.inf if slope >= 0.0 else -q / slope
-    root = math.sqrt(slope * slope + 2.0 * bound * q)
-    if slope >= 0.0:
-        return (slope + root) / bound
-    return 2.0 * q / (root - slope)
-
-
-@compiled_without_allocation
-def first_crossing(c: Any, row: int, degree: int, x_end: float, sign: float, level: float, accuracy: float) -> float:
-    """First x in [0, x_end] at which sign * polynomial falls to `level`; inf if it does not."""
-    if sign * c[row, 0] - variation(c, row, degree, x_end) > level:
-        return math.inf
-    bound = curvature_bound(c, row, degree, x_end, 0)
-    x = 0.0
-    for _ in range(SEARCH_MAXIMUM):
+    With `since` at or above 0 that root is divided out: it is where the polynomial was at the level before.
+    """
+    last = 4e-16 * high
+    for _ in range(80):
         v, slope = value_and_slope(c, row, degree, x)
-        q = sign * v - level
-        if q <= accuracy and slope * sign < 0.0:
-            return x
-        x += max(safe_advance(max(q, 0.0), sign * slope, bound), 1e-15 * x_end)
-        if x >= x_end:
-            return math.inf
+        q, way = sign * v - level, sign * slope
+        if since >= 0.0:
+            ahead = max(x - since, 1e-300)
+            way = (way - q / ahead) / ahead
+            q /= ahead
+        if q > 0.0:
+            low = x
+        else:
+            high = x
+        following = x - q / way if way < 0.0 else math.inf
+        if not low <= following <= high:
+            following = 0.5 * (low + high)
+        if abs(following - x) <= last or (since < 0.0 and abs(q) <= accuracy):
+            return following
+        x = following
     return x
 
 
-@compiled_without_allocation
-def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, mode: int, level: float) -> float:
-    """First x in (x_start, x_end] at which the slip speed leaves `mode` (-1, 0, 1: slip, stick at |v| <= level, slip).
+@fast
+def fall_from(c: Any, row: int, degree: int, x_start: float, x_end: float, sign: float, level: float, accuracy: float,
+              workspace: Any) -> float:
+    """`first_crossing` over [x_start, x_end] for a polynomial whose Bernstein coefficients over it are in row 1."""
+    noise = workspace[1, NOISE] + 2.0 * ROUNDING * abs(level)
+    for i in range(degree + 1):
+        workspace[1, i] = sign * workspace[1, i] - level
+    workspace[1, NOISE] = noise
+    first = workspace[1, 0]
+    if first <= accuracy and workspace[1, 1] - first < -2.0 * noise:
+        return x_start
+    since, threshold, last = -1.0, 0.5 * accuracy, degree
+    if abs(first) <= accuracy:
+        # The quotient by (x - x_start), whose own Bernstein coefficients these are, has the other roots.
+        for i in range(degree):
+            workspace[1, i] = (workspace[1, i + 1] - first) * (degree / (i + 1.0))
+        workspace[1, NOISE] = 2.0 * degree * noise
+        since, threshold, last = x_start, 0.0, degree - 1
+        level += first
+    low, high, guess = isolate(workspace, last, threshold)
+    if low < high:
+        return float(fall_within(c, row, degree, low, high, guess, sign, level, accuracy, since))
+    return float(low)
+
+
+@fast
+def crossing_of(c: Any, row: int, degree: int, x_end: float, sign: float, level: float, accuracy: float,
+                workspace: Any) -> float:
+    """`first_crossing` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
+    tiny = max(workspace[BERNSTEIN, NOISE] + 2.0 * ROUNDING * abs(level), 0.5 * accuracy)
+    below = 0
+    for i in range(degree + 1):
+        below += 1 if sign * workspace[BERNSTEIN, i] - level < -tiny else 0
+    if below == 0:
+        return math.inf
+    for i in range(WORKSPACE[1]):
+        workspace[1, i] = workspace[BERNSTEIN, i]
+    return float(fall_from(c, row, degree, 0.0, x_end, sign, level, accuracy, workspace))
+
+
+@fast
+def first_crossing(c: Any, row: int, degree: int, x_end: float, sign: float, level: float, accuracy: float,
+                   workspace: Any) -> float:
+    """First x in [0, x_end] at which sign * polynomial falls to `level`; inf if it does not.
+
+    Where it starts within `accuracy` of the level, 0 if it falls, else where it comes back to where it started; where
+    it starts below, 0 if it falls, else where it falls back after it has passed the level. A dip that passes the level
+    by less than half of `accuracy`, or than the rounding of its coefficients, is no crossing.
+
+    Parameters
+    ----------
+    c : array of coefficients; the polynomial is sum over k of c[row, k] x^k, k = 0 to degree, at most DEGREE_MAXIMUM
+    workspace : array of shape WORKSPACE; its first row is left with the Bernstein coefficients over [0, x_end]
     """
-    bound = curvature_bound(c, row, degree, x_end, 0)
-    x = x_start
-    for _ in range(SEARCH_MAXIMUM):
-        v, slope = value_and_slope(c, row, degree, x)
-        if mode == 0:
-            q, way = (level - v, -slope) if (v > 0.0) else (level + v, slope)
-            other, back = (level + v, slope) if (v > 0.0) else (level - v, -slope)
-            advance = min(safe_advance(max(q, 0.0), way, bound), safe_advance(max(other, 0.0), back, bound))
-        else:
-            q, way = mode * v - level, mode * slope
-            advance = safe_advance(max(q, 0.0), way, bound)
-        if q <= 1e-11 * level and way < 0.0:
-            return x
-        x += max(advance, 1e-15 * x_end)
-        if x >= x_end:
-            return math.inf
-    return math.inf
+    to_bernstein(c, row, degree, x_end, workspace)
+    return float(crossing_of(c, row, degree, x_end, sign, level, accuracy, workspace))
 
 
-@compiled_without_allocation
-def extremes(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float) -> tuple[float, float]:
-    """`highest` and `lowest` widened by what the polynomial reaches over [0, x_end]."""
-    end = value(c, row, degree, x_end)
-    highest = max(highest, end)
-    lowest = min(lowest, end)
-    reach = variation(c, row, degree, x_end)
-    if c[row, 0] + reach <= highest and c[row, 0] - reach >= lowest:
-        return highest, lowest
-    turning = 0.0
-    for k in range(degree, 1, -1):
-        turning = (turning + k * abs(c[row, k])) * x_end
-    if turning < abs(c[row, 1]):
-        return highest, lowest
-    bound = curvature_bound(c, row, degree, x_end, 1)
-    resolution = 1e-9 * (turning + abs(c[row, 1]))
-    x = 0.0
-    slope, curvature = slope_and_curvature(c, row, degree, x)
-    rising = slope > 0.0 or (slope == 0.0 and curvature > 0.0)
-    for _ in range(SEARCH_MAXIMUM):
-        q, way = (slope, curvature) if rising else (-slope, -curvature)
-        if q <= resolution and way <= 0.0:
-            v = value(c, row, degree, x)
-            highest = max(highest, v)
-            lowest = min(lowest, v)
-            rising = not rising
-            q, way = -q, -way
-        x += max(safe_advance(max(q, 0.0), way, bound), 1e-4 * x_end if q <= resolution else 1e-9 * x_end)
-        if x >= x_end:
-            break
+@fast
+def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, mode: int, level: float,
+                   workspace: Any) -> float:
+    """First x in (x_start, x_end] at which the slip speed leaves `mode` (-1, 0, 1: slip, stick at |v| <= level, slip).
+
+    The first row of the workspace holds the Bernstein coefficients over [0, x_end] (`to_bernstein`).
+    """
+    found = math.inf
+    for side in range(-1, 2, 2):
+        if mode != 0 and side != mode:
+            continue
+        for i in range(WORKSPACE[1]):
+            workspace[1, i] = workspace[BERNSTEIN, i]
+        if x_start > 0.0:
+            later_part(workspace, 1, degree, x_start / x_end)
+        sign, limit = (float(side), level) if mode != 0 else (-float(side), -level)
+        found = min(found, fall_from(c, row, degree, x_start, x_end, sign, limit, 1e-11 * level, workspace))
+    return found
+
+
+@fast
+def turning(c: Any, row: int, degree: int, low: float, high: float, rising: bool, noise: float) -> float:
+    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high."""
+    x = 0.5 * (low + high)
+    for _ in range(80):
         slope, curvature = slope_and_curvature(c, row, degree, x)
+        if (slope > 0.0) == rising:
+            low = x
+        else:
+            high = x
+        following = x - slope / curvature if curvature != 0.0 else math.inf
+        if not low <= following <= high:
+            following = 0.5 * (low + high)
+        if abs(slope * (following - x)) <= 0.1 * noise or abs(following - x) <= 4e-16 * high:
+            return float(value(c, row, degree, following))
+        x = following
+    return float(value(c, row, degree, x))
+
+
+@fast
+def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float,
+                workspace: Any) -> tuple[float, float]:
+    """`extremes` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
+    outside = 0
+    for i in range(degree + 1):
+        outside += 1 if workspace[BERNSTEIN, i] > highest or workspace[BERNSTEIN, i] < lowest else 0
+    if outside == 0:
+        return highest, lowest
+    end = value(c, row, degree, x_end)
+    highest, lowest = max(highest, end), min(lowest, end)
+    for i in range(WORKSPACE[1]):
+        workspace[1, i] = workspace[BERNSTEIN, i]
+    top = 1
+    shortest = x_end * 2.0 ** -HALVINGS
+    while top > 0:
+        noise = workspace[top, NOISE]
+        outside, changes = 0, 0
+        last = 0.0
+        for i in range(degree + 1):
+            coefficient = workspace[top, i]
+            outside += 1 if coefficient > highest + noise or coefficient < lowest - noise else 0
+        if outside > 0:
+            highest = max(highest, workspace[top, 0], workspace[top, degree])
+            lowest = min(lowest, workspace[top, 0], workspace[top, degree])
+            for i in range(degree):
+                difference = workspace[top, i + 1] - workspace[top, i]
+                if abs(difference) > 2.0 * noise:
+                    if difference * last < 0.0:
+                        changes += 1
+                    last = difference
+        left, width = workspace[top, LEFT], workspace[top, WIDTH]
+        if changes == 1:
+            v = turning(c, row, degree, left, left + width, last < 0.0, noise)
+            highest, lowest = max(highest, v), min(lowest, v)
+        if changes < 2 or width <= shortest or top + 2 >= SCALED:
+            top -= 1
+        else:
+            halve(workspace, top, degree)
+            top += 1
     return highest, lowest
+
+
+@fast
+def extremes(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float,
+             workspace: Any) -> tuple[float, float]:
+    """`highest` and `lowest` widened by what the polynomial reaches over [0, x_end], to rounding."""
+    to_bernstein(c, row, degree, x_end, workspace)
+    return extremes_of(c, row, degree, x_end, highest, lowest, workspace)  # type: ignore[no-any-return]
+
+__all__ = ["DEGREE_MAXIMUM", "WORKSPACE", "crossing_of", "extremes", "extremes_of", "first_crossing", "stick_crossing",
+           "to_bernstein", "value", "value_and_slope", "variation"]

@@ -1,63 +1,158 @@
-"""What is kept of a step of the smoothed engine: samples, extremes, time in stick, transitions, and the counts."""
+"""What is kept of a step: samples, section points, extremes, time in stick and transitions, all from its polynomial.
+
+A step runs over [0, x] in its own unit of time from `tau`, seconds into the engine cycle with number `output.cycle`,
+and may run across the end of that cycle; its polynomials are the rows SLIP, ANGLE, SPEED (and FLYWHEEL) of `rows`.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.compiled import compiled_without_allocation
+from tcc_sim.solvers.bernstein import BERNSTEIN, later_part, to_bernstein
+from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 
-STEPS, REJECTED, ITERATIONS, ITERATIONS_MAX, TRANSITIONS, SAMPLES, MODE, STATUS, CYCLES = range(9)
-"""Places in the array of counts."""
+CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
+                  ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
+"""An engine cycle: the state at its start; the largest and smallest slip speed and the time in stick within it."""
 
-SLIP, ANGLE, SPEED, FLYWHEEL = range(4)
-"""Rows of a step's polynomials: slip speed, plate angle, plate speed, flywheel angle."""
+MOVE = np.dtype([("time", np.float64), ("before", np.int64), ("after", np.int64)])
+"""A transition: seconds since the start of cycle 0, mode before and after."""
+
+OUTPUT = np.dtype([("cycle", np.int64), ("samples", np.int64), ("moves", np.int64), ("mode", np.int64),
+                   ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
+"""How far the output is: whole cycles, samples and transitions kept; the mode now; what the cycle has come to so far."""
 
 
-@compiled_without_allocation
-def record(series: Any, degree: int, unit: float, x: float, tau: float, time: float, inside: bool, sign: float,
-           stick_speed: float, tally: Any, extent: Any, period: float, per_cycle: int, first_sample: int, samples: Any,
-           times: Any, before: Any, after: Any, angle: Any) -> None:
-    """Keep what a step of length x * unit says: samples, extremes, time in stick and transitions."""
-    extent[0], extent[1] = polynomial.extremes(series, SLIP, degree, x, extent[0], extent[1])
-    if per_cycle > 0:
-        spacing = period / per_cycle
-        end = tau + x * unit
-        while tally[SAMPLES] < samples.shape[0] and (tally[SAMPLES] - first_sample) * spacing < end:
-            local = (tally[SAMPLES] - first_sample) * spacing
-            if tally[SAMPLES] - first_sample >= per_cycle:
-                break
-            at = min(max((local - tau) / unit, 0.0), x)
-            row = tally[SAMPLES]
-            samples[row, 0] = polynomial.value(series, SLIP, degree, at)
-            samples[row, 1] = polynomial.value(series, ANGLE, degree, at)
-            samples[row, 2] = polynomial.value(series, SPEED, degree, at)
-            if angle is not None:
-                samples[row, 3] = polynomial.value(series, FLYWHEEL, degree, at)
-            tally[SAMPLES] += 1
-    mode = tally[MODE]
+@fast
+def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, per_cycle: int, output: Any,
+                 samples: Any, angle: Any) -> None:
+    """Samples, uniform in time, that fall before the end of the step: rows of v, theta2, theta2' (and theta1)."""
+    spacing = period / per_cycle
+    first = output.cycle * per_cycle
+    end = tau + x * unit
+    while output.samples < samples.shape[0] and (output.samples - first) * spacing < end:
+        at = min(max(((output.samples - first) * spacing - tau) / unit, 0.0), x)
+        row = output.samples
+        samples[row, 0] = polynomial.value(rows, SLIP, degree, at)
+        samples[row, 1] = polynomial.value(rows, ANGLE, degree, at)
+        samples[row, 2] = polynomial.value(rows, SPEED, degree, at)
+        if angle is not None:
+            samples[row, 3] = polynomial.value(rows, FLYWHEEL, degree, at)
+        output.samples += 1
+
+
+@fast
+def keep_stick(output: Any, start: float, end: float, cut: float, unit: float) -> float:
+    """Count a part of a step in stick; of what lies behind `cut`, the end of the cycle, the length is returned."""
+    output.stick_time += max(min(end, cut) - start, 0.0) * unit
+    return max(end - max(start, cut), 0.0) * unit
+
+
+@fast
+def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
+               moves: Any, workspace: Any) -> float:
+    """Transitions and time in stick; returns the time in stick behind `cut`, the end of the cycle.
+
+    The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+    """
+    low = workspace[BERNSTEIN, 0]
+    high = low
+    for i in range(1, degree + 1):
+        low = min(low, workspace[BERNSTEIN, i])
+        high = max(high, workspace[BERNSTEIN, i])
+    behind = 0.0
+    mode = output.mode
     start = 0.0
-    reach = polynomial.variation(series, SLIP, degree, x) if inside else 0.0
-    while inside or mode != sign:
-        low, high = abs(series[SLIP, 0]) - reach, abs(series[SLIP, 0]) + reach
-        if (mode == 0 and high <= stick_speed) or (mode != 0 and low > stick_speed and mode * series[SLIP, 0] > 0.0):
+    while True:
+        if mode == 0:
+            stays = high <= stick_speed and low >= -stick_speed
+        else:
+            stays = low > stick_speed if mode > 0 else high < -stick_speed
+        if stays:
             break
-        at = polynomial.stick_crossing(series, SLIP, degree, start, x, mode, stick_speed)
+        at = polynomial.stick_crossing(rows, SLIP, degree, start, x, mode, stick_speed, workspace)
         if at > x:
             break
+        new = 0
         if mode == 0:
-            extent[2] += (at - start) * unit
-            new = 1 if polynomial.value(series, SLIP, degree, at) > 0.0 else -1
-        else:
-            new = 0
-        row = tally[TRANSITIONS]
-        if row < times.shape[0]:
-            times[row] = time + tau + at * unit
-            before[row] = mode
-            after[row] = new
-            tally[TRANSITIONS] += 1
+            behind += keep_stick(output, start, at, cut, unit)
+            new = 1 if polynomial.value(rows, SLIP, degree, at) > 0.0 else -1
+        if output.moves < moves.shape[0]:
+            moves[output.moves].time = time + at * unit
+            moves[output.moves].before = mode
+            moves[output.moves].after = new
+            output.moves += 1
         mode = new
         start = at
     if mode == 0:
-        extent[2] += (x - start) * unit
-    tally[MODE] = mode
+        behind += keep_stick(output, start, x, cut, unit)
+    output.mode = mode
+    return behind
+
+
+@fast
+def end_cycle(output: Any, cycles: Any, slip_speed: float, plate_angle: float, plate_speed: float,
+              stick_time: float) -> None:
+    """Keep what the cycle has come to, and begin the next one in the given state."""
+    done = cycles[output.cycle]
+    done.highest = max(output.highest, slip_speed)
+    done.lowest = min(output.lowest, slip_speed)
+    done.stick_time = output.stick_time
+    output.cycle += 1
+    following = cycles[output.cycle]
+    following.slip_speed = slip_speed
+    following.plate_angle = plate_angle
+    following.plate_speed = plate_speed
+    output.highest = slip_speed
+    output.lowest = slip_speed
+    output.stick_time = stick_time
+
+
+@fast
+def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, output: Any, cycles: Any,
+               workspace: Any) -> None:
+    """Extremes of a step that the end of the cycle cuts at `cut` (beyond x: not at all); time in stick `behind` it.
+
+    The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+    """
+    if cut > x:
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
+                                                               workspace)
+    else:
+        if cut < x:
+            to_bernstein(rows, SLIP, degree, cut, workspace)
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
+                                                               workspace)
+        end_cycle(output, cycles, polynomial.value(rows, SLIP, degree, cut),
+                  polynomial.value(rows, ANGLE, degree, cut), polynomial.value(rows, SPEED, degree, cut), behind)
+        if cut < x:
+            to_bernstein(rows, SLIP, degree, x, workspace)
+            later_part(workspace, BERNSTEIN, degree, cut / x)
+            output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest,
+                                                                   output.lowest, workspace)
+
+
+@fast
+def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
+           per_cycle: int, stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any,
+           workspace: Any) -> None:
+    """Keep what a step over [0, x] says.
+
+    The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+
+    Parameters
+    ----------
+    cut : where in [0, x] the engine cycle ends; beyond x where it does not
+    tau, time : start of the step in its cycle, and since the start of cycle 0, s
+    stick_speed : |v| up to which the mode is stick
+    output, cycles, samples, moves : how far the output is (OUTPUT), and arrays of CYCLE, of states, of MOVE
+    angle : not None where theta1 is kept too
+    """
+    if per_cycle > 0:
+        keep_samples(rows, degree, unit, x, tau, period, per_cycle, output, samples, angle)
+    behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
+    keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)

@@ -32,17 +32,17 @@ class Terms(NamedTuple):
 
 
 def terms_of(system: System) -> Terms:
-    """The terms of `system`. An input that comes from a topic is the constant held by its mean value."""
+    """The terms of `system`. An input that comes from a topic is its fallback: what applies where nobody commands it."""
     d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
     omega = e.frequency
-    torque = (e.torque_amplitude, omega) if e.source == "harmonic" and e.torque_amplitude > 0.0 else None
+    torque = (e.torque_amplitude, omega) if e.harmonic and e.torque_amplitude > 0.0 else None
     harmonics = None
-    if e.source == "harmonic" and any(a > 0.0 for a in e.harmonic_amplitudes):
+    if e.harmonic and any(a > 0.0 for a in e.harmonic_amplitudes):
         rows = [(n * omega, a, phase) for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2)
                 if a > 0.0]
         harmonics = np.array(rows, dtype=np.float64)
     pulsation = None
-    if p.source == "harmonic" and p.amplitude > 0.0:
+    if p.harmonic and p.amplitude > 0.0:
         pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase)
     ratio = system.friction_ratio
     return Terms(
@@ -55,6 +55,19 @@ def terms_of(system: System) -> Terms:
         smoothing=f.smoothing if f.law == "smoothed" else None,
         stribeck=(ratio - 1.0, f.decay) if ratio > 1.0 else None,
     )
+
+
+def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
+    """`terms` with a commanded engine torque and saturation torque (N m) held; None leaves the scene's own.
+
+    The harmonics of an input that is held stay as terms of zero amplitude, so that the kernel is the same.
+    """
+    if torque is not None:
+        terms = terms._replace(mean_torque=torque, torque=terms.torque and (0.0, terms.torque[1]),
+                               harmonics=None if terms.harmonics is None else terms.harmonics * (1.0, 0.0, 1.0))
+    if load is not None:
+        terms = terms._replace(mean_load=load, pulsation=terms.pulsation and (0.0, *terms.pulsation[1:]))
+    return terms
 
 
 def general_terms(system: System) -> Terms:

@@ -18,7 +18,8 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes import loop as loop_module
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.message_types import message_class
-from tcc_sim.nodes.polling import COMMANDS, poll, states, subscribe
+from tcc_sim.nodes.qos import COMMANDS, states
+from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.topics import topic
@@ -82,7 +83,8 @@ def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any
     subscription = subscribe(listener, message_class(topic("joint_states").type), "joint_states", states(1000))
     torques = listener.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = listener.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
-    node = driveline(bench, "commands", pacing="lockstep", command_timeout=0.0, publish_scalars=False)
+    node = driveline(bench, "commands", engine__fallback="mean", pressure__fallback="mean", pacing="lockstep",
+                     command_timeout=0.0, publish_scalars=False)
     node.start()
     bench.until(lambda: torques.get_subscription_count() and pressures.get_subscription_count())
     heard: list[bytes] = []
@@ -102,7 +104,8 @@ def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any
         for publisher, data in answers if delay else reversed(answers):
             publisher.publish(data)
     bench.until(lambda: state(len(commands) + 1))
-    system = load_scene("commands").system
+    means = {"engine.fallback": "mean", "pressure.fallback": "mean"}
+    system = load_scene("commands").with_values(means).system
     stepper = Stepper(system, 1e-3)
     expected = [encoded(stepper)]
     for torque, pressure in commands:

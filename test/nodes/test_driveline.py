@@ -18,11 +18,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.polling import states
+from tcc_sim.nodes.qos import states
 from tcc_sim.scene import load_scene, parse_scene
 from tcc_sim.solvers import solve
 
 STEP_NS = 1_000_000
+MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}
 
 
 def start(bench: Any, **parameters: Any) -> DrivelineNode:
@@ -91,7 +92,7 @@ def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
 def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
     heard = listener(bench, JointState, "joint_states")
     applied = listener(bench, FluidPressure, "applied_pressure")
-    node = start(bench, scene="commands", wait_for_subscribers=1, command_timeout=0.0)
+    node = start(bench, scene="commands", wait_for_subscribers=1, command_timeout=0.0, **MEANS)
     node.start()
     sender = bench.context_node
     torque = sender.create_publisher(Float64, "engine_torque", 10)
@@ -127,13 +128,13 @@ def test_bad_commands_are_refused_and_counted(bench: Any, topic: str, message: A
     command = next(c for c in node.loop.commands if c.name == topic)
     bench.until(lambda: command.refused == 1)
     assert why in command.refusal
-    assert command.value == command.fallback
-    assert np.all(np.isfinite(node.loop.stepper.state))
+    assert command.fallen_back
+    assert np.all(np.isfinite(node.loop.plant.stepper.state))
 
 
 def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) -> None:
     heard = listener(bench, DiagnosticArray, "/diagnostics")
-    node = start(bench, scene="commands", command_timeout=0.05)
+    node = start(bench, scene="commands", command_timeout=0.05, **MEANS)
     node.start()
     sender = bench.context_node
     publisher = sender.create_publisher(Float64, "engine_torque", 10)
@@ -142,7 +143,8 @@ def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) ->
     command = node.loop.engine_command
     assert command is not None
     bench.until(lambda: command.timeouts == 1)
-    assert (command.received, command.value) == (1, 300.0)
+    assert (command.received, command.value) == (1, None)
+    assert node.loop.plant.reading().engine_torque == 300.0
 
     def spoken() -> Any:
         node.housekeeping()
@@ -164,10 +166,10 @@ def test_pause_step_and_reset(bench: Any) -> None:
     bench.until(lambda: len(heard) > 5)
     assert not call(bench, Trigger, "driveline/step", Trigger.Request()).success
     assert call(bench, SetBool, "driveline/pause", SetBool.Request(data=True)).success
-    tick = node.loop.stepper.tick
+    tick = node.loop.plant.stepper.tick
     answer = call(bench, Trigger, "driveline/step", Trigger.Request())
     assert answer.success
-    assert node.loop.stepper.tick == tick + 1
+    assert node.loop.plant.stepper.tick == tick + 1
     bench.until(lambda: stamp_of(heard[-1]) == (tick + 1) * STEP_NS)
     assert call(bench, Trigger, "driveline/reset", Trigger.Request()).success
     bench.until(lambda: stamp_of(heard[-1]) == 0)
@@ -194,7 +196,7 @@ def test_parameters_are_checked_together_and_applied_between_ticks(bench: Any) -
     answer = call(bench, SetParametersAtomically, "driveline/set_parameters_atomically", request).result
     assert answer.successful, answer.reason
     bench.until(lambda: heard and heard[-1].effort[0] == 100.0)
-    assert node.loop.stepper.terms.stribeck == pytest.approx((0.5, 2.0))
+    assert node.loop.plant.stepper.terms.stribeck == pytest.approx((0.5, 2.0))
     request.parameters = [Parameter("driveline.stiffness", value=1.0).to_parameter_msg()]
     assert not call(bench, SetParametersAtomically, "driveline/set_parameters_atomically", request).result.successful
 
@@ -202,7 +204,7 @@ def test_parameters_are_checked_together_and_applied_between_ticks(bench: Any) -
 def test_overrides_are_coerced_checked_and_unknown_ones_ignored(bench: Any) -> None:
     node = start(bench, scene="minimal", engine__mean_torque=200, rate=500, engine__mean_torqe=7.0)
     assert node.scene.system.engine.mean_torque == 200.0
-    assert node.loop.stepper.step == 1.0 / 500.0
+    assert node.loop.plant.stepper.step == 1.0 / 500.0
     assert not node.has_parameter("engine.mean_torqe")
     descriptor = node.describe_parameter("driveline.stiffness")
     assert descriptor.read_only
@@ -241,7 +243,7 @@ def test_as_fast_as_possible_gives_the_same_states(bench: Any) -> None:
 
 def test_lockstep_waits_for_each_command(bench: Any) -> None:
     heard = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="commands", pressure__source="harmonic", pacing="lockstep", command_timeout=0.0,
+    node = start(bench, scene="commands", **MEANS, pressure__source="harmonic", pacing="lockstep", command_timeout=0.0,
                  wait_for_subscribers=1, publish_scalars=False)
     node.start()
     sender = bench.context_node
@@ -253,7 +255,7 @@ def test_lockstep_waits_for_each_command(bench: Any) -> None:
         publisher.publish(Float64(data=value))
     bench.until(lambda: len(heard) == len(torques) + 1)
     assert [m.effort[0] for m in heard[1:]] == torques
-    assert node.loop.stepper.tick == len(torques)
+    assert node.loop.plant.stepper.tick == len(torques)
 
 
 def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
@@ -267,9 +269,11 @@ def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
 def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any,
                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
     node = start(bench, scene="minimal", publish_scalars=False)
-    refusing = node.loop._joint_states
+    publisher, *rest = node.loop.outputs._every_tick[0]
 
     class Refusing:
+        topic_name = "/joint_states"
+
         def __init__(self) -> None:
             self.left = 3
 
@@ -277,11 +281,11 @@ def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any,
             if self.left:
                 self.left -= 1
                 raise RuntimeError("cannot publish data")
-            refusing.publish(data)
+            publisher.publish(data)
 
-    monkeypatch.setattr(node.loop, "_joint_states", Refusing())
+    monkeypatch.setattr(node.loop.outputs, "_every_tick", [(Refusing(), *rest)])
     heard = listener(bench, JointState, "joint_states")
     node.start()
     bench.until(lambda: len(heard) > 5)
-    assert node.loop.unsent_messages == 3
+    assert node.loop.outputs.unsent == {"/joint_states": 3}
     assert node.loop.failure is None

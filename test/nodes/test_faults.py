@@ -20,8 +20,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.pacing import CATCH_UP
-from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.scene import load_scene
@@ -160,7 +160,8 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert [scene.text.splitlines()[0] for scene in run.scenes] == [
         f"# {load_scene(name).description}" for name in ("minimal", "slip")]
     assert run.complete
-    assert run.warnings == ["simulation time started again 1 times: these are separate runs"]
+    assert run.warnings == ["simulation time started again 1 times (0 resets, 1 restarts): these are "
+                            "separate runs"]
     # Each run is known to be of its own scene.
     batches = list(run.batches())
     change = [batch.run for batch in batches].index(1)
@@ -193,7 +194,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
     from rclpy.parameter import Parameter
 
     from tcc_sim.nodes.message_types import message_class
-    from tcc_sim.nodes.polling import LATCHED, states
+    from tcc_sim.nodes.qos import LATCHED, states
     from tcc_sim.nodes.recorder import Recorder
     from tcc_sim.topics import JOINT_STATE, STRING
 
@@ -208,7 +209,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
             publisher.publish(cdr.joint_state(k * 1_000_000, *(0.0,) * 6))
         publisher.wait_for_all_acked()
         bench.until(lambda b=before, text=text: recorder.drain() or (
-            recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scenes[-1:] == [text]))
+            recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scene_text == text))
     recorder.close()
     run = open_run(tmp_path / "run")
     batches = list(run.batches())
@@ -220,14 +221,16 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
 def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
     """A KeyboardInterrupt in the middle of a batch would lose the messages already taken."""
     code = ("import os, signal, sys, rclpy\n"
-            "from tcc_sim.nodes.polling import run\n"
+            "from tcc_sim.nodes import signals\n"
+            "from tcc_sim.nodes.process import run\n"
             "def body():\n"
+            "    signals.leave_to_ros()\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
             "    saved = sum(1 for _ in range(300_000))\n"
             "    while rclpy.ok(): pass\n"
             "    print(saved)\n"
             "    return 0\n"
-            "sys.exit(run('saver', body, [], interruptible=False))\n")
+            "sys.exit(run('saver', body, []))\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "300000\n", "")

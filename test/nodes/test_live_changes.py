@@ -17,8 +17,9 @@ from std_msgs.msg import Float64
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.polling import COMMANDS
+from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.nodes.recorder import Recorder
+from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import Replay, replay
 from tcc_sim.scene import load_scene, parse_scene
 
@@ -52,7 +53,7 @@ class Recorded:
             Parameter(key.replace("__", "."), value=value) for key, value in values.items()]).successful
 
     def reset(self) -> None:
-        assert self.loop.request(self.node._restart)
+        assert self.loop.request(self.node.restart)
 
     def pause(self, paused: bool) -> None:
         assert self.loop.request(lambda: self.loop.pause(paused))
@@ -81,7 +82,7 @@ def test_changes_of_every_kind_between_pauses_steps_and_resets(bench: Any, tmp_p
     chain.run(60)
     chain.change(friction__kinetic_coefficient=0.2, pressure__amplitude=3e4)
     chain.change(pressure__phase=1.0)
-    assert chain.loop.general
+    assert chain.loop.plant.general
     chain.run(60)
     chain.reset()
     chain.run(60)
@@ -95,7 +96,7 @@ def test_changes_of_every_kind_between_pauses_steps_and_resets(bench: Any, tmp_p
     chain.reset()
     chain.step()
     chain.change(friction__kinetic_coefficient=0.3, pressure__amplitude=0.0)
-    assert not chain.loop.general
+    assert not chain.loop.plant.general
     chain.pause(False)
     chain.run(600)
     exactly(chain.close(), runs=3, repeated=1)
@@ -107,7 +108,7 @@ def test_a_reset_without_a_change_before_it_says_nothing_again(bench: Any, tmp_p
     chain.run(300)
     found = chain.close()
     exactly(found, runs=2)
-    assert len(chain.recorder.bag.scenes) == 1
+    assert len(open_run(tmp_path / "run").scenes) == 1
 
 
 def test_after_a_reset_the_changed_values_hold(bench: Any, tmp_path: Path) -> None:
@@ -115,8 +116,8 @@ def test_after_a_reset_the_changed_values_hold(bench: Any, tmp_path: Path) -> No
     chain.pause(True)
     chain.change(engine__mean_torque=260.0)
     chain.reset()
-    assert chain.loop.stepper.tick == 0
-    assert chain.loop.stepper.terms.mean_torque == 260.0
+    assert chain.loop.plant.stepper.tick == 0
+    assert chain.loop.plant.stepper.terms.mean_torque == 260.0
     assert chain.node.get_parameter("engine.mean_torque").value == 260.0
     chain.pause(False)
     chain.run(300)
@@ -125,10 +126,12 @@ def test_after_a_reset_the_changed_values_hold(bench: Any, tmp_path: Path) -> No
 
 def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_path: Path) -> None:
     """The fallback is the scene's mean value, so it follows the change where no command applies."""
-    chain = Recorded(bench, tmp_path / "run", scene="commands", command_timeout=0.0)
+    chain = Recorded(bench, tmp_path / "run", scene="commands", command_timeout=0.0, engine__fallback="mean",
+                     pressure__fallback="mean")
     chain.change(pressure__mean=2e5)
     assert chain.loop.pressure_command is not None
-    assert chain.loop.pressure_command.value == 2e5
+    assert chain.loop.pressure_command.fallen_back
+    assert chain.loop.plant.reading().applied_pressure == 2e5
     chain.run(60)
     torques = bench.add(rclpy.create_node("commander", context=bench.context)).create_publisher(
         Float64, "engine_torque", COMMANDS)
@@ -141,7 +144,8 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     chain.run(300)
     chain.reset()
     chain.run(60)
-    assert chain.loop.engine_command.value == 400.0
+    assert chain.loop.engine_command.fallen_back
+    assert chain.loop.plant.reading().engine_torque == 400.0
     exactly(chain.close(), runs=2)
 
 

@@ -12,7 +12,7 @@ from test_recorder import SCENE, TICK, joint_state, publisher_of, start, until
 from test_recorder import context as context
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import polling, recorder
+from tcc_sim.nodes import qos, recorder, unsent
 from tcc_sim.recording.reader import open_run
 
 
@@ -27,13 +27,13 @@ def publish(found, publisher, numbers):
 def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(context, tmp_path):
     found = start(context, tmp_path / "run", max_bag_size=20_000, topics=["joint_states", "scene"])
     node = rclpy.create_node("driveline", context=context)
-    node.create_publisher(String, "scene", polling.LATCHED).publish(String(data=SCENE))
+    node.create_publisher(String, "scene", qos.LATCHED).publish(String(data=SCENE))
     publisher = publisher_of(node, "joint_states")
     until(lambda: found.bag.scene_text == SCENE, step=found.drain)
     for n in range(0, 2000, 200):
         publish(found, publisher, range(n, n + 200))
         found.bag.flush()
-    found.unsent["/joint_states"] = 3
+    found.unsent.add(b"driveline", unsent.encoded("driveline", {"/joint_states": 3}))
     assert "2001 messages" in (said := found.close())
     assert said.endswith("0 lost, 3 never sent")
     parts = sorted((tmp_path / "run").glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
@@ -48,6 +48,16 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     whole = open_run(tmp_path / "run")
     assert sum(map(len, whole.batches())) == counted == whole.result["messages"]["/joint_states"] == 2000
     assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
+
+
+def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart(monkeypatch):
+    monkeypatch.setattr(unsent, "MOST_PUBLISHERS", 2)
+    count = unsent.UnsentCount()
+    for name in ("a", "b", "a", "c", "d"):
+        before = {"a": 1, "b": 10, "c": 100, "d": 1000}[name]
+        count.add(name.encode(), unsent.encoded(name, {"/joint_states": before}))
+    assert count.by_topic() == {"/joint_states": 1111}
+    assert len(count._by_publisher) == 2
 
 
 def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):

@@ -24,7 +24,7 @@ from test_recorder import TICK, joint_state, publisher_of, until
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
-from tcc_sim.nodes.processes import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.recording.reader import open_run
 
 

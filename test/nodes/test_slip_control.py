@@ -73,6 +73,16 @@ def test_a_limit_that_was_hit_leaves_nothing_wound_up() -> None:
     assert min(pressure) >= 0.0
 
 
+def test_the_integral_part_moves_away_from_a_limit_and_not_into_it() -> None:
+    """At the upper limit with a slip that is too slow, and at 0 with one that is too fast, the error leads back."""
+    for torque, error, wound in ((1e4, 5.0, False), (1e4, -5.0, True), (-1e4, -5.0, False), (-1e4, 5.0, True)):
+        controller = SlipController(Tuning(target=20.0))
+        limited = controller.update(20.0 + error, torque)
+        assert limited == (controller.tuning.pressure_limit if torque > 0.0 else 0.0)
+        expected = controller.integral * STEP * error if wound else 0.0
+        assert controller._correction == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
 def test_the_mean_over_a_cycle_that_is_no_whole_number_of_samples_removes_the_pulsation() -> None:
     length = 2.0 * math.pi / (150.0 * STEP)
     mean = CycleMean(length)

@@ -171,6 +171,25 @@ def test_lockstep_gives_the_same_run_to_the_last_bit_with_a_slow_controller(
     assert [stamp for stamp, _ in commands[0]] == [k * 1_000_000 for k in range(300)]
 
 
+def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_scenes_that_need_one(bench: Any) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64
+
+    from tcc_sim.cli.demo import _controller
+    from tcc_sim.nodes.slip_control import Tuning
+
+    bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)]))
+    heard: list[float] = []
+    late = bench.add(rclpy.create_node("late", context=bench.context))
+    late.create_subscription(Float64, "target_slip_speed", lambda message: heard.append(message.data),
+                             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    bench.until(lambda: heard == [30.0])
+    given = _controller(load_scene("controlled"))
+    assert given is not None
+    assert Tuning(**given) == Tuning()  # type: ignore[arg-type]
+    assert [_controller(load_scene(name)) for name in ("commands", "fig02")] == [None, None]
+
+
 def test_a_senseless_parameter_is_refused(bench: Any) -> None:
     for name, value in (("target", -3.0), ("bandwidth", "fast"), ("step", 0)):
         with pytest.raises(InputError, match=f"{name} is"):

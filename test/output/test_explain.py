@@ -21,7 +21,8 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     kernel = found["kernel"]
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])
-    assert set(found["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure", "/clock"}
+    assert set(found["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure",
+                                                "input_source", "/clock"}
     assert found["step"]["sub_steps"] == 10
 
 

@@ -4,12 +4,14 @@ import pytest
 from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.input_sources import input_sources
+from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.scene_records import SceneRecord, holding_from
+from tcc_sim.replay.places import Place, Places
 from tcc_sim.replay.replay import replay
-from tcc_sim.replay.scene_places import Place, ScenePlaces
 from tcc_sim.scene import load_scene
 
-FIG02 = load_scene("fig02")
+FIG02, COMMANDED = load_scene("fig02"), load_scene("commands")
 CHANGES = [(100, {"engine.mean_torque": 250.0}, False), (250, {"pressure.amplitude": 0.0}, True)]
 SECOND = 10**9
 
@@ -46,6 +48,43 @@ def test_a_change_of_the_second_run_is_not_taken_for_one_of_the_first(tmp_path):
     assert (found.verified, found.exact) == (True, 900)
 
 
+STEPS = [[(50, -3600 * SECOND)], [(70, -SECOND)], [(71, -30 * TICK)], [(200, -120 * TICK)], [(281, -SECOND)],
+         [(80, -SECOND), (200, -SECOND)], [(120, -300 * TICK), (240, 3600 * SECOND)]]
+
+
+def fallen_back(tmp_path, resets, clock, changes=()):
+    """A driveline whose inputs a command held for some of the time, and its scene's harmonics for the rest."""
+    said, sources = [], []
+    rows = ticked(COMMANDED, 400, torque=lambda k: 310.0 if 70 <= k < 130 or k >= 280 else None,
+                  pressure=lambda k: 2.1e5 if 100 <= k < 200 or 230 <= k < 240 else None, resets=resets,
+                  changes=changes, said=said, sources=sources)
+    return replay(bag(tmp_path / "run", rows, COMMANDED, said=said, sources=sources, clock=clock),
+                  verify=True).verification, len(rows)
+
+
+@pytest.mark.parametrize("resets", [(), (99,), (60, 180, 300)])
+@pytest.mark.parametrize("steps", [[], *STEPS])
+def test_after_a_step_of_the_clock_every_fallback_is_followed_to_the_last_bit(tmp_path, resets, steps):
+    found, count = fallen_back(tmp_path, resets, stepping(*steps))
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
+
+
+def test_fallbacks_and_changed_parameters_are_followed_together(tmp_path):
+    changes = [(150, {"engine.torque_amplitude": 100.0}, False), (250, {"pressure.amplitude": 0.0}, True)]
+    found, count = fallen_back(tmp_path, (180,), stepping((170, -100 * TICK)), changes)
+    assert (found.verified, found.exact) == (True, count)
+
+
+def test_sources_that_a_recorder_got_twice_count_once(tmp_path):
+    """One that subscribes again gets all that is latched once more, with the times at which it was sent."""
+    sources = []
+    rows = ticked(COMMANDED, 300, torque=lambda k: 310.0 if k >= 70 else None, pressure=lambda k: None, sources=sources)
+    path = bag(tmp_path / "run", rows, COMMANDED,
+               sources=[*sources, *((200, stamp, text, row) for row, stamp, text in sources)])
+    assert [source.first_stamp_ns for source in input_sources(open_run(path))] == [0, 70 * TICK]
+    assert replay(path, verify=True).verification.verified
+
+
 def test_the_pace_does_not_count_a_step(tmp_path):
     found = verified(tmp_path, (), stepping((200, -3600 * SECOND)))[2]
     assert found.pace == pytest.approx(1.0, abs=0.5)
@@ -66,7 +105,7 @@ def record(stamp, said, general=False):
 def test_places_of_scenes():
     records = [record(None, 5), record(3 * TICK, 1025), record(0, 2005), record(2 * TICK, 2016),
                record(99 * TICK, 2030)]
-    found = ScenePlaces(records)
+    found = Places(records)
     found.feed(states(0, [0, 1], [1000, 1010]))
     found.feed(states(0, [2, 3, 4], [1020, 1030, 1040]))
     found.feed(states(1, [0, 1, 2, 3], [2010, 2015, 2020, 2030]))
@@ -74,12 +113,12 @@ def test_places_of_scenes():
 
 
 def test_two_changes_before_one_tick_are_taken_in_their_order():
-    found = ScenePlaces([record(None, 5), record(TICK, 1001), record(TICK, 1002)])
+    found = Places([record(None, 5), record(TICK, 1001), record(TICK, 1002)])
     found.feed(states(0, [0, 1, 2], [1000, 1010, 1020]))
     assert found.places() == [Place(0, 0), Place(1, 1), Place(1, 2)]
 
 
 def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_on():
-    found = ScenePlaces([record(3 * TICK, 50)])
+    found = Places([record(3 * TICK, 50)])
     found.feed(states(0, [500, 501], [1000, 1010]))
     assert found.places() == [Place(0, 0)]

@@ -92,6 +92,17 @@ def test_agrees_with_scipy_radau(name):
     assert np.all(np.abs(got.cycles.stick_time / got.cycle - share) <= 0.05)
 
 
+@pytest.mark.parametrize("name", ["no stribeck", "fig02"])
+def test_friction_samples_are_as_good_as_the_slip_speed_lets_them_be(name):
+    """Also within microseconds of the projection onto the slow manifold, which leaves out a decaying part of v."""
+    p = problem(SCENES[name], cycles=4, state=State(150.0, 0.0, 0.0), samples_per_cycle=20000)
+    coarse, fine = smoothed.solve(p), smoothed.solve(changed(p, rtol=1e-11))
+    stuck = np.abs(fine.slip_speed) < 0.8 * stick_speed_of(terms_of(p.system))
+    error = np.abs(coarse.friction_torque - fine.friction_torque) / np.abs(fine.friction_torque).max()
+    assert np.quantile(error[stuck], 0.99) <= 3e-8
+    assert error[stuck].max() <= 3e-7
+
+
 def test_starts_at_any_cycle():
     p = problem({**FIG02, "pressure.frequency_ratio": 0.5}, cycles=3, rtol=1e-9)
     whole = smoothed.solve(p)

@@ -1,283 +1,187 @@
-"""Closed-form arcs of the set-valued law: what the exact engine knows of each mode before it starts, and their
-evaluation.
-
-On an arc every signal has the form  c0 + c1 tau + sum_k Im(Z_k exp(i (w_k u + phase_k))) + A f(tau) + B g(tau),  where
-u is the time since the start of the engine cycle, tau the time since the start of the arc, and f, g the two free
-motions of the oscillator of the mode. The Z_k belong to the mode; only c0, A and B change from arc to arc.
-"""
+"""One step of an arc: Taylor polynomials of the motion in its mode, how far they hold, and the event that ends them."""
 
 from __future__ import annotations
 
-import cmath
 import math
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.event_driven.bounds import Bounds
+from tcc_sim.solvers.event_driven.modes import FREE
+from tcc_sim.solvers.excitation import expand_excitation
+from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, LOAD, ROWS, SLIP, SPEED, expand
+from tcc_sim.solvers.unrolled import unrolled
 
-from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiled import compiled
-from tcc_sim.solvers.terms import Terms
+UPWARD, DOWNWARD = ROWS, ROWS + 1
+"""Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""
+SHAPE = (ROWS + 2, COLUMNS)
+"""Shape of the coefficients of a step."""
 
-Floats = NDArray[np.float64]
-
-STICK, POSITIVE, NEGATIVE, FREE = 0, 1, 2, 3
-"""Rows of the tables."""
-LIGHT, HEAVY, CRITICAL = 0.0, 1.0, 2.0
-"""Kinds of damping: f, g are exp(-d tau) cos and sin of wd tau; two real exponentials; or, near critical damping where
-these two pairs lose their digits, exp(-d tau) times cos and sin(wd tau)/wd (or cosh and sinh) with g scaled to stay
-below 1.
-"""
-RESONANT = 1e-8
-"""Relative distance kept from an undamped resonance, where sine and free motion lose their digits: the stiffness moves.
-"""
-
-
-# Layout of the pad, the one array of the inner loops (each further array would cost a reference count per call): three
-# looks
-# of 3 signals (value, slope, second derivative); the largest and smallest v; evaluations and their limit; the present
-# arc, 3
-# signals of c0, c1, A, B and A, B of their first two derivatives; and the row of Tables.modes of the present mode.
-LEFT, RIGHT, HERE, HIGHEST, LOWEST, COUNT, MOST, ARC, ROW = 0, 9, 18, 27, 28, 29, 30, 32, 56
-# Layout of a row of Tables.modes, from ROW on.
-KIND, RATE_F, RATE_G, ROOT, FACTOR, POWER = ROW + 4, ROW + 5, ROW + 6, ROW + 7, ROW + 8, ROW + 9
-DRIFT, MEAN, MIX, SIZE, BEND, FIRST = ROW + 13, ROW + 14, ROW + 17, ROW + 23, ROW + 25, ROW + 27
-PER_SINE = 8
-# Layout of Tables.inputs.
-I1, I2, C23, K23, TM, TSM, TSP, LOAD_PHASE, LOAD_INDEX, FIRST_INPUT = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
-PER_INPUT = 7
-ENGINE, LOAD = 3, 5
+LINEAR_ORDER = 28
+"""Order where all is linear: a term costs little there, and steps grow in proportion to it."""
+FALLING_ORDER = 20
+"""Order where the friction coefficient varies: a term costs in proportion to its order."""
+SHORTENING = 0.9
+TYPICAL = 2.0
+"""About how many units of time a step lasts."""
+NO_EVENT, BREAKAWAY, REST, LAW_VARIES = range(4)
 
 
-class Tables(NamedTuple):
-    """Constants of the four modes, in flat arrays because the inner loops read nothing else; m distinct frequencies.
+class Step(NamedTuple):
+    """A step of length x * unit (s): its polynomials are of this degree in time/unit; `event` says what ended it."""
 
-    Slip: signal 0 is |v|. Stick: signals 0 and 1 are r Ts - lambda and r Ts + lambda, N m. Free: signal 0 is v. In
-    every mode signal 2 is theta2.
+    unit: float
+    x: float
+    degree: int
+    event: int
+    direction: int
+    """Direction of slip behind a breakaway."""
+    reach: float
+    """How far the slip speed moves at most, rad/s."""
+
+
+def stuck(rows: Any, unit: Any, linear: Linear, ratio: Any, pulsation: Any) -> Iterator[int]:
+    """Coefficients of flywheel and plate as one, and of the margins to breakaway; text for `unrolled`.
+
+    (I1 + I2) theta2'' + C23 theta2' + K23 theta2 = Te, and lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2).
     """
+    flywheel, plate, damping, stiffness = linear
+    both = flywheel + plate
+    share, other, pace = flywheel / both, plate / both, unit / both
+    x, u = rows[ANGLE, 0], rows[SPEED, 0]
+    for k in range(LINEAR_ORDER + 1):
+        spring = damping * u + stiffness * x
+        torque = rows[ENGINE, k]
+        need = share * spring + other * torque
+        load = ratio * rows[LOAD, k] if pulsation is not None or k == 0 else 0.0
+        rows[UPWARD, k] = load - need
+        rows[DOWNWARD, k] = load + need
+        if k < LINEAR_ORDER:
+            part = 1.0 / (k + 1)
+            x, u = part * unit * u, part * pace * (torque - spring)
+            rows[ANGLE, k + 1], rows[SPEED, k + 1] = x, u
+    yield LINEAR_ORDER
 
-    modes: Floats
-    """(4, 27 + 8 m). Free motion: x' as a matrix on (A, B) (4), kind of damping, decay rates that bound f and g, wd or
-    its like, factor of g, moduli of the matrix to the power 4 (4). Then c1 of signal 0; constants of the 3 signals;
-    their free part as a x + b x' of the free part x of theta2 (3 times 2); sums of |Z| and of |Z| w^4 of signals 0 and
-    1. Then for each frequency w, its phase at the start of the present engine cycle (rad, set by the kernel), Z of the
-    three signals.
+
+expand_stuck = unrolled(stuck)
+
+
+@fast
+def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
+              pulsation: tuple[float, float, float] | None, state: Any, drive: Any, remaining: float, rows: Any,
+              workspace: Any) -> Step:
+    """A step in stick of at most `remaining` seconds, to breakaway where |lambda| = r Ts."""
+    unit = 1.0 / bounds.stick_rate
+    expand_excitation(rows, LINEAR_ORDER + 1, unit, True, mean_torque, waves, mean_load, pulsation, drive)
+    for k in range(LINEAR_ORDER + 1):
+        rows[SLIP, k] = 0.0
+    rows[ANGLE, 0] = state.plate_angle
+    rows[SPEED, 0] = state.plate_speed
+    expand_stuck(LINEAR_ORDER, rows, unit, linear, bounds.ratio, pulsation)
+    torque = bounds.torque_tolerance * 1e12
+    x = remaining / unit
+    for k in range(LINEAR_ORDER - 1, LINEAR_ORDER + 1):
+        size = max(abs(rows[UPWARD, k]), abs(rows[DOWNWARD, k])) / torque
+        size = max(size, abs(rows[SPEED, k]) / bounds.speed_scale)
+        if size * x**k > bounds.truncation:
+            x = SHORTENING * math.exp(math.log(bounds.truncation / size) / k)
+    x = min(x, remaining / unit)
+    return stick_event(bounds, unit, x, LINEAR_ORDER, rows, workspace)
+
+
+@fast
+def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, workspace: Any) -> Step:
+    """A step in stick up to x, or to where one of the margins to breakaway falls to 0 before."""
+    tolerance = bounds.torque_tolerance
+    if (rows[UPWARD, 0] > polynomial.variation(rows, UPWARD, order, x) + tolerance
+            and rows[DOWNWARD, 0] > polynomial.variation(rows, DOWNWARD, order, x) + tolerance):
+        return Step(unit, x, order, NO_EVENT, 0, 0.0)
+    up = polynomial.first_crossing(rows, UPWARD, order, x, 1.0, 0.0, tolerance, workspace)
+    down = polynomial.first_crossing(rows, DOWNWARD, order, x, 1.0, 0.0, tolerance, workspace)
+    if min(up, down) <= x:
+        return Step(unit, min(up, down), order, BREAKAWAY, 1 if up < down else -1, 0.0)
+    return Step(unit, x, order, NO_EVENT, 0, 0.0)
+
+
+@fast
+def series_length(rows: Any, order: int, x: float, truncation: float, scale: float) -> float:
+    """A length of at most x at whose end the last two terms are below `truncation`, of the largest of the first terms
+    of the slip speed, and of `scale` for the plate speed.
     """
-    inputs: Floats
-    """(9 + 7 m,) I1, I2, C23, K23, Tm, Tsm, Tsp, phase of the load at t = 0, index of its frequency (-1 for a constant
-    load). Then for each frequency w, w/omega, its phase as above, Z of Te and Z of Ts.
-    """
-    noise: float
-    """Relative rounding of the torques: that of double precision, magnified next to an undamped resonance."""
+    for k in range(order - 1, order + 1):
+        largest, at, power = 0.0, 0, 1.0
+        for i in range(4):
+            term = abs(rows[SLIP, i]) * power
+            if term > largest:
+                largest, at = term, i
+            power *= TYPICAL
+        last = abs(rows[SLIP, k])
+        if last > 0.0 and largest > 0.0:
+            x = min(x, SHORTENING * math.exp(math.log(truncation * abs(rows[SLIP, at]) / last) / (k - at)))
+        last = abs(rows[SPEED, k])
+        if last > 0.0:
+            x = min(x, SHORTENING * math.exp(math.log(truncation * scale / last) / k))
+    return x
 
 
-def tables_of(system: System, terms: Terms) -> Tables:
-    """The tables of a system; sines of one frequency are added up first."""
-    omega = system.engine.frequency
-    rows: dict[float, list[complex]] = {}
-    if terms.torque is not None:
-        rows.setdefault(1.0, [0j, 0j])[0] += terms.torque[0]
-    if terms.harmonics is not None:
-        for frequency, amplitude, phase in terms.harmonics:
-            rows.setdefault(float(np.rint(frequency / omega)), [0j, 0j])[0] += cmath.rect(amplitude, phase)
-    pulsation, index = (0.0, 0.0, 0.0), -1
-    if terms.pulsation is not None:
-        pulsation, ratio = terms.pulsation, system.pressure.frequency_ratio
-        rows.setdefault(ratio, [0j, 0j])[1] += cmath.rect(pulsation[0], pulsation[2])
-        index = list(rows).index(ratio)
-    turns = np.array(list(rows), dtype=np.float64)
-    w = turns * omega
-    engine = np.array([r[0] for r in rows.values()], dtype=np.complex128)
-    load = np.array([r[1] for r in rows.values()], dtype=np.complex128)
-    modes = [_mode_row(mode, sign, terms, w, engine, load)
-             for mode, sign in ((STICK, 0.0), (POSITIVE, 1.0), (NEGATIVE, -1.0), (FREE, 0.0))]
-    sines = np.stack([w, turns, 0.0 * w, engine.real, engine.imag, load.real, load.imag], axis=1)
-    constants = [*terms.linear, terms.mean_torque, terms.mean_load, pulsation[0], pulsation[2], float(index)]
-    return Tables(np.stack([row for row, _ in modes]), np.concatenate([constants, sines.ravel()]),
-                  max(n for _, n in modes))
+@fast
+def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
+             pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
+             remaining: float, rows: Any, workspace: Any) -> Step:
+    """A step in slip, or free of load, of at most `remaining` seconds: to v = 0, or to where mubar begins to vary."""
+    mode, v = state.mode, state.slip_speed
+    sign = 0.0 if mode == FREE else float(mode)
+    rows[SLIP, 0] = v
+    rows[ANGLE, 0] = state.plate_angle
+    rows[SPEED, 0] = state.plate_speed
+    level = 0.0
+    order = LINEAR_ORDER
+    unit = 1.0 / bounds.slip_rate
+    falling = False
+    if stribeck is not None and mode != FREE:
+        level = bounds.far
+        if sign * v <= 1.01 * level:
+            level = 0.0
+            falling = True
+            order = FALLING_ORDER
+            excess, decay = stribeck[0] * math.exp(-stribeck[1] * sign * v), -stribeck[1] * sign
+            friction = sign * drive.load * (1.0 + excess)
+            pull = friction - linear[2] * state.plate_speed - linear[3] * state.plate_angle
+            acceleration = abs((drive.torque - friction) / linear[0] - pull / linear[1])
+            slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * stribeck[1] * excess
+            unit = 1.0 / (bounds.slip_rate + stribeck[1] * acceleration + slope)
+            expand_excitation(rows, order, unit, True, mean_torque, waves, mean_load, pulsation, drive)
+            expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None, None)
+    if not falling:
+        expand_excitation(rows, order, unit, mode != FREE, mean_torque, waves, mean_load, pulsation, drive)
+        expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None, None)
+    longest = remaining / unit
+    x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
+    if stribeck is not None and falling:
+        # Where alpha |change of v| is large the terms of the exponential rise before they fall.
+        while stribeck[1] * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
+            x *= 0.8
+    return slip_event(bounds, unit, x, order, level, state, rows, workspace)
 
 
-def _mode_row(mode: int, sign: float, terms: Terms, w: Floats, engine: NDArray[np.complex128],
-              load: NDArray[np.complex128]) -> tuple[Floats, float]:
-    """The row of Tables.modes of a mode whose friction torque is sign Ts (or what stick needs), and its noise."""
-    i1, i2, c, k = terms.linear
-    ratio = 1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)
-    phasor, mean, mix = np.zeros((3, len(w)), np.complex128), np.zeros(3), np.zeros((3, 2))
-    inertia, drift = (i1 + i2 if mode == STICK else i2), 0.0
-    force, constant = (engine, terms.mean_torque) if mode == STICK else (sign * load, sign * terms.mean_load)
-    stiffness = _clear_of_resonance(k, c, inertia, w[np.abs(force) > 0.0])
-    dynamic = np.where(force == 0.0, k, stiffness - inertia * w**2 + 1j * c * w)
-    angle = force / dynamic
-    noise = max(1e-12, 4e-15 * float(np.max(k / np.abs(dynamic), initial=0.0)), 10.0 * abs(stiffness / k - 1.0))
-    phasor[2], mean[2], mix[2, 0] = angle, constant / stiffness, 1.0
-    if mode == STICK:
-        interface = (i2 * engine + i1 * (stiffness + 1j * c * w) * angle) / (i1 + i2)
-        for j, side in ((0, -1.0), (1, 1.0)):
-            phasor[j] = ratio * load + side * interface
-            mean[j] = ratio * terms.mean_load + side * terms.mean_torque
-            mix[j] = side * i1 / (i1 + i2) * np.array([stiffness, c])
-    else:
-        upward = -1.0 if mode == NEGATIVE else 1.0
-        phasor[0] = upward * ((engine - sign * load) / (1j * w * i1) - 1j * w * angle)
-        drift = upward * (terms.mean_torque - sign * terms.mean_load) / i1
-        mix[0, 1] = -upward
-    size = np.abs(phasor[:2])
-    parts = np.stack([phasor.real, phasor.imag], axis=-1).transpose(1, 0, 2).reshape(-1, 6)
-    sines = np.concatenate([np.stack([w, 0.0 * w], axis=1), parts], axis=1)
-    row = np.concatenate([_oscillator(inertia, c, stiffness), [drift], mean, mix.ravel(), size.sum(axis=1),
-                          (size * w**4).sum(axis=1), sines.ravel()])
-    return row, noise
-
-
-def _clear_of_resonance(k: float, c: float, inertia: float, w: Floats) -> float:
-    """The stiffness, moved by a few RESONANT where a sine would meet an undamped resonance."""
-    for factor in (1.0, 1.0 + 3.0 * RESONANT, 1.0 - 3.0 * RESONANT, 1.0 + 7.0 * RESONANT):
-        if np.all(np.abs(factor * k - inertia * w**2 + 1j * c * w) > RESONANT * k):
-            return factor * k
-    return k * (1.0 + 13.0 * RESONANT)
-
-
-def _oscillator(inertia: float, c: float, k: float) -> Floats:
-    """The free motion part of a row of Tables.modes."""
-    square, decay = k / inertia, 0.5 * c / inertia
-    gap = square - decay * decay
-    root = math.sqrt(max(abs(gap), 1e-24 * square))
-    if gap < 0.0 and root > 0.2 * decay:
-        fast, slow = decay + root, square / (decay + root)
-        matrix, own = np.diag([-fast, -slow]), [HEAVY, fast, slow, 0.0, 0.0]
-    elif gap > 0.0 and root > 0.2 * decay:
-        matrix, own = np.array([[-decay, root], [-root, -decay]]), [LIGHT, decay, decay, root, 1.0]
-    else:
-        slowest = decay - root if gap < 0.0 else decay
-        factor = 0.5 * math.e * slowest
-        matrix = np.array([[-decay, factor], [-gap / factor, -decay]])
-        own = [CRITICAL, slowest, 0.5 * slowest, math.copysign(root, gap), factor]
-    power = np.abs(np.linalg.matrix_power(matrix, 4))
-    return np.concatenate([matrix.ravel(), own, power.ravel()])
-
-
-@compiled
-def free_pair(tau: float, pad: Floats) -> tuple[float, float, float, float]:
-    """f, g of the mode at tau >= 0, and bounds of |f|, |g| from there on."""
-    fade = np.exp(-pad[RATE_F] * tau)
-    if pad[KIND] == LIGHT:
-        return fade * np.cos(pad[ROOT] * tau), fade * np.sin(pad[ROOT] * tau), fade, fade
-    other = np.exp(-pad[RATE_G] * tau)
-    if pad[KIND] == HEAVY:
-        return fade, other, fade, other
-    if pad[ROOT] > 0.0:
-        return fade * np.cos(pad[ROOT] * tau), pad[FACTOR] * fade * np.sin(pad[ROOT] * tau) / pad[ROOT], fade, other
-    shrunk = np.expm1(2.0 * pad[ROOT] * tau)
-    return fade * (1.0 + 0.5 * shrunk), pad[FACTOR] * fade * 0.5 * shrunk / pad[ROOT], fade, other
-
-
-@compiled
-def fourth_bound(j: int, fade: float, other: float, pad: Floats) -> float:
-    """Bound of the fourth derivative of signal j, where |f| <= fade, |g| <= other."""
-    a, b = abs(pad[ARC + 8 * j + 2]), abs(pad[ARC + 8 * j + 3])
-    near, far = pad[POWER] * a + pad[POWER + 1] * b, pad[POWER + 2] * a + pad[POWER + 3] * b
-    return pad[BEND + j] + near * fade + far * other  # type: ignore[no-any-return]
-
-
-@compiled
-def start_arc(u: float, mode: int, speed: float, angle: float, rate: float, modes: Floats, pad: Floats) -> None:
-    """Bring the row of the mode and the arc that starts at u with v, theta2 and theta2' into the pad."""
-    for i in range(modes.shape[1]):
-        pad[ROW + i] = modes[mode, i]
-    steady, steady_rate, signal = pad[MEAN + 2], 0.0, 0.0
-    for i in range(FIRST, len(pad), PER_SINE):
-        w = pad[i]
-        x = w * u + pad[i + 1]
-        sine, cosine = np.sin(x), np.cos(x)
-        steady += pad[i + 6] * sine + pad[i + 7] * cosine
-        steady_rate += w * (pad[i + 6] * cosine - pad[i + 7] * sine)
-        signal += pad[i + 2] * sine + pad[i + 3] * cosine
-    x, y = angle - steady, rate - steady_rate
-    m0, m1, m2, m3 = pad[ROW], pad[ROW + 1], pad[ROW + 2], pad[ROW + 3]
-    at_start = 0.0
-    if pad[KIND] == HEAVY:
-        at_start = 1.0
-        a, b = (y - m3 * x) / (m0 - m3), (y - m0 * x) / (m3 - m0)
-    else:
-        a, b = x, (y - m0 * x) / m1
-    da, db = m0 * a + m1 * b, m2 * a + m3 * b
-    for j in range(3):
-        p, q, i = pad[MIX + 2 * j], pad[MIX + 2 * j + 1], ARC + 8 * j
-        pad[i], pad[i + 1] = pad[MEAN + j], 0.0
-        pad[i + 2], pad[i + 3] = p * a + q * da, p * b + q * db
-        pad[i + 4], pad[i + 5] = m0 * pad[i + 2] + m1 * pad[i + 3], m2 * pad[i + 2] + m3 * pad[i + 3]
-        pad[i + 6], pad[i + 7] = m0 * pad[i + 4] + m1 * pad[i + 5], m2 * pad[i + 4] + m3 * pad[i + 5]
-    if mode != STICK:
-        upward = -speed if mode == NEGATIVE else speed
-        pad[ARC] = upward - signal - pad[ARC + 2] - at_start * pad[ARC + 3]
-        pad[ARC + 1] = pad[DRIFT]
-
-
-@compiled
-def evaluate(tau: float, u: float, count: int, pad: Floats) -> tuple[float, float]:
-    """Value and first two derivatives of the first `count` signals at u + tau, into the look HERE; bounds of |f|, |g|.
-    """
-    f, g, fade, other = free_pair(tau, pad)
-    for j in range(count):
-        a, i = ARC + 8 * j, HERE + 3 * j
-        pad[i] = pad[a] + pad[a + 1] * tau + pad[a + 2] * f + pad[a + 3] * g
-        pad[i + 1] = pad[a + 1] + pad[a + 4] * f + pad[a + 5] * g
-        pad[i + 2] = pad[a + 6] * f + pad[a + 7] * g
-    for k in range(FIRST, len(pad), PER_SINE):
-        w = pad[k]
-        x = w * (u + tau) + pad[k + 1]
-        sine, cosine = np.sin(x), np.cos(x)
-        for j in range(count):
-            re, im, i = pad[k + 2 + 2 * j], pad[k + 3 + 2 * j], HERE + 3 * j
-            value = re * sine + im * cosine
-            pad[i] += value
-            pad[i + 1] += w * (re * cosine - im * sine)
-            pad[i + 2] -= w * w * value
-    return fade, other
-
-
-@compiled
-def slip_angle(tau: float, u: float, mode: int, pad: Floats) -> float:
-    """The integral of v over [u, u + tau], rad; 0 in stick."""
-    if mode == STICK:
-        return 0.0
-    f, g, _, _ = free_pair(tau, pad)
-    f -= 1.0
-    if pad[KIND] == HEAVY:
-        g -= 1.0
-    upward = -1.0 if mode == NEGATIVE else 1.0
-    total = upward * (pad[ARC] + 0.5 * pad[ARC + 1] * tau) * tau - pad[ARC + 18] * f - pad[ARC + 19] * g
-    for i in range(FIRST, len(pad), PER_SINE):
-        half = 0.5 * pad[i] * tau
-        middle = pad[i] * u + pad[i + 1] + half
-        total += upward * (pad[i + 2] * np.sin(middle) + pad[i + 3] * np.cos(middle)) * 2.0 * np.sin(half) / pad[i]
-    return total  # type: ignore[no-any-return]
-
-
-@compiled
-def sines(u: float, mean: float, which: int, inputs: Floats) -> tuple[float, float]:
-    """Value and derivative at u of mean + the sines of Te (`which` ENGINE) or Ts (LOAD)."""
-    value, slope = mean, 0.0
-    for i in range(FIRST_INPUT, len(inputs), PER_INPUT):
-        re, im = inputs[i + which], inputs[i + which + 1]
-        if re != 0.0 or im != 0.0:
-            x = inputs[i] * u + inputs[i + 2]
-            sine, cosine = np.sin(x), np.cos(x)
-            value += re * sine + im * cosine
-            slope += inputs[i] * (re * cosine - im * sine)
-    return value, slope
-
-
-@compiled
-def set_phases(cycle: float, tables: Tables) -> None:
-    """Phases at the start of engine cycle number `cycle`; the fraction of turns x cycle is taken without rounding."""
-    inputs, modes = tables.inputs, tables.modes
-    for k in range((len(inputs) - FIRST_INPUT) // PER_INPUT):
-        i = FIRST_INPUT + PER_INPUT * k
-        large = 134217729.0 * inputs[i + 1]
-        head = large - (large - inputs[i + 1])
-        whole, rest = head * cycle, (inputs[i + 1] - head) * cycle
-        phase = 2.0 * np.pi * ((whole - np.floor(whole)) + (rest - np.floor(rest)))
-        inputs[i + 2] = phase
-        for mode in range(4):
-            modes[mode, FIRST - ROW + PER_SINE * k + 1] = phase
+@fast
+def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, state: Any, rows: Any,
+               workspace: Any) -> Step:
+    """A step in slip up to x, or to where |v| falls to `level` before: to 0, or to where mubar begins to vary."""
+    sign = float(state.mode)
+    reach = polynomial.variation(rows, SLIP, order, x)
+    if state.mode == FREE or sign * rows[SLIP, 0] - reach > level + bounds.slip_tolerance:
+        return Step(unit, x, order, NO_EVENT, 0, reach)
+    if state.at_rest == 1:
+        if sign * rows[SLIP, 1] < -bounds.steepest * unit:
+            return Step(unit, 0.0, order, REST, 0, reach)
+        if sign * rows[SLIP, 1] < 0.0:
+            rows[SLIP, 1] = 0.0
+    end = polynomial.first_crossing(rows, SLIP, order, x, sign, level, bounds.slip_tolerance, workspace)
+    if end <= x:
+        return Step(unit, end, order, REST if level == 0.0 else LAW_VARIES, 0, reach)
+    return Step(unit, x, order, NO_EVENT, 0, reach)

@@ -1,270 +1,221 @@
-"""The loop of the exact engine: from event to event through whole engine cycles, in one compiled call."""
+"""The loop of the exact engine: from event to event through engine cycles, in one compiled call."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from tcc_sim.solvers.compiled import compiled
+from tcc_sim.model.equations import Linear
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.bernstein import to_bernstein
+from tcc_sim.solvers.compiled import compiled, fast
 from tcc_sim.solvers.event_driven.arcs import (
-    ARC,
-    C23,
-    COUNT,
-    ENGINE,
-    FIRST_INPUT,
-    FREE,
-    HERE,
-    HIGHEST,
-    I1,
-    I2,
-    K23,
-    LOAD,
-    LOAD_INDEX,
-    LOAD_PHASE,
-    LOWEST,
-    MOST,
-    NEGATIVE,
-    PER_INPUT,
-    POSITIVE,
-    ROW,
-    STICK,
-    TM,
-    TSM,
-    TSP,
-    Floats,
-    Tables,
-    set_phases,
-    sines,
-    slip_angle,
-    start_arc,
+    BREAKAWAY,
+    LAW_VARIES,
+    NO_EVENT,
+    REST,
+    SHAPE,
+    Step,
+    slip_arc,
+    stick_arc,
 )
-from tcc_sim.solvers.event_driven.search import EXHAUSTED, NONE, look, note, search
-from tcc_sim.solvers.event_driven.slip_series import expand, measure
+from tcc_sim.solvers.event_driven.bounds import Bounds
+from tcc_sim.solvers.event_driven.modes import FREE, NEGATIVE, POSITIVE, STICK, mode_at_rest, mode_of
+from tcc_sim.solvers.event_driven.stiff_arcs import stiff_arc
+from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
+from tcc_sim.solvers.step_output import keep_cycle, keep_samples, keep_stick
+from tcc_sim.solvers.terms import Terms
 
-CHATTERING, EXHAUSTED_STEPS, NOT_FINITE = 1, 2, 3
+DONE, FULL, CHATTERING, EXHAUSTED, NOT_FINITE = range(5)
+"""How a call of `integrate` ends: at the end, with full buffers, or with a failure."""
 
+UNKNOWN = 9
+"""Mode of a state before the first step."""
 
-@compiled
-def mode_at_rest(u: float, angle: float, rate: float, ratio: float, tolerance: float, inputs: Floats) -> int:
-    """The mode that follows v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
+COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", np.int64), ("cycle_events", np.int64)])
+"""Steps in all; the present engine cycle, and the steps and events in it."""
 
-    Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
-    """
-    i1, i2, damping, stiffness = inputs[I1], inputs[I2], inputs[C23], inputs[K23]
-    engine, engine_rate = sines(u, inputs[TM], ENGINE, inputs)
-    load, load_rate = sines(u, inputs[TSM], LOAD, inputs)
-    spring = damping * rate + stiffness * angle
-    torque = (i2 * engine + i1 * spring) / (i1 + i2)
-    margin = ratio * load - abs(torque)
-    if margin > tolerance:
-        return STICK
-    direction = POSITIVE if torque > 0.0 else NEGATIVE
-    if margin < -tolerance:
-        return direction
-    bend = (engine - spring) / (i1 + i2)
-    torque_rate = (i2 * engine_rate + i1 * (damping * bend + stiffness * rate)) / (i1 + i2)
-    growth = ratio * load_rate - (torque_rate if torque > 0.0 else -torque_rate)
-    return STICK if growth >= 0.0 else direction
+AHEAD = 0.6
+"""Longest step, in engine cycles: it meets the end of one cycle at most."""
 
 
-@compiled
-def until_clamp(u: float, loaded: bool, inputs: Floats) -> float:
-    """Time until the pressure next meets 0, where its amplitude is above its mean: the end of the loaded or free part.
-    """
-    k = int(inputs[LOAD_INDEX])
-    i = FIRST_INPUT + PER_INPUT * k
-    w = inputs[i]
-    angle = np.arcsin(inputs[TSM] / inputs[TSP])
-    x = w * u + inputs[i + 2] + inputs[LOAD_PHASE]
-    if loaded:
-        x -= 2.0 * np.pi * np.floor((x + 0.5 * np.pi) / (2.0 * np.pi))
-        return max(np.pi + angle - x, 0.0) / w  # type: ignore[no-any-return]
-    x -= 2.0 * np.pi * np.floor((x - 0.5 * np.pi) / (2.0 * np.pi))
-    return max(2.0 * np.pi - angle - x, 0.0) / w  # type: ignore[no-any-return]
+@fast
+def load_phase(ratio: float, phase: float, cycle: float) -> float:
+    """The load's phase, rad, at the start of a cycle: the fraction of ratio times cycle is taken without rounding."""
+    large = 134217729.0 * ratio
+    head = large - (large - ratio)
+    whole, rest = head * cycle, (ratio - head) * cycle
+    return float(TWO_PI * ((whole - math.floor(whole)) + (rest - math.floor(rest))) + phase)
 
 
-@compiled
-def friction_torque(u: float, mode: int, speed: float, pad: Floats, stribeck: Any, inputs: Floats) -> float:
-    """Tf, N m: the law in slip, lambda in stick (from the two margins), 0 when free."""
+@fast
+def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
+    """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
+    state.load_edge = math.inf
+    state.length = fresh_length(terms.linear)
+    loaded = terms.mean_load > 0.0
+    if bounds.clamped:
+        state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation)
+    excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+    state.mode = mode_of(state.slip_speed, loaded, state.plate_angle, state.plate_speed, drive, bounds.ratio,
+                         bounds.torque_tolerance, terms.linear)
+    state.at_rest = 1 if state.slip_speed == 0.0 and state.mode != FREE else 0
+
+
+@fast
+def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, rows: Any,
+            nodes: Any, matrices: Any, workspace: Any) -> Step:
+    """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
+    remaining = min(goal, state.load_edge) - state.tau
+    excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+           drive)
+    if nodes is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
+        if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
+            return stiff_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+                             terms.stribeck, state, drive, remaining, rows, nodes, matrices, workspace)
+    if state.mode == STICK:
+        return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
+                         remaining, rows, workspace)
+    return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
+                    state, drive, remaining, rows, workspace)
+
+
+@fast
+def fresh_length(linear: Linear) -> float:
+    """Length of a stiff step that shows the fast part, s."""
+    return float(linear[1] / max(linear[2], 1e-300))
+
+
+@fast
+def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
+           angle: Any) -> bool:
+    """Bring the state to the end of a step and decide the mode that follows; True where it may be another one."""
+    until = min(goal, state.load_edge)
+    full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
+    if step.x > 0.0:
+        state.plate_angle = polynomial.value(rows, ANGLE, step.degree, step.x)
+        state.plate_speed = polynomial.value(rows, SPEED, step.degree, step.x)
+        if angle is not None:
+            state.flywheel_angle = polynomial.value(rows, FLYWHEEL, step.degree, step.x)
+        if state.mode != STICK:
+            state.slip_speed = polynomial.value(rows, SLIP, step.degree, step.x)
+            state.at_rest = 0
+    state.tau = until if full else state.tau + step.x * step.unit
+    if abs(state.plate_speed) < 1e-26 * bounds.speed_scale:
+        # An arc that has died down: products of what is left would be denormal, and slow.
+        state.plate_speed = 0.0
+    if step.event != NO_EVENT or state.load_edge <= state.tau:
+        state.length = fresh_length(terms.linear)
+    if step.event == BREAKAWAY:
+        state.mode = step.direction
+        state.at_rest = 1
+        return True
+    if state.load_edge <= state.tau:
+        if abs(state.slip_speed) <= bounds.slip_tolerance:
+            state.slip_speed = 0.0
+        begin(bounds, terms, waves, state, drive)
+        return True
+    stopped = (state.mode == POSITIVE and state.slip_speed <= 0.0) or (state.mode == NEGATIVE
+                                                                       and state.slip_speed >= 0.0)
+    if step.event == REST or (stopped and state.at_rest == 0 and step.event != LAW_VARIES):
+        state.slip_speed = 0.0
+        excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
+                                  terms.linear)
+        state.at_rest = 1
+        return True
+    return False
+
+
+@fast
+def keep(step: Step, mode: int, tau: float, period: float, per_cycle: int, ends: bool, rows: Any, output: Any,
+         cycles: Any, samples: Any, angle: Any, workspace: Any) -> None:
+    """Samples, extremes, time in stick and section of a step that starts at `tau`; `ends` if it ends with the cycle."""
+    first = output.samples
+    if per_cycle > 0:
+        keep_samples(rows, step.degree, step.unit, step.x, tau, period, per_cycle, output, samples, angle)
+        for i in range(first, output.samples):
+            samples[i, 4] = mode
+    cut = math.inf
+    if ends:
+        cut = step.x
+    elif tau + step.x * step.unit >= period:
+        cut = min((period - tau) / step.unit, step.x)
+    behind = 0.0
     if mode == STICK:
-        return 0.5 * (pad[HERE + 3] - pad[HERE])  # type: ignore[no-any-return]
-    if mode == FREE:
-        return 0.0
-    sign = 1.0 if mode == POSITIVE else -1.0
-    load = max(sines(u, inputs[TSM], LOAD, inputs)[0], 0.0)
-    if stribeck is None:
-        return sign * load
-    else:
-        return sign * load * (1.0 + stribeck[0] * np.exp(-stribeck[1] * abs(speed)))  # type: ignore[no-any-return]
+        behind = keep_stick(output, 0.0, step.x, cut, step.unit)
+    if cut > step.x and rows[SLIP, 0] + step.reach <= output.highest and rows[SLIP, 0] - step.reach >= output.lowest:
+        return
+    to_bernstein(rows, SLIP, step.degree, step.x, workspace)
+    keep_cycle(rows, step.degree, step.x, cut, behind, output, cycles, workspace)
+
+
+@fast
+def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> None:
+    """Keep a transition."""
+    moves[output.moves].time = time
+    moves[output.moves].before = before
+    moves[output.moves].after = after
+    output.moves += 1
 
 
 @compiled
-def slip_angle_of(tau: float, u: float, kind: int, mode: int, pad: Floats, series: Any) -> float:
-    """The integral of v over [u, u + tau], rad."""
-    if series is None:
-        return slip_angle(tau, u, mode, pad)
-    else:
-        if kind >= 0:
-            return slip_angle(tau, u, mode, pad)
-        total = 0.0
-        for i in range(series.shape[1] - 1, -1, -1):
-            total = (total + series[0, i] / (i + 1.0)) * tau if i > 0 else (total + series[0, 0]) * tau
-        return total if mode == POSITIVE else -total
+def integrate(first: int, whole: int, rest: float, per_cycle: int, step_limit: int, event_limit: int,
+              phase: tuple[float, float], bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any,
+              counters: Any, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any, nodes: Any,
+              matrices: Any) -> int:
+    """Solve engine cycles from number `first` on: `whole` of them, and then `rest` seconds.
 
-
-@compiled
-def record(tau: float, u: float, kind: int, mode: int, offset: float, slipped: float, inputs: Floats, pad: Floats,
-           stribeck: Any, series: Any, flywheel: Any, kept: Floats) -> None:
-    """Fill a sample at u + tau of the arc that starts at u with theta1 - theta2 = slipped."""
-    look(tau, u, kind, 3, pad, series)
-    v = 0.0
-    if mode != STICK:
-        v = pad[HERE] + offset if mode != NEGATIVE else -pad[HERE] - offset
-    kept[0], kept[1], kept[2], kept[4] = v, pad[HERE + 6], pad[HERE + 7], float(mode)
-    kept[3] = friction_torque(u + tau, mode, v, pad, stribeck, inputs)
-    kept[5] = pad[HERE + 6]
-    if flywheel is not None:
-        turned = offset * tau if mode != NEGATIVE else -offset * tau
-        kept[5] += slipped + turned + slip_angle_of(tau, u, kind, mode, pad, series)
-
-
-@compiled
-def march(first: int, whole: int, state: Floats, settings: Floats, progress: Any, tables: Tables, stribeck: Any,
-          series: Any,
-          flywheel: Any, rows: Floats, section: Floats, highest: Floats, lowest: Floats, stick_time: Floats,
-          buffer: Floats,
-          kinds: Any) -> None:
-    """March through the engine cycles from progress[5] on, until the end, a failure, or a nearly full transition
-    buffer.
-
-    state : v, theta2, theta2', theta1 - theta2
-    settings : cycle, part of a cycle after the whole ones (s), torque tolerance, slip speed beyond which the law is
-        constant,
-        tolerance of the series, scale of theta2', samples per cycle
-    progress : mode (-1: not known yet), loaded, samples filled, transitions in the buffer, failure, cycles done,
-        evaluations,
-        most evaluations and events per cycle
-    rows : samples (v, theta2, theta2', Tf, row of the mode, theta1)
+    `phase` is omega_f/omega and psi. Goes on where `state`, `counters` and `output` are; returns how it ended.
+    `nodes` and `matrices` are the work space of stiff arcs, None for a system that has none.
     """
-    cycle, rest, tolerance, far = settings[0], settings[1], settings[2], settings[3]
-    truncation, scale, per_cycle = settings[4], settings[5], int(settings[6])
-    modes, inputs = tables.modes, tables.inputs
-    ratio = 1.0
-    if stribeck is not None:
-        ratio = 1.0 + stribeck[0]
-    clamped = inputs[TSP] > inputs[TSM]
-    steepest = 2.0 * tolerance * (1.0 / inputs[I1] + 1.0 / inputs[I2])
-    pad, scratch = np.zeros(ROW + modes.shape[1]), np.zeros((5, 32))
-    cycles = whole + (1 if rest > 0.0 else 0)
-    mode, loaded = progress[0], progress[1] == 1
-    v, angle, rate, slipped = state[0], state[1], state[2], state[3]
-    while progress[5] < cycles:
-        n = progress[5]
-        set_phases(float(first + n), tables)
-        end = cycle if n < whole else rest
-        u, stuck, events = 0.0, 0.0, 0
-        pad[COUNT], pad[MOST] = 0.0, float(progress[7])
-        if mode < 0:
-            load, load_rate = sines(0.0, inputs[TSM], LOAD, inputs)
-            loaded = inputs[TSM] > 0.0 and (not clamped or load > 0.0 or (load == 0.0 and load_rate > 0.0))
-            mode = FREE if not loaded else POSITIVE if v > 0.0 else NEGATIVE if v < 0.0 else mode_at_rest(
-                0.0, angle, rate, ratio, tolerance, inputs)
-            section[0, 0], section[0, 1], section[0, 2] = v, angle, rate
-            start_arc(0.0, mode, v, angle, rate, modes, pad)
-            record(0.0, 0.0, mode, mode, 0.0, slipped, inputs, pad, stribeck, series, flywheel, rows[0])
-            rows[0, 0], rows[0, 1], rows[0, 2] = v, angle, rate
-            progress[2] = 1
-        pad[HIGHEST], pad[LOWEST] = v, v
-        while u < end:
-            stop = end - u
-            clamp = False
-            if clamped:
-                gap = until_clamp(u, loaded, inputs)
-                if gap <= stop:
-                    stop, clamp = gap, True
-            upward = -1.0 if mode == NEGATIVE else 1.0
-            kind, offset, bend, size, limit = mode, 0.0, 0.0, 0.0, 0.1 * tables.noise * scale
-            far_off = False
-            if mode == STICK:
-                limit = tolerance
-            if stribeck is not None and series is not None and mode in (POSITIVE, NEGATIVE):
-                if upward * v > 1.01 * far:
-                    offset, far_off = far, True
-                else:
-                    kind = -1 - mode
-                    step = expand(u, upward, v, angle, rate, stribeck, inputs, scale, truncation, series, scratch)
-                    pad[COUNT] += 8.0
-                    if step < stop:
-                        stop, clamp = step, False
-                    bend, size = measure(stop, series)
-            if kind >= 0:
-                start_arc(u, mode, v, angle, rate, modes, pad)
-                if far_off:
-                    pad[ARC] -= far
-            found, tau = search(stop, u, kind, upward, offset, limit, steepest, 1e-13 * cycle, pad, series, bend,
-                                size)
-            last_stop = clamp or u + stop >= end
-            finish = end if found == NONE and not clamp and kind >= 0 else u + tau
-            if found == NONE and not clamp and kind < 0 and last_stop and stop == end - u:
-                finish = end
-            while progress[2] < len(rows) - 1:
-                number = progress[2] - n * per_cycle
-                at = cycle if number == per_cycle else number * (cycle / per_cycle)
-                if number > per_cycle or at > finish:
-                    break
-                record(at - u, u, kind, mode, offset, slipped, inputs, pad, stribeck, series, flywheel,
-                       rows[progress[2]])
-                progress[2] += 1
-            look(tau, u, kind, 3, pad, series)
-            if flywheel is not None:
-                slipped += slip_angle_of(tau, u, kind, mode, pad, series) + offset * upward * tau
-            if mode == STICK:
-                stuck += tau
-            else:
-                v = upward * (pad[HERE] + offset)
-            angle, rate = pad[HERE + 6], pad[HERE + 7]
-            u = finish
-            if found == EXHAUSTED or not (np.isfinite(v) and np.isfinite(angle) and np.isfinite(rate)):
-                progress[4] = EXHAUSTED_STEPS if np.isfinite(v) and np.isfinite(angle) and np.isfinite(rate) else NOT_FINITE
-                progress[6] += int(pad[COUNT])
-                return
-            following = mode
-            if clamp and found == NONE:
-                loaded = not loaded
-                following = FREE if not loaded else POSITIVE if v > 0.0 else NEGATIVE if v < 0.0 else -1
-            elif mode == STICK and found >= 0:
-                following = POSITIVE if found == 0 else NEGATIVE
-            elif mode in (POSITIVE, NEGATIVE) and not (far_off and found >= 0) and (found >= 0 or upward * v <= 0.0):
-                following = -1
-            if following < 0:
-                v = 0.0
-                following = mode_at_rest(u, angle, rate, ratio, tolerance, inputs)
-            if mode != STICK:
-                note(v, pad)
-            if following != mode:
-                buffer[progress[3], 0], buffer[progress[3], 1] = first + n, u
-                kinds[progress[3], 0], kinds[progress[3], 1] = mode, following
-                progress[3] += 1
-                mode = following
-            if found >= 0 or clamp:
-                events += 1
-                if events >= progress[8]:
-                    progress[4] = CHATTERING
-                    progress[6] += int(pad[COUNT])
-                    return
-        progress[6] += int(pad[COUNT])
-        if n < whole:
-            highest[n], lowest[n], stick_time[n] = pad[HIGHEST], pad[LOWEST], stuck
-            section[n + 1, 0], section[n + 1, 1], section[n + 1, 2] = v, angle, rate
-        progress[5] += 1
-        if progress[5] == cycles and progress[2] < len(rows):
-            record(tau, u - tau, kind, mode, offset, 0.0, inputs, pad, stribeck, series, flywheel,
-                   rows[progress[2]])
-            rows[progress[2], 0], rows[progress[2], 1], rows[progress[2], 2] = v, angle, rate
-            rows[progress[2], 5] = slipped + angle
-            progress[2] += 1
-        if progress[3] + progress[8] > len(buffer):
+    rows = np.zeros(SHAPE)
+    workspace = np.zeros(polynomial.WORKSPACE)
+    period = bounds.period
+    all_cycles = whole + (1 if rest > 0.0 else 0)
+    while output.cycle < all_cycles:
+        n = output.cycle
+        if counters.cycle != n:
+            counters.cycle = n
+            counters.cycle_steps = 0
+            counters.cycle_events = 0
+        if state.mode == UNKNOWN:
+            state.shift = load_phase(phase[0], phase[1], float(first + n))
+            begin(bounds, terms, waves, state, drive)
+            state.first_mode = state.mode
+        goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
+        mode, tau = state.mode, state.tau
+        step = advance(bounds, terms, waves, state, drive, goal, rows, nodes, matrices, workspace)
+        if not step.x >= 0.0:
+            return NOT_FINITE
+        if angle is not None:
+            rows[FLYWHEEL, 0] = state.flywheel_angle
+            add_integral(rows, step.degree, step.unit)
+        event = settle(bounds, terms, waves, step, goal, state, drive, rows, angle)
+        if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
+            return NOT_FINITE
+        if step.x > 0.0:
+            keep(step, mode, tau, period, per_cycle, n == whole - 1 and state.tau == goal, rows, output, cycles,
+                 samples, angle, workspace)
+        if event and state.mode != mode:
+            note_move((first + n) * period + state.tau, mode, state.mode, output, moves)
+        if output.cycle > n:
+            state.tau -= period
+            state.load_edge -= period
+            state.shift = load_phase(phase[0], phase[1], float(first + output.cycle))
+        counters.steps += 1
+        counters.cycle_steps += 1
+        if event:
+            counters.cycle_events += 1
+            if counters.cycle_events >= event_limit:
+                return CHATTERING
+        if n == whole and state.tau >= rest:
             break
-    progress[0], progress[1] = mode, 1 if loaded else 0
-    state[0], state[1], state[2], state[3] = v, angle, rate, slipped
+        if counters.cycle_steps >= step_limit:
+            return EXHAUSTED
+        if output.cycle > n and output.moves + event_limit + 1 > moves.shape[0]:
+            return FULL
+    return DONE

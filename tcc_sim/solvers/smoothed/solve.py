@@ -1,42 +1,61 @@
-"""The fast adaptive engine for the smoothed friction law (7).
+"""The fast adaptive engine for the smoothed friction law (7): the driver of its compiled loop.
 
-Outside the layer |v| < 19/sigma tanh is exactly 1 and slip is not stiff: Taylor series of high order with variable
-step, without the exponential too where that is below rounding. Inside the layer the series hold tanh as well, as long
-as the layer's own rate beta Ts sigma does not limit the step; then (in stick) Radau IIA of order 9 takes over, its five
-stages reduced to scalar equations. Steps end at the edges of these regions, found on the step's polynomial by a search
-that cannot pass a root; section points are step ends.
+Outside the layer |v| < about 10/sigma tanh is 1 to the tolerance and slip is not stiff: Taylor series of high order with
+variable step, without the exponential too where that is below the tolerance. Inside the layer the series hold tanh as
+well, as long as the layer's own rate beta Ts sigma does not limit the step; then, in stick, one collocation step of 16
+nodes does what ten series could not. Steps end at the edges of these regions, found on the step's polynomial by a
+search that cannot pass a root, and run across the section points, which are values of the polynomial.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers import step_output as keeping
+from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.smoothed import collocation_step as radau
-from tcc_sim.solvers.smoothed import kernel as marching
-from tcc_sim.solvers.smoothed.series_step import ORDER_MAXIMUM
-from tcc_sim.solvers.terms import Terms, peak_load, stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, Statistics, Status, Trajectory, Transitions
+from tcc_sim.solvers.smoothed import collocation_tables, kernel
+from tcc_sim.solvers.smoothed.limits import Limits, limits_of
+from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
+from tcc_sim.solvers.smoothed.state import (
+    CONTROL,
+    COUNTERS,
+    DONE,
+    NOT_FINITE,
+    STATE,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    WORK,
+)
+from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
+from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
+from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.trajectory import Cycles, Floats, Statistics, Status, Trajectory, Transitions
 
 BATCH = 4096
+"""Engine cycles in one call of the compiled loop."""
 TRANSITIONS_MAXIMUM = 1_000_000
-LOCAL = 0.03
-"""Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
-STATUSES = {marching.DONE: Status.DONE, marching.STEP_LIMIT: Status.STEP_LIMIT,
-            marching.STEP_TOO_SMALL: Status.STEP_TOO_SMALL, marching.NOT_FINITE: Status.NOT_FINITE}
+STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
+            NOT_FINITE: Status.NOT_FINITE}
 
 _compiled: set[tuple[bool, ...]] = set()
 """Which terms are absent, for every kernel that has been called."""
 
-Floats = NDArray[np.float64]
-Moves = tuple[Floats, NDArray[np.int8], NDArray[np.int8]]
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes."""
+
+    state: Any
+    control: Any
+    drive: Any
+    work: Any
+    counters: Any
+    output: Any
 
 
 def solve(problem: Problem) -> Trajectory:
@@ -50,91 +69,106 @@ def solve(problem: Problem) -> Trajectory:
     return solve_terms(problem, terms_of(problem.system))
 
 
-def orders(rtol: float) -> tuple[int, int]:
-    """Order of the Taylor series with friction's recurrences (cost p^2) and without (cost p) for this tolerance."""
-    digits = -math.log(rtol)
-    return int(np.clip(0.5 * digits + 4.0, 8, ORDER_MAXIMUM)), int(np.clip(digits, 10, ORDER_MAXIMUM))
-
-
 def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     """`solve` with given terms of the same system, own or general."""
-    smoothing = terms.smoothing
-    assert smoothing is not None
     rtol = SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
-    rtol = max(LOCAL * rtol, 1e-13)
     count, period = problem.whole_cycles, problem.system.cycle
     tail = 0.0 if problem.cycles is not None else max((problem.duration or 0.0) - count * period, 0.0)
     tail = 0.0 if tail < 1e-12 * period else tail
-    own = terms_of(problem.system)
-    stick_speed = stick_speed_of(own)
+    limits = limits_of(terms, terms_of(problem.system), period, rtol)
+    waves = waves_of(terms)
+    tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()),
+                                       0.0 if terms.pulsation is None else terms.pulsation[1],
+                                       collocation_tables.top_of(period), collocation_tables.levels_of(limits.sigma))
+    memory = memory_of(problem, limits)
+    given = terms._replace(torque=None, harmonics=None)  # They are the waves.
+    columns = 4 if problem.flywheel_angle else 3
+    samples = np.empty((problem.samples_per_cycle * (count + 1) if problem.samples_per_cycle else 0, columns))
+    cycles = np.zeros(count + 1, CYCLE)
     start = problem.state
-    state = np.array([start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle])
-    sample_times = problem.sample_times()
-    samples = np.empty((len(sample_times) if problem.samples_per_cycle else 0, 4))
-    section, highest, lowest = np.empty((count + 1, 3)), np.empty(count), np.empty(count)
-    stick_time = np.empty(count)
-    section[0] = state[:3]
-    tally = np.zeros(9, np.int64)
-    tally[keeping.MODE] = 0 if abs(state[0]) <= stick_speed else (1 if state[0] > 0.0 else -1)
-    torques = abs(terms.mean_torque) + (terms.torque[0] if terms.torque is not None else 0.0) + peak_load(terms)
-    scales = np.zeros(6)
-    scales[2], scales[3] = abs(state[0]), abs(state[2])
-    scales[4] = 1e-6 * torques / math.sqrt(terms.linear[3] * terms.linear[1]) + 1e-12
-    order, linear_order = orders(rtol)
+    cycles[0] = (start.slip_speed, start.plate_angle, start.plate_speed, 0.0, 0.0, 0.0)
     limit = 400_000 + 2_000 * count
-    found: list[Moves] = []
-    seconds, kept, done = 0.0, 0, 0
-    def march(cycles: int, rest: float, moves: Moves) -> None:
-        """March on through some cycles and the rest of one."""
-        marching.march(state, tally, scales, problem.start_cycle + done, cycles, rest, period,
-                       problem.system.pressure.frequency_ratio, limit, rtol, order, linear_order,
-                       problem.samples_per_cycle,
-                       samples, section[done:], highest[done:], lowest[done:], stick_time[done:], *moves, stick_speed,
-                       True if problem.flywheel_angle else None, terms.linear, terms.mean_torque, terms.torque,
-                       terms.harmonics, terms.mean_load, terms.pulsation, smoothing, terms.stribeck)
+    angle = True if problem.flywheel_angle else None
 
-    kernel = problem.flywheel_angle, *(term is None for term in terms)
-    if kernel not in _compiled:
-        march(0, 0.0, _room(0))  # Compiling is not solving.
-        _compiled.add(kernel)
+    def integrate(done: int, batch: int, rest: float, moves: NDArray[Any]) -> int:
+        """March on through some cycles and the rest of one."""
+        return int(kernel.integrate(
+            problem.start_cycle + done, batch, rest, limit, limits, given, problem.system.pressure.frequency_ratio,
+            waves, tables, memory.state, memory.control, memory.drive, memory.work, memory.counters, memory.output,
+            cycles[done:], samples[done * problem.samples_per_cycle:], problem.samples_per_cycle, moves, angle))
+
+    variant = problem.flywheel_angle, terms.pulsation is None, terms.stribeck is None
+    if variant not in _compiled:
+        integrate(0, 0, 0.0, np.empty(0, MOVE))  # Compiling is not solving.
+        _compiled.add(variant)
+    found: list[NDArray[Any]] = []
+    seconds, kept, done = 0.0, 0, 0
+    output = memory.output
     while True:
         batch = min(BATCH, count - done)
-        moves = _room(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept))
+        moves = np.empty(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept), MOVE)
         last = done + batch == count
-        tally[keeping.TRANSITIONS] = 0
+        output["cycle"], output["samples"], output["moves"] = 0, 0, 0
         begin = time.perf_counter()
-        march(batch, tail if last else 0.0, moves)
+        status = integrate(done, batch, tail if last else 0.0, moves)
         seconds += time.perf_counter() - begin
-        filled = int(tally[keeping.TRANSITIONS])
+        filled = int(output["moves"])
         kept += filled
-        found.append((moves[0][:filled], moves[1][:filled], moves[2][:filled]))
-        done += batch
-        if last or tally[keeping.STATUS] != marching.DONE:
+        found.append(moves[:filled])
+        if last or status != DONE:
             break
-    status = STATUSES[int(tally[keeping.STATUS])]
-    whole = int(tally[keeping.CYCLES])
-    cycles = Cycles(section[:whole + 1], highest[:whole], lowest[:whole], stick_time[:whole])
-    columns = 4 if problem.flywheel_angle else 3
-    initial = np.array([start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle])
-    if status is Status.DONE:
-        t = sample_times
-        states = samples if problem.samples_per_cycle else np.stack([initial, state])
-        states[-1] = state
-    else:
-        reached = (problem.start_cycle + whole) * period + float(scales[5])
-        filled = min(int(tally[keeping.SAMPLES]), int(np.searchsorted(sample_times, reached)))
-        t = np.append(sample_times[:filled],
-                      reached) if problem.samples_per_cycle else np.array([problem.start, reached])
-        states = np.vstack([samples[:filled] if problem.samples_per_cycle else initial[None], state])
-    changes = Transitions(*(np.concatenate([part[i] for part in found]) for i in range(3)))
-    statistics = Statistics(int(tally[keeping.STEPS]), int(tally[keeping.REJECTED]), int(tally[keeping.ITERATIONS]),
-                            int(tally[keeping.ITERATIONS_MAX]), radau.ITERATIONS_MAXIMUM, seconds)
-    trajectory = assemble(problem, "smoothed", t, states[:, :columns], cycles=cycles, transitions=changes,
-                          status=status,
-                          statistics=statistics)
-    return trajectory if status is not Status.NOT_FINITE else replace(trajectory, detail="the state grew without bound")
+        done += batch
+    whole = done + int(output["cycle"])
+    reached = (problem.start_cycle + whole) * period + float(memory.state["tau"])
+    t, states = sampled(problem, memory, samples, done, STATUSES[status], reached)
+    counters = memory.counters
+    trajectory = assemble(
+        problem, "smoothed", t, states[:, :columns], cycles=cycles_of(cycles, whole), transitions=transitions_of(found),
+        status=STATUSES[status],
+        statistics=Statistics(int(counters["steps"]), int(counters["rejected"]), int(counters["iterations"]),
+                              int(counters["iterations_max"]), ITERATIONS_MAXIMUM, seconds))
+    return trajectory if status != NOT_FINITE else replace(trajectory, detail="the state grew without bound")
 
 
-def _room(count: int) -> Moves:
-    """Where `count` transitions are put."""
-    return np.empty(count), np.empty(count, np.int8), np.empty(count, np.int8)
+def memory_of(problem: Problem, limits: Limits) -> Memory:
+    """What a solve changes, at its start."""
+    kinds = (STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
+    memory = Memory(*(np.zeros(1, kind)[0] for kind in kinds))
+    start = problem.state
+    for name in ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle"):
+        memory.state[name] = getattr(start, name)
+    memory.control["patience"], memory.control["calm"] = PATIENCE, CALM
+    memory.control["slip_now"], memory.control["speed_now"] = abs(start.slip_speed), abs(start.plate_speed)
+    mode = 0 if abs(start.slip_speed) <= limits.stick_speed else (1 if start.slip_speed > 0.0 else -1)
+    memory.output["mode"] = mode
+    memory.output["highest"] = memory.output["lowest"] = start.slip_speed
+    return memory
+
+
+def sampled(problem: Problem, memory: Memory, samples: Floats, done: int, status: Status,
+            reached: float) -> tuple[Floats, Floats]:
+    """Times and states kept; of a run that ended early those up to its end."""
+    start, state = problem.state, memory.state
+    initial = [start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle]
+    final = [float(state[name]) for name in ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle")]
+    if not problem.samples_per_cycle:
+        return np.array([problem.start, problem.end if status is Status.DONE else reached]), np.array([initial, final])
+    times = problem.sample_times()
+    filled = len(times) - 1
+    if status is not Status.DONE:
+        filled = min(done * problem.samples_per_cycle + int(memory.output["samples"]), int(np.searchsorted(times, reached)))
+    times = np.append(times[:filled], problem.end if status is Status.DONE else reached)
+    return times, np.vstack([samples[:filled], final[:samples.shape[1]]])
+
+
+def cycles_of(cycles: NDArray[Any], whole: int) -> Cycles:
+    """Per-cycle results of the whole cycles."""
+    kept = cycles[:whole + 1]
+    section = np.stack([kept["slip_speed"], kept["plate_angle"], kept["plate_speed"]], axis=1)
+    return Cycles(section, kept["highest"][:whole].copy(), kept["lowest"][:whole].copy(), kept["stick_time"][:whole].copy())
+
+
+def transitions_of(found: list[NDArray[Any]]) -> Transitions:
+    """The transitions of all batches."""
+    moves = np.concatenate(found)
+    return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))

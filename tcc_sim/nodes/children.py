@@ -77,12 +77,12 @@ class NodeProcess:
         first.
         """
         with self._said:
-            self._said.wait_for(lambda: self._has(text) or not self._reader.is_alive(), timeout=limit)
-        if not self._has(text):
+            self._said.wait_for(lambda: self.has_said(text) or not self._reader.is_alive(), timeout=limit)
+        if not self.has_said(text):
             self.check()
             raise TccError(f"{self.name} did not start within {limit:g} s")
 
-    def _has(self, text: str) -> bool:
+    def has_said(self, text: str) -> bool:
         """Whether the node has said `text`."""
         return any(text in line for line in self.lines)
 
@@ -118,6 +118,7 @@ class Session:
     ----------
     recording : directory that the recorder creates
     driveline : parameters of the driveline node
+    controller : parameters of a slip controller node beside it; None: there is none
 
     Raises
     ------
@@ -127,28 +128,42 @@ class Session:
         A node did not start; its own words are in the message.
     """
 
-    def __init__(self, recording: Path, driveline: dict[str, object]) -> None:
+    def __init__(self, recording: Path, driveline: dict[str, object], controller: dict[str, object] | None = None) -> None:
         require_ros()
         self.environment = isolated_environment()
         self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
-        self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": 1}, self.environment)
+        self.beside = [] if controller is None else [NodeProcess("slip_controller", controller, self.environment)]
+        subscribers = 1 + len(self.beside)
+        self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": subscribers}, self.environment)
         try:
-            self.driveline.await_line(CLOCK_STARTED)
-            self.recorder.check()
+            self._await_clock()
         except BaseException:
             self.stop()
             raise
 
     def stop(self) -> None:
-        """End the driveline, then the recorder, which then has everything."""
-        self.driveline.stop()
-        self.recorder.stop()
+        """End the driveline, then what is beside it, then the recorder, which then has everything."""
+        for process in (self.driveline, *self.beside, self.recorder):
+            process.stop()
 
     def watch(self, seconds: float) -> None:
         """Sleep, and raise TccError where a node has ended meanwhile."""
         time.sleep(seconds)
-        self.driveline.check()
-        self.recorder.check()
+        self._check()
+
+    def _await_clock(self) -> None:
+        """Wait for the driveline's first tick; it waits for the others, so one of them that ended is told first."""
+        end = time.monotonic() + START_LIMIT
+        while not self.driveline.has_said(CLOCK_STARTED):
+            self._check()
+            if time.monotonic() > end:
+                raise TccError(f"the nodes did not start within {START_LIMIT:g} s")
+            time.sleep(0.05)
+
+    def _check(self) -> None:
+        """Raise TccError with its last words where a node has ended."""
+        for process in (self.recorder, *self.beside, self.driveline):
+            process.check()
 
 
 def _end_with_parent() -> None:

@@ -1,0 +1,35 @@
+"""`tcc-sim watch`: running nodes, live in Rerun."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+
+from tcc_sim.cli.arguments import new_file
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the stream goes, and the namespace of the nodes."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--rrd", type=Path, metavar="FILE", help="write a Rerun file")
+    where.add_argument("--spawn", action="store_true", help="start a viewer (the default)")
+    where.add_argument("--connect", metavar="URL", help="send to a running viewer, rerun+http://HOST:PORT/proxy")
+    parser.add_argument("--namespace", metavar="NS", default="", help="of the driveline node")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Watch until Ctrl-C or SIGTERM, and say what was shown and what was missed."""
+    from tcc_sim.nodes.children import require_ros
+
+    require_ros()
+    if arguments.rrd is not None:
+        new_file(arguments.rrd)
+    from tcc_sim.nodes.watcher import watch
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    spawn = arguments.rrd is None and arguments.connect is None
+    print(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), file=arguments.rrd, spawn=spawn,
+                url=arguments.connect))
+    return 0

@@ -1,0 +1,210 @@
+"""What an operator asks of a running driveline: reset, pause, step, parameters and single commands.
+
+The same as `ros2 service call`, `ros2 param set` and `ros2 topic pub`, for those who have only the wheels.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
+from tcc_sim.errors import InputError, TccError
+from tcc_sim.messages import cdr
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.qos import COMMANDS
+from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.topics import FLUID_PRESSURE, topic
+
+FOUND_WITHIN = 4.0
+"""Real time, s, that a driveline may take to be found and to answer."""
+HEARD_WITHIN = 1.5
+"""Real time, s, that the refusal of a command may take: the driveline says one a second."""
+LISTENED_FOR = 0.5
+"""Real time, s, in which states are heard where there are any; a driveline that is paused has none."""
+COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
+
+
+class Operator:
+    """A node that talks to the driveline of one namespace.
+
+    Raises
+    ------
+    InputError
+        A namespace that is not one.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        try:
+            self._node = rclpy.create_node(f"operator_{os.getpid()}", namespace=namespace, enable_rosout=False,
+                                           start_parameter_services=False)
+        except (ValueError, NameValidationException) as error:
+            raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._driveline = self._node.resolve_topic_name("driveline")
+
+    def close(self) -> None:
+        """Destroy the node."""
+        self._node.destroy_node()
+
+    def trigger(self, name: str) -> str:
+        """Call ~/reset or ~/step; what the driveline says of it.
+
+        Raises
+        ------
+        TccError
+            No driveline answers, or it refuses; then in its own words.
+        """
+        return _granted(self._call(Trigger, name, Trigger.Request()))
+
+    def pause(self, paused: bool) -> str:
+        """Call ~/pause; what the driveline says of it. Raises as `trigger`."""
+        return _granted(self._call(SetBool, "pause", SetBool.Request(data=paused)))
+
+    def change(self, values: Mapping[str, object]) -> None:
+        """Set parameters, all or none.
+
+        Raises
+        ------
+        InputError
+            The driveline refuses; in its own words.
+        TccError
+            No driveline answers.
+        """
+        request = SetParametersAtomically.Request(parameters=[Parameter(key, value=_typed(value)).to_parameter_msg()
+                                                              for key, value in values.items()])
+        result = self._call(SetParametersAtomically, "set_parameters_atomically", request).result
+        if not result.successful:
+            raise InputError(result.reason or "the driveline refused the change without a reason")
+
+    def command(self, what: str, value: float, rate: float = 0.0) -> str:
+        """Send a command, once or `rate` times a second until interrupted; what became of it.
+
+        Raises
+        ------
+        InputError
+            The driveline refuses it, in its own words, or takes this input from its scene.
+        TccError
+            No driveline is there.
+        """
+        row = topic(COMMANDS_OF[what])
+        unit = QUANTITIES[row.key].unit
+        group = row.key.partition(".")[0]
+        heard: list[str] = []
+        began = time.time_ns()
+
+        def listen(message: Log) -> None:
+            said = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
+            if said >= began and message.msg.startswith(f"{row.name} command") and self._is_the_driveline(message.name):
+                heard.append(message.msg)
+
+        self._node.create_subscription(Log, "/rosout", listen,
+                                       QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        publisher = self._node.create_publisher(message_class(row.type), row.name, COMMANDS)
+        if self._value(f"{group}.source") != "topic":
+            raise InputError(f"{row.name}: the driveline takes this input from its scene ({group}.source: harmonic)")
+        if not self._until(lambda: publisher.get_subscription_count() > 0, FOUND_WITHIN):
+            raise TccError(f"the driveline is there, and nothing subscribes to {publisher.topic_name}")
+        data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
+        applied = self._applied(row.type)
+        self._until(lambda: applied() is not None, LISTENED_FOR)
+        publisher.publish(data)
+        self._until(lambda: heard or applied() == value, HEARD_WITHIN)
+        while rate > 0.0 and not heard:
+            publisher.publish(data)
+            self._until(lambda: bool(heard), 1.0 / rate)
+        if heard:
+            raise InputError(heard[0])
+        timeout = self._value("command_timeout")
+        held = f"for {timeout:g} s of simulated time (command_timeout)" if timeout else "until the next command"
+        return f"{row.name} {value:g} {unit}, held {held}"
+
+    def _applied(self, command_type: str) -> Callable[[], float | None]:
+        """Gives the input that the newest state applied, None where no state was heard since the last look."""
+        row = topic("applied_pressure" if command_type == FLUID_PRESSURE else "joint_states")
+        subscription = subscribe(self._node, message_class(row.type), row.name, QoSProfile(depth=10))
+
+        def newest() -> float | None:
+            taken = poll(subscription)
+            if not taken:
+                return None
+            data = taken[-1][0]
+            if row.type == FLUID_PRESSURE:
+                return cdr.read_fluid_pressure(data)[1]
+            return float(np.frombuffer(data, cdr.JOINT_STATE)["engine_torque"][0])
+
+        return newest
+
+    def _is_the_driveline(self, logger: str) -> bool:
+        """Whether a logger's name is that of the driveline talked to."""
+        return bool(logger == self._driveline.strip("/").replace("/", "."))
+
+    def _value(self, key: str) -> Any:
+        """The value of a parameter of the driveline."""
+        found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=[key])).values
+        return rclpy.parameter.parameter_value_to_python(found[0]) if found else None
+
+    def _call(self, kind: Any, name: str, request: Any) -> Any:
+        """The answer of a service of the driveline."""
+        client = self._node.create_client(kind, f"{self._driveline}/{name}")
+        try:
+            if not self._until(client.service_is_ready, FOUND_WITHIN):
+                raise TccError(f"no driveline answers at {self._driveline} within {FOUND_WITHIN:g} s "
+                               f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})")
+            future = client.call_async(request)
+            if not self._until(future.done, FOUND_WITHIN):
+                raise TccError(f"{self._driveline} does not answer within {FOUND_WITHIN:g} s")
+            return future.result()
+        finally:
+            self._node.destroy_client(client)
+
+    def _until(self, predicate: Callable[[], object], limit: float) -> bool:
+        """Spin until the predicate holds; False after `limit` seconds."""
+        end = time.monotonic() + limit
+        while not predicate():
+            if time.monotonic() >= end:
+                return False
+            self._executor.spin_once(timeout_sec=min(0.05, max(0.0, end - time.monotonic())))
+        return True
+
+
+def _typed(value: object) -> object:
+    """A value as YAML reads it, with the numbers that it takes for words, such as 1e3."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+def _granted(answer: Any) -> str:
+    """What the driveline says of what it did; TccError with its words where it did not."""
+    if not answer.success:
+        raise TccError(f"the driveline refuses: {answer.message}")
+    return str(answer.message)
+
+
+@contextmanager
+def operator(namespace: str) -> Iterator[Operator]:
+    """An operator for the time of a `with`, with ROS 2 initialised; Ctrl-C is a KeyboardInterrupt."""
+    from rclpy.signals import SignalHandlerOptions
+
+    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
+        found = Operator(namespace)
+        try:
+            yield found
+        finally:
+            found.close()

@@ -1,0 +1,115 @@
+"""What the loop sends: publishers and encoding by the topic table, and what could not be sent."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.plant import Reading
+from tcc_sim.nodes.qos import CHANGES, LATCHED, states
+from tcc_sim.nodes.unsent import encoded
+from tcc_sim.scene import Scene
+from tcc_sim.topics import TOPICS, topic
+
+HISTORY = 0.25
+"""Seconds of messages that a publisher keeps for a slow reader in real time."""
+
+
+class Outputs:
+    """The publishers of one driveline; only what the scene needs is created.
+
+    In real time a message that the middleware does not take (it does so in the moment when a flooded reader dies) is
+    counted and dropped. Where real time does not matter (`patient`: as fast as possible, and in lock-step) every
+    message waits for its turn: nothing is sent past it, and the loop makes no tick before it was taken.
+
+    Attributes
+    ----------
+    unsent : messages dropped since the start, by topic
+    """
+
+    def __init__(self, node: Node, scene: Scene) -> None:
+        operation = scene.operation
+        self.patient = operation.real_time_factor == 0.0 or operation.pacing == "lockstep"
+        self.unsent: Counter[str] = Counter()
+        self._told = 0
+        self._node = node
+        self._context = node.context
+        self._waiting: deque[tuple[Any, bytes]] = deque()
+        qos = states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
+        self._every_tick: list[tuple[Any, Callable[..., bytes], Callable[[Reading], Any], bool]] = []
+        self._publishers: dict[str, Any] = {}
+        for row in TOPICS:
+            if row.fields and row.wanted(scene.value):
+                publisher = self._create(row.name, qos)
+                values = attrgetter(*row.fields)
+                self._every_tick.append((publisher, cdr.ENCODERS[row.type], values, len(row.fields) > 1))
+        for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
+            if topic(name).wanted(scene.value):
+                self._create(name, profile)
+
+    def state(self, reading: Reading) -> None:
+        """Send every topic of a tick."""
+        for publisher, encode, values, several in self._every_tick:
+            found = values(reading)
+            self._send(publisher, encode(reading.stamp_ns, *found) if several else encode(reading.stamp_ns, found))
+
+    def say(self, name: str, data: bytes) -> None:
+        """Send a message on one topic, in the order of the states; nothing where the scene has no such topic."""
+        if name in self._publishers:
+            self._send(self._publishers[name], data)
+
+    def flush(self) -> bool:
+        """Send what waits; False where the middleware does not take all of it yet."""
+        while self._waiting:
+            if not self._taken(*self._waiting[0]):
+                return False
+            self._waiting.popleft()
+        return True
+
+    def tell_unsent(self) -> None:
+        """Say how many messages were dropped, where it is more than was said; for any thread but the loop's."""
+        counts = dict(self.unsent)
+        total = sum(counts.values())
+        if total <= self._told:
+            return
+        publisher = self._publishers.get("unsent_messages") or self._create("unsent_messages", LATCHED)
+        if self._taken(publisher, encoded(self._node.get_fully_qualified_name(), counts)):
+            self._told = total
+
+    def subscriptions(self) -> tuple[int, int]:
+        """Subscriptions of joint_states, and of all that is said every tick."""
+        return (int(self._publishers["joint_states"].get_subscription_count()),
+                sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
+
+    def _create(self, name: str, profile: QoSProfile) -> Any:
+        """Create the publisher of a topic."""
+        self._publishers[name] = self._node.create_publisher(message_class(topic(name).type), name, profile)
+        return self._publishers[name]
+
+    def _send(self, publisher: Any, data: bytes) -> None:
+        """Send, or let it wait behind what waits, or count it."""
+        if self._waiting:
+            self._waiting.append((publisher, data))
+        elif not self._taken(publisher, data):
+            if self.patient:
+                self._waiting.append((publisher, data))
+            else:
+                self.unsent[publisher.topic_name] += 1
+
+    def _taken(self, publisher: Any, data: bytes) -> bool:
+        """Whether the middleware took the message."""
+        try:
+            publisher.publish(data)
+        except RuntimeError:
+            if not self._context.ok():
+                raise
+            return False
+        return True

@@ -1,0 +1,209 @@
+"""The driveline as the loop steps it: solver, kernel, held inputs, and what can be computed in time. Free of ROS."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.scene import Scene
+from tcc_sim.solvers.fixed_step import Stepper, advance, substeps
+from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, terms_of
+
+SHARE = 0.5
+"""Part of a tick's real time that the sub-steps of what arrives while running may need, by their cost at warm-up.
+The rest is the margin: for publishing, for states that take more iterations, and for a processor that is shared.
+A scene that needs more from the start, up to the whole tick, may have it.
+"""
+MEASURED, REPEATS = 200, 5
+"""Sub-steps in a measurement of their cost, and measurements of which the shortest counts."""
+
+
+class Reading(NamedTuple):
+    """What a tick led to: the fields that fill the topics (`topics.TOPICS`), SI, angles in rad.
+
+    stick_slip_state : -1 negative slip, 0 stick, 1 positive slip
+    """
+
+    stamp_ns: int
+    flywheel_angle: float
+    plate_angle: float
+    flywheel_speed: float
+    plate_speed: float
+    engine_torque: float
+    friction_torque: float
+    slip_speed: float
+    stick_slip_state: int
+    applied_pressure: float
+
+
+class Plant:
+    """One driveline, tick by tick.
+
+    Parameters
+    ----------
+    scene : what to run
+
+    Raises
+    ------
+    InputError
+        The real-time solver cannot run the scene.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
+        self.general = False
+        self.general_ready = threading.Event()
+        self._stamp_step = 1e9 / scene.operation.rate
+        self._own = self._terms = terms_of(scene.system)
+        self._stick_speed = stick_speed_of(self._own)
+        self._torque: float | None = None
+        self._pressure: float | None = None
+        self._cost: dict[bool, float] = {}
+        self._share = SHARE
+
+    def warm_up(self) -> None:
+        """Compile the scene's own kernel, measure it, and check that the scene can be computed in time; once.
+
+        Raises
+        ------
+        InputError
+            In real time: a tick takes longer than it may.
+        """
+        if self._cost:
+            return
+        self.stepper.warm_up()
+        self._cost[False] = self._measured(self._own)
+        if not _differ(general_terms(self.scene.system), self._own):
+            self._cost[True] = self._cost[False]
+            self.general_ready.set()
+        self._share = max(SHARE, min(1.0, self._needed(self.scene, self._own)))
+        self.check(self.scene)
+
+    def warm_up_general(self) -> None:
+        """Compile the kernel with every term, which some changes while running need; beside the running clock."""
+        terms = general_terms(self.scene.system)
+        if not self.general_ready.is_set():
+            self.stepper.warm_up(terms)
+            self._cost[True] = self._measured(terms)
+            self.general_ready.set()
+
+    def needs_general(self, scene: Scene) -> bool:
+        """Whether `scene` has other terms than the one that this driveline started with."""
+        return _differ(terms_of(scene.system), self._own)
+
+    def check(self, scene: Scene) -> None:
+        """Raise InputError where `scene` cannot be computed, be it with the inputs as held or with their fallbacks."""
+        terms = self._terms_of(scene)
+        for pressure in {self._pressure, None}:
+            self._afford(scene, _held(scene, terms, self._torque, pressure))
+
+    def check_pressure(self, pressure: float) -> None:
+        """Raise InputError where a commanded pressure, Pa, cannot be computed."""
+        self._afford(self.scene, _held(self.scene, self._terms, self._torque, pressure))
+
+    def use(self, scene: Scene) -> None:
+        """Take changed parameters from the next tick on, all or none.
+
+        Raises
+        ------
+        InputError
+            As `check`; nothing has changed then.
+        """
+        self.check(scene)
+        self.general, self._terms = self.needs_general(scene), self._terms_of(scene)
+        self._stick_speed = stick_speed_of(terms_of(scene.system))
+        self.scene = scene
+        self.stepper.use(_held(scene, self._terms, self._torque, self._pressure))
+
+    def hold(self, torque: float | None, pressure: float | None) -> None:
+        """Hold a commanded engine torque (N m) and pressure (Pa) from the next tick on; None: what the scene says."""
+        if (torque, pressure) != (self._torque, self._pressure):
+            self._torque, self._pressure = torque, pressure
+            self.stepper.use(_held(self.scene, self._terms, torque, pressure))
+
+    def reset(self) -> None:
+        """Back to the initial state at simulation time 0, with no input held."""
+        self.stepper.reset(self.scene.system)
+        self.hold(None, None)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulation time of the state."""
+        return self.stamp_of(self.stepper.tick)
+
+    def stamp_of(self, tick: int) -> int:
+        """Simulation time of a tick, ns."""
+        return round(tick * self._stamp_step)
+
+    def reading(self) -> Reading:
+        """The state as it is."""
+        v, plate_angle, plate_speed, flywheel_angle = self.stepper.state.tolist()
+        engine, friction = self.stepper.torques()
+        state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
+        return Reading(self.stamp_ns, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction, v,
+                       state, self._applied_pressure())
+
+    def _applied_pressure(self) -> float:
+        """Pressure at the end of the tick, Pa, where it comes from a topic."""
+        if self._pressure is not None:
+            return self._pressure
+        own = self.scene.system.pressure
+        if not own.harmonic:
+            return own.mean
+        t = self.stepper.tick * self.stepper.step
+        swing = math.sin(own.frequency_ratio * self.scene.system.engine.frequency * t + own.phase)
+        return max(0.0, own.mean + own.amplitude * swing)
+
+    def _terms_of(self, scene: Scene) -> Terms:
+        """The terms of `scene` for the kernel that it needs."""
+        return general_terms(scene.system) if self.needs_general(scene) else terms_of(scene.system)
+
+    def _afford(self, scene: Scene, terms: Terms) -> None:
+        """Raise InputError where a tick needs more sub-steps than the solver takes or than its own time allows."""
+        step = self.stepper.step
+        count = substeps(terms, step)
+        share = self._needed(scene, terms)
+        if share > self._share:
+            period = step / scene.operation.real_time_factor * 1e3
+            raise InputError(f"a tick of {step * 1e3:g} ms needs {count} sub-steps, {share * period:.3g} ms here, and "
+                             f"may take {self._share * period:.3g} ms in real time; offline, in lock-step and with "
+                             "real_time_factor 0 it may take longer")
+
+    def _needed(self, scene: Scene, terms: Terms) -> float:
+        """Part of a tick's real time that its sub-steps need; 0 where real time does not matter."""
+        operation = scene.operation
+        if operation.real_time_factor == 0.0 or operation.pacing == "lockstep":
+            return 0.0
+        cost = self._cost.get(_differ(terms, self._own), 0.0)
+        return substeps(terms, self.stepper.step) * cost * operation.real_time_factor / self.stepper.step
+
+    def _measured(self, terms: Terms) -> float:
+        """Seconds of a sub-step, the dearer of slip and stick."""
+        dearest = 0.0
+        for slip_speed in (self.scene.system.initial.slip_speed, 0.0):
+            state = self.stepper.state.copy()
+            state[0] = slip_speed
+            shortest = np.inf
+            for _ in range(REPEATS):
+                began = time.perf_counter()
+                advance(state.copy(), 0.0, self.stepper.step / self.stepper.substeps, MEASURED, terms, True, None)
+                shortest = min(shortest, (time.perf_counter() - began) / MEASURED)
+            dearest = max(dearest, shortest)
+        return float(dearest)
+
+
+def _held(scene: Scene, terms: Terms, torque: float | None, pressure: float | None) -> Terms:
+    """`terms` of `scene` with a commanded torque, N m, and pressure, Pa, in the place of its own."""
+    load = None if pressure is None else scene.system.torque_per_pressure * pressure
+    return holding(terms, torque, load)
+
+
+def _differ(one: Terms, other: Terms) -> bool:
+    """Whether two scenes need different kernels: a term is there in one of them only."""
+    return any((a is None) != (b is None) for a, b in zip(one, other))

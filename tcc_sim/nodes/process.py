@@ -1,0 +1,62 @@
+"""How a node's process starts and ends: ROS 2 is initialised, the node runs, and its end is an exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from tcc_sim.errors import InputError, TccError
+from tcc_sim.nodes import signals
+
+
+def unknown_parameters(node: Node) -> list[str]:
+    """Parameters that were given on the command line or in a file and that the node does not declare."""
+    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
+
+
+def _initialise(words: list[str]) -> None:
+    """Initialise ROS 2; a parameter file or command line that it refuses is wrong input."""
+    for option, file in pairwise(words):
+        if option == "--params-file":
+            try:
+                with open(file, "rb") as stream:
+                    stream.read(1)
+            except OSError as error:
+                raise InputError(f"--params-file {file}: {error.strerror}") from None
+    try:
+        # `signals` has them while the node starts; the node leaves them to ROS 2 when it runs.
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
+
+
+def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -> int:
+    """Run a node's process: initialise ROS, run `body`, and give the exit status.
+
+    While `body` builds the node, SIGINT and SIGTERM end the process at once; `body` calls `signals.leave_to_ros` when
+    there is something to end in order. From then on either shuts the context down, `body` ends by itself or by
+    ExternalShutdownException, and the status is 0; nothing tears it away from what it holds. Wrong input gives one line
+    on standard error and status 2.
+    """
+    try:
+        signals.take()
+        _initialise(sys.argv if args is None else list(args))
+        return body()
+    except ExternalShutdownException:
+        return 0
+    except RuntimeError:
+        # A signal that arrives within a call of rclpy makes that call fail, since the context is no longer valid.
+        if rclpy.ok():
+            raise
+        return 0
+    except (TccError, OSError) as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        return 2 if isinstance(error, InputError) else 1
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,65 @@
+"""What `--help` and `--version` of the nodes print. Free of rclpy."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+from tcc_sim import __version__
+
+_PURPOSES = {
+    "driveline": "The driveline in real time: states out, engine torque and actuation pressure in.",
+    "recorder": "Records every topic of the driveline into a rosbag2 bag (MCAP) that survives a kill.",
+    "slip_controller": "Answers every state of the driveline with an actuation pressure that holds a mean slip speed.",
+    "commander": "Sends harmonic engine torque and pressure commands at a fixed rate.",
+}
+
+
+def asked_for(name: str, words: list[str]) -> str | None:
+    """The text that `words` ask the node `name` for, None where they ask for none; ROS 2 has those after --ros-args."""
+    own = words[:words.index("--ros-args")] if "--ros-args" in words else words
+    if "--version" in own:
+        return f"tcc_sim {__version__}\n"
+    return _help(name) if {"-h", "--help"} & set(own) else None
+
+
+def _help(name: str) -> str:
+    """Purpose, usage and parameters of a node."""
+    command = name if name == "commander" else f"{name}_node"
+    lines = [f"usage: {command} [--help] [--version] [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] "
+             "[-r __ns:=/NAME]]", "", _PURPOSES[name], "", "parameters:"]
+    for key, meaning in _parameters(name):
+        lines += textwrap.wrap(f"{key}: {meaning}", 100, initial_indent="  ", subsequent_indent="      ")
+    return "\n".join(lines) + "\n"
+
+
+def _parameters(name: str) -> Iterator[tuple[str, str]]:
+    """Names and meanings of a node's parameters."""
+    if name == "driveline":
+        from tcc_sim.scene import NODE_SCENE, OPERATION_QUANTITIES
+
+        yield "scene", f"bundled name or file ({NODE_SCENE})"
+        for key, quantity in OPERATION_QUANTITIES.items():
+            yield key, quantity.description + (f", {quantity.unit}" if quantity.unit else "")
+        yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
+    elif name == "slip_controller":
+        from tcc_sim.nodes.slip_control import Tuning
+
+        meanings = dict(line.strip().split(" : ", 1) for line in (Tuning.__doc__ or "").splitlines() if " : " in line)
+        for item in dataclasses.fields(Tuning):
+            yield item.name, f"{meanings[item.name]} ({item.default:.6g})"
+    else:
+        yield from _declared(Path(__file__).with_name(f"{name}.py"))
+
+
+def _declared(file: Path) -> Iterator[tuple[str, str]]:
+    """What a node's source declares with a name and, as its last argument, a meaning; read without ROS 2."""
+    for call in ast.walk(ast.parse(file.read_text())):
+        if isinstance(call, ast.Call) and getattr(call.func, "id", getattr(call.func, "attr", "")) in (
+                "_parameter", "declare_parameter"):
+            words = [a.value for a in call.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+            if words:
+                yield words[0], words[-1] if len(words) > 1 else "commands a second, Hz"

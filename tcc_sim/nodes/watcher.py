@@ -1,0 +1,213 @@
+"""Running nodes, live in Rerun: states as they arrive, in bounded memory, with what was missed counted and said."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import rclpy
+from numpy.typing import NDArray
+from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.errors import InputError, TccError
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.control_watch import ControlWatch
+from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.qos import LATCHED
+from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
+from tcc_sim.topics import topic
+from tcc_sim.trajectory import modes_of
+from tcc_sim.views.rerun_stream import RerunStream
+
+DEPTH = 20_000
+"""States that wait while the viewer is slow: 4 s at 5 kHz."""
+DRAIN_PERIOD = 0.1
+FOUND_WITHIN = 5.0
+"""Real time, s, that a driveline may take to say its scene."""
+SILENCE = 3.0
+"""Real time, s, without states after which that is said."""
+
+
+class Watcher:
+    """Takes what a driveline says and hands it to a view.
+
+    Parameters
+    ----------
+    node : in the driveline's namespace
+    say : takes a sentence for the user
+    """
+
+    def __init__(self, node: Node, say: Callable[[str], Any]) -> None:
+        self._node, self._say = node, say
+        self._scenes = self._subscribed("scene", LATCHED)
+        self._states = self._subscribed("joint_states", QoSProfile(depth=DEPTH))
+        self.states = self.missed = 0
+        self._next: dict[bytes, int] = {}
+        self._told, self._told_at = 0, 0.0
+        self._last_stamp = -1
+        self._heard, self._silent = time.monotonic(), False
+        self._template, self._fixed = cdr.joint_state_template()
+        self.scene = self._await_scene()
+        self._stick_speed = stick_speed_of(terms_of(self.scene.system))
+        self._cycles = CycleStream(self.scene.system)
+        self._control = ControlWatch(node, self.scene.system.cycle)
+
+    def _subscribed(self, name: str, profile: QoSProfile) -> Any:
+        """A subscription that is polled."""
+        return subscribe(self._node, message_class(topic(name).type), name, profile)
+
+    def _await_scene(self) -> Scene:
+        """The scene that runs.
+
+        Raises
+        ------
+        TccError
+            No driveline says one.
+        """
+        end = time.monotonic() + FOUND_WITHIN
+        while time.monotonic() < end:
+            found = self._scene()
+            if found is not None:
+                return found
+            time.sleep(0.02)
+        name = self._node.resolve_topic_name("scene")
+        raise TccError(f"no driveline says its scene on {name} within {FOUND_WITHIN:g} s")
+
+    def _scene(self) -> Scene | None:
+        """The newest scene that was said since the last look, None where there is none."""
+        found = None
+        for data, _ in poll(self._scenes):
+            try:
+                found = parse_scene(cdr.read_string(data), "driveline")
+            except (ValueError, InputError) as error:
+                self._say(f"a scene is not understood: {error}")
+        return found
+
+    def view(self, **where: Any) -> RerunStream:
+        """A stream for what is watched: `file`, `spawn` or `url`, as RerunStream takes them."""
+        system = self.scene.system
+        name = self._node.resolve_topic_name("driveline")
+        commanded = "topic" in (system.engine.source, system.pressure.source)
+        controlled = commanded or self._node.count_publishers("target_slip_speed") > 0
+        return RerunStream(name, system.cycle, natural_frequency(terms_of(system)), controlled=controlled, **where)
+
+    def drain(self, view: RerunStream) -> None:
+        """Show what has arrived."""
+        scene = self._scene()
+        if scene is not None:
+            self.scene, self._stick_speed = scene, stick_speed_of(terms_of(scene.system))
+        rows, received = self._taken()
+        self._control.poll()
+        if len(rows):
+            self._heard = time.monotonic()
+            stamps = cdr.stamps(rows)
+            cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
+            for piece in np.split(np.arange(len(rows)), cuts):
+                self._show(view, stamps[piece], rows[piece], received[piece])
+        self._tell()
+
+    def _taken(self) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+        """The states that have arrived and when (ns), those of another layout left out; counts what is missing before
+        them.
+        """
+        kept: list[bytes] = []
+        times: list[int] = []
+        for data, info in poll(self._states, DEPTH):
+            number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
+            if number and publisher:
+                who = bytes(publisher["data"])
+                if len(self._next) > 1000:
+                    self._next.clear()
+                self.missed += max(0, number - self._next.get(who, number))
+                self._next[who] = number + 1
+            if len(data) == len(self._template):
+                kept.append(data)
+                times.append(info["received_timestamp"] or time.time_ns())
+        found = np.frombuffer(b"".join(kept), dtype=np.uint8).reshape(len(kept), len(self._template))
+        right = ((found == self._template) | ~self._fixed).all(axis=1)
+        found = found[right]
+        self.states += len(found)
+        rows: NDArray[np.void] = np.ascontiguousarray(found).view(cdr.JOINT_STATE)[:, 0]
+        return rows, np.array(times, dtype=np.int64)[right]
+
+    def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void],
+              received: NDArray[np.int64]) -> None:
+        """Show states of one run."""
+        fresh = np.diff(stamps, prepend=np.int64(self._last_stamp)) != 0
+        new_run = bool(stamps[0] < self._last_stamp)
+        stamps, rows, received = stamps[fresh], rows[fresh], received[fresh]
+        if not len(stamps):
+            return
+        self._last_stamp = int(stamps[-1])
+        column = {name: rows[name].astype(np.float64) for name in topic("joint_states").fields}
+        slip_speed = column["flywheel_speed"] - column["plate_speed"]
+        signals = (slip_speed, column["plate_angle"], column["plate_speed"], column["engine_torque"],
+                   column["friction_torque"])
+        pieces = self._cycles.feed(stamps, *signals)
+        view.samples(stamps, *signals, modes_of(slip_speed, self._stick_speed), new_run=new_run)
+        for piece in pieces:
+            view.cycles(piece.cycles, piece.first)
+        view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run))
+        # Nothing is worked out at the end, so no cycle is kept.
+        del self._cycles.runs[:-1]
+        for run in self._cycles.runs:
+            run.pieces.clear()
+
+    def _tell(self) -> None:
+        """Say what was missed, at most once a second, and once that nothing arrives."""
+        now = time.monotonic()
+        if self.missed > self._told and now - self._told_at >= 1.0:
+            self._say(f"{self.missed - self._told} states were missed, {self.missed} in all")
+            self._told, self._told_at = self.missed, now
+        silent = now - self._heard > SILENCE
+        if silent and not self._silent:
+            self._say(f"no states for {SILENCE:g} s: paused, stopped, or waiting for subscribers")
+        self._silent = silent
+
+
+def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
+    """Show a running driveline until KeyboardInterrupt; a sentence about what was shown.
+
+    Parameters
+    ----------
+    namespace : of the driveline
+    say : takes a sentence for the user
+    where : `file`, `spawn` or `url`, as RerunStream takes them
+
+    Raises
+    ------
+    TccError
+        No driveline says its scene.
+    InputError
+        A namespace that is not one, a file that cannot be created, or a URL where no viewer answers.
+    MissingPackage
+        rerun-sdk is not installed.
+    """
+    from rclpy.signals import SignalHandlerOptions
+
+    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
+        try:
+            node = rclpy.create_node("watcher", namespace=namespace, start_parameter_services=False)
+        except (ValueError, NameValidationException) as error:
+            raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
+        try:
+            watcher = Watcher(node, say)
+            with watcher.view(**where) as view:
+                what = watcher.scene.description or "a scene"
+                say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
+                try:
+                    while True:
+                        watcher.drain(view)
+                        time.sleep(DRAIN_PERIOD)
+                except KeyboardInterrupt:
+                    watcher.drain(view)
+        finally:
+            node.destroy_node()
+    return f"{watcher.states} states shown, {watcher.missed} missed"

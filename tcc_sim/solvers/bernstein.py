@@ -1,0 +1,139 @@
+"""Bernstein's form of a polynomial on an interval: its coefficients, halving, and an interval with one root alone.
+
+A polynomial stays within the hull of its coefficients in this form, and by Descartes' rule of signs it has no root in
+the interval where they do not change sign, and exactly one where they change it once; otherwise the interval is halved
+(J. M. Lane and R. F. Riesenfeld, BIT 21, 1981; A. Eigenwillig, V. Sharma and C. K. Yap, ISSAC 2006). Coefficients
+within the error of their rounding count as neither sign, so the halving ends at a double root.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.solvers.compiled import compiled
+
+DEGREE_MAXIMUM = 31
+HALVINGS = 40
+"""Most halvings of an interval: 2^-40 of a step is where the curvature of any polynomial is lost in rounding."""
+WORKSPACE = (HALVINGS + 4, 36)
+"""Shape of the array of floats that crossings and extremes work in."""
+
+BERNSTEIN, SCALED = 0, WORKSPACE[0] - 1
+"""Rows of the workspace: the coefficients over the whole step, and those of the powers. Between them lies the stack."""
+LEFT, WIDTH, NOISE = 32, 33, 34
+"""Places behind the coefficients in a row: start and length of its interval, error bound of its coefficients."""
+
+ROUNDING = 1.12e-16
+PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dtype=np.float64)
+PER_BINOMIAL = np.array([[1.0 / max(math.comb(n, k), 1) for k in range(32)] for n in range(32)])
+
+
+def fast(function: Any) -> Any:
+    """Compile without reference counts, and with products and sums fused where the processor can."""
+    return compiled(function, _nrt=False, fastmath={"contract"})  # type: ignore[arg-type]
+
+
+@fast
+def to_bernstein(c: Any, row: int, degree: int, x_end: float, workspace: Any) -> None:
+    """Fill the first row of the workspace with the Bernstein coefficients over [0, x_end] and their error bound.
+
+    b_i = sum_k C(i, k)/C(n, k) c_k x_end^k. The weights lie in [0, 1], so n products and sums of rounded terms
+    are wrong by at most about 2 n units of rounding of sum |c_k| x_end^k.
+    """
+    power = 1.0
+    size = 0.0
+    for k in range(degree + 1):
+        term = c[row, k] * power
+        size += abs(term)
+        workspace[SCALED, k] = term * PER_BINOMIAL[degree, k]
+        power *= x_end
+    for k in range(degree + 1, (degree + 4) & ~3):
+        workspace[SCALED, k] = 0.0
+    for i in range(32):
+        workspace[BERNSTEIN, i] = 0.0
+    for k in range(0, degree + 1, 4):
+        a, b = workspace[SCALED, k], workspace[SCALED, k + 1]
+        d, e = workspace[SCALED, k + 2], workspace[SCALED, k + 3]
+        if degree < 24:
+            for i in range(24):
+                workspace[BERNSTEIN, i] += ((PASCAL[k, i] * a + PASCAL[k + 1, i] * b)
+                                            + (PASCAL[k + 2, i] * d + PASCAL[k + 3, i] * e))
+        else:
+            for i in range(32):
+                workspace[BERNSTEIN, i] += ((PASCAL[k, i] * a + PASCAL[k + 1, i] * b)
+                                            + (PASCAL[k + 2, i] * d + PASCAL[k + 3, i] * e))
+    workspace[BERNSTEIN, LEFT] = 0.0
+    workspace[BERNSTEIN, WIDTH] = x_end
+    workspace[BERNSTEIN, NOISE] = (2.0 * degree + 8.0) * ROUNDING * size
+
+
+@fast
+def halve(workspace: Any, row: int, degree: int) -> None:
+    """De Casteljau at the middle: the left half goes to the next row, the right one stays."""
+    for k in range(degree + 1):
+        workspace[row + 1, k] = workspace[row, 0]
+        for i in range(degree - k):
+            workspace[row, i] = 0.5 * (workspace[row, i] + workspace[row, i + 1])
+    size = 0.0
+    for i in range(degree + 1):
+        size = max(size, max(abs(workspace[row, i]), abs(workspace[row + 1, i])))
+    half = 0.5 * workspace[row, WIDTH]
+    noise = workspace[row, NOISE] + degree * ROUNDING * size
+    workspace[row + 1, LEFT] = workspace[row, LEFT]
+    workspace[row, LEFT] += half
+    for i in range(row, row + 2):
+        workspace[i, WIDTH] = half
+        workspace[i, NOISE] = noise
+
+
+@fast
+def later_part(workspace: Any, row: int, degree: int, at: float) -> None:
+    """De Casteljau: cut the first part `at` of the interval away."""
+    for k in range(degree):
+        for i in range(degree - k):
+            workspace[row, i] = (1.0 - at) * workspace[row, i] + at * workspace[row, i + 1]
+    size = 0.0
+    for i in range(degree + 1):
+        size = max(size, abs(workspace[row, i]))
+    workspace[row, LEFT] += at * workspace[row, WIDTH]
+    workspace[row, WIDTH] *= 1.0 - at
+    workspace[row, NOISE] += 3.0 * degree * ROUNDING * size
+
+
+@fast
+def isolate(workspace: Any, degree: int, threshold: float) -> tuple[float, float, float]:
+    """Ends of an interval with exactly one root, the first at which the polynomial of row 1 falls, and a guess of it.
+
+    Coefficients within `threshold` or within their rounding of 0 count as neither sign, and as positive at the start of
+    an interval: a root there is found. (inf, inf, inf) where it does not fall through 0.
+    """
+    top = 1
+    shortest = workspace[1, WIDTH] * 2.0 ** -HALVINGS
+    while top > 0:
+        tiny = max(workspace[top, NOISE], threshold)
+        last = -1.0 if workspace[top, 0] < -tiny else 1.0
+        start = last
+        changes = 0
+        place = 1
+        for i in range(degree + 1):
+            coefficient = workspace[top, i]
+            if abs(coefficient) > tiny and coefficient * last < 0.0:
+                changes += 1
+                last = -last
+                place = i
+        left, width = workspace[top, LEFT], workspace[top, WIDTH]
+        if changes == 1 and start > 0.0:
+            fall = workspace[top, place - 1] - workspace[top, place] if place > 0 else 0.0
+            part = min(max(workspace[top, place - 1] / fall, 0.0), 1.0) if fall > 0.0 else 0.5
+            return left, left + width, left + width * (place - 1.0 + part) / degree
+        if changes < 2:
+            top -= 1
+        elif width <= shortest or top + 2 >= SCALED:
+            return left, left, left
+        else:
+            halve(workspace, top, degree)
+            top += 1
+    return math.inf, math.inf, math.inf

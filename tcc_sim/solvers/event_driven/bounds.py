@@ -1,0 +1,82 @@
+"""What the exact engine works out once for a system: rates that scale time, tolerances, where the law is constant."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load
+
+EXACT = 1e-16
+"""Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
+SHARE = 5e-3
+"""Truncation of one step, of the tolerance asked for."""
+
+STIFF = 10.0
+"""Damping over the critical one from which the fast part is left to collocation; a series takes it along below."""
+
+
+class Bounds(NamedTuple):
+    """Constants of a run: s, 1/s, rad/s, N m."""
+
+    period: float
+    ratio: float
+    """r = mu_s/mu_k."""
+    clamped: bool
+    """The pressure reaches 0."""
+    slip_rate: float
+    """Sum of the rates of the plate on its spring and of the excitation."""
+    stick_rate: float
+    """The same for flywheel and plate as one."""
+    far: float
+    """Slip speed from which on mubar is 1 to the tolerance; 0 where it is 1 everywhere."""
+    truncation: float
+    """Largest share of the last terms of a series."""
+    torque_tolerance: float
+    """Torques closer than this are equal."""
+    slip_tolerance: float
+    """Slip speeds closer than this are equal."""
+    speed_scale: float
+    """Size of the plate speed."""
+    stiff_slip: bool
+    """In slip the damper is much faster than everything else."""
+    stiff_stick: bool
+    """The same in stick."""
+    creep: float
+    """Size of the plate speed where the damper holds it, rad/s."""
+    steepest: float
+    """Slip that begins at breakaway may fall this fast, rad/s^2, in rounding."""
+
+
+def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
+    """The constants of a system whose engine cycle is `period`, for a relative tolerance."""
+    flywheel, plate, damping, stiffness = terms.linear
+    ratio = 1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)
+    torque = max(abs(terms.mean_torque) + swing(terms) + ratio * peak_load(terms), 1e-300)
+    tolerance = 1e-12 * torque
+    scale = torque / math.sqrt(stiffness * plate)
+    excitation = excitation_frequency(terms)
+    truncation, far = EXACT, 0.0
+    if terms.stribeck is not None:
+        truncation = max(SHARE * rtol, EXACT)
+        far = max(math.log(terms.stribeck[0] / (0.03 * SHARE * rtol)), 1.0) / terms.stribeck[1]
+
+    def stiff(inertia: float) -> bool:
+        """Whether the fast part dies down long before the slow part and the excitation have changed."""
+        fast = damping / inertia
+        return fast > STIFF * math.sqrt(stiffness / inertia) and fast > STIFF**2 * (excitation + 2.0 * math.pi / period)
+
+    return Bounds(
+        period=period, ratio=ratio, clamped=terms.pulsation is not None and terms.pulsation[0] > terms.mean_load,
+        slip_rate=math.sqrt(stiffness / plate) + damping / plate + excitation,
+        stick_rate=math.sqrt(stiffness / (flywheel + plate)) + damping / (flywheel + plate) + excitation,
+        far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
+        stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
+        creep=min(scale, torque / max(damping, 1e-300)),
+        steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate))
+
+
+def swing(terms: Terms) -> float:
+    """The sum of the amplitudes of the engine torque, N m."""
+    first = terms.torque[0] if terms.torque is not None else 0.0
+    return first + (float(terms.harmonics[:, 1].sum()) if terms.harmonics is not None else 0.0)

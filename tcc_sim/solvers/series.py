@@ -1,0 +1,165 @@
+"""Taylor series: the one set of recurrences, and with them the motion of the driveline.
+
+The recurrences are those of automatic differentiation (Hairer, Norsett and Wanner, Solving Ordinary Differential
+Equations I, Sec. I.8; A. Jorba and M. Zou, Experimental Mathematics 14, 2005): E = exp(-alpha |v|) from
+E' = -alpha sgn(v) v' E, T = tanh(sigma v) from T' = sigma (1 - T^2) v', a sine from its cosine. Coefficients are in
+scaled time x = t/unit, so that none of them overflows. `product`, `exponential` and `motion` are text for
+`unrolled.unrolled`, and take plain numbers as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.unrolled import unrolled
+
+SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD, EXCESS, TANH = range(8)
+"""Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts; E, T."""
+ROWS = 8
+
+ORDER_MAXIMUM = 30
+FRICTION_ORDER_MAXIMUM = 22
+"""Highest order with E or T: their recurrences cost as the square of it, and every order takes its time to compile."""
+COLUMNS = 32
+
+INVERSE = 1.0 / np.maximum(np.arange(COLUMNS), 1.0)
+"""1/k: the recurrences multiply by it, a division being the slowest thing in them."""
+
+
+def total(terms: Sequence[Any]) -> Any:
+    """The sum of terms of which the last two are known last: the others are added up while those are awaited."""
+    early, late = terms[:-2], terms[-2:]
+    out: Any = 0.0
+    for chain in (early[0::2], early[1::2]):
+        part: Any = 0.0
+        for term in chain:
+            part = part + term
+        out = out + part
+    for term in late:
+        out = out + term
+    return out
+
+
+def product(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
+    """Coefficient k of the product of two series: sum over j of a_j b_(k-j)."""
+    return total([a[j] * b[k - j] for j in sorted(range(k + 1), key=lambda j: max(j, k - j))])
+
+
+def square(a: Sequence[Any], k: int) -> Any:
+    """Coefficient k of the square of a series."""
+    mixed = [2.0 * a[j] * a[k - j] for j in range((k - 1) // 2, -1, -1)]
+    return total([a[k // 2] * a[k // 2], *mixed] if k % 2 == 0 else mixed)
+
+
+def driven(rate: Any, weighted: Sequence[Any], other: Sequence[Any], k: int) -> Any:
+    """Coefficient k >= 1 of the series whose derivative is rate v' times `other`; `weighted` holds (j + 1) v_(j+1)."""
+    return rate * (1.0 / k) * product(weighted, other, k - 1)
+
+
+def exponential(rate: Any, weighted: Sequence[Any], e: list[Any], k: int) -> None:
+    """Append coefficient k >= 1 of E = exp(rate v): E' = rate v' E."""
+    e.append(driven(rate, weighted, e, k))
+
+
+def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[Any], k: int) -> None:
+    """Append coefficient k >= 1 of T = tanh(rate v) and of S = 1 - T^2: T' = rate v' S."""
+    tanh.append(driven(rate, weighted, sech, k))
+    sech.append(-square(tanh, k))
+
+
+def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, decay: Any, excess: Any, sigma: Any,
+           tanh: Any, sech: Any, kept: Any) -> Iterator[int]:
+    """Coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
+
+    Parameters
+    ----------
+    rows : (ROWS, COLUMNS) array; coefficients 0 of SLIP, ANGLE, SPEED and all of ENGINE and LOAD are given (of LOAD only
+        the first where `pulsation` is None), the others of SLIP, ANGLE and SPEED are filled
+    unit : unit of time of the coefficients, s
+    sign : value of T where it does not vary: the sign of v, or 0 without load
+    decay, excess : rate -alpha sgn(v) and value of (r - 1) exp(-alpha |v|); None where it does not vary
+    sigma, tanh, sech : sigma, tanh(sigma v) and 1 - tanh^2; None where T does not vary
+    kept : not None to have the rows EXCESS and TANH filled too
+    """
+    flywheel, plate = unit / linear[0], unit / linear[1]
+    v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
+    e, t, s = [excess], [sign if tanh is None else tanh], [sech]
+    weighted: list[Any] = []
+    law: list[Any] = []
+    load: list[Any] = []
+    last = ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM
+    for k in range(last):
+        if k > 0:
+            weighted.append(float(k) * v[k])
+            if decay is not None:
+                exponential(decay, weighted, e, k)
+            if tanh is None:
+                t.append(0.0)
+            else:
+                hyperbolic(sigma, weighted, t, s, k)
+        load.append(rows[LOAD, k] if k == 0 or pulsation is not None else 0.0)
+        law.append(t[k] if decay is None else t[k] + (e[k] * t[0] if tanh is None else product(e, t, k)))
+        friction = product(load, law, k)
+        pull = friction - (linear[2] * u[k] + linear[3] * x[k])
+        part = 1.0 / (k + 1)
+        v.append(part * (flywheel * (rows[ENGINE, k] - friction) - plate * pull))
+        u.append(part * plate * pull)
+        x.append(part * unit * u[k])
+        rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
+        if kept is not None:
+            if decay is not None:
+                rows[EXCESS, k] = e[k]
+            if tanh is not None:
+                rows[TANH, k] = t[k]
+        if k % 2 == 1 and 8 <= k + 1 < last:
+            yield k + 1
+
+
+expand = unrolled(motion)
+"""expand(order, rows, ...): `motion` to the even order at or above `order`, at most ORDER_MAXIMUM, without E and T, or
+FRICTION_ORDER_MAXIMUM."""
+
+
+@fast
+def sine_and_cosine(angle: float) -> tuple[float, float]:
+    """Sine and cosine of an angle within about 1e6 rad, to the last bit or two, at the price of one.
+
+    S. L. Moshier's polynomials (Cephes, sin.c) on [-pi/4, pi/4]; pi/2 in three parts takes multiples of it away exactly.
+    """
+    turns = math.floor(angle * 0.6366197723675814 + 0.5)
+    x = ((angle - turns * 1.570796251296997) - turns * 7.549789415861596e-8) - turns * 5.390302858158119e-15
+    y = x * x
+    s = -1.66666666666666307295e-1 + y * (8.33333333332211858878e-3 + y * (
+        -1.98412698295895385996e-4 + y * (2.75573136213857245213e-6 + y * (
+            -2.50507477628578072866e-8 + y * 1.58962301576546568060e-10))))
+    c = 4.16666666666665929218e-2 + y * (-1.38888888888730564116e-3 + y * (
+        2.48015872888517045348e-5 + y * (-2.75573141792967388112e-7 + y * (
+            2.08757008419747316778e-9 - y * 1.13585365213876817300e-11))))
+    s = x + x * y * s
+    c = 1.0 - 0.5 * y + y * y * c
+    quadrant = int(turns) & 3
+    if quadrant & 1:
+        s, c = c, s
+    return (-s if quadrant & 2 else s), (-c if quadrant in (1, 2) else c)
+
+
+@fast
+def add_sine(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float) -> None:
+    """Add the first `count` coefficients of a sine to a row: its value and its quadrature now, its rate per unit."""
+    for k in range(count):
+        rows[row, k] += sine
+        g = rate * INVERSE[k + 1]
+        sine, cosine = g * cosine, -g * sine
+
+
+@fast
+def add_integral(rows: Any, order: int, unit: float) -> None:
+    """Coefficients 1 to `order` of theta1, the integral of slip speed + plate speed; coefficient 0 is given."""
+    for k in range(order):
+        rows[FLYWHEEL, k + 1] = unit * (rows[SLIP, k] + rows[SPEED, k]) * INVERSE[k + 1]

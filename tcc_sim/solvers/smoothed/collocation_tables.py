@@ -1,0 +1,178 @@
+"""What a long collocation step needs to know beforehand: Radau IIA with 16 nodes, and the linear part of the driveline.
+
+With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of motion (2) read
+
+    theta2' = w - kappa v,    M w' = Te - K23 theta2 - C23 (w - kappa v),
+    v' = Te/I1 + (C23 theta2' + K23 theta2)/I2 - beta Ts mubar(v),
+
+so that at the nodes of a step h (a = h A, A the Runge-Kutta matrix) theta2 and w are linear in their values at the start,
+the torque at the nodes and the slip speeds V at the nodes. What is left is
+
+    b - L V - beta Ts mubar(V) = 0,    L = a^-1 - (C23 dU/dV + K23 dX/dV)/I2,    X = theta2, U = theta2' at the nodes.
+
+All of it is worked out here in NumPy for a ladder of steps (rungs), so that a step costs products only. The rungs are the
+same absolute lengths for all scenes, so that the points of a sweep over a frequency share them.
+
+Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.5.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.model.equations import Linear
+
+NODES = 16
+DEGREE = NODES
+TERMS = 20
+"""Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are added up faster."""
+LEVELS = 22
+"""Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it, and further
+where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2)."""
+USUAL = 50.0
+"""The smoothing (s/rad) up to which LEVELS are enough."""
+
+Floats = NDArray[np.float64]
+
+RUNG = np.dtype([("length", np.float64), ("start", np.float64, NODES), ("diagonal", np.float64, NODES),
+                 ("coupling", np.float64, (NODES, NODES)), ("angle", np.float64, (NODES, TERMS)),
+                 ("speed", np.float64, (NODES, TERMS)), ("end_angle", np.float64, NODES),
+                 ("end_speed", np.float64, NODES)])
+"""A rung: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; what each V_j adds to the Chebyshev
+coefficients over the step, and to the end values, of theta2 and of w.
+"""
+
+SOURCE = np.dtype([("balance", np.float64, NODES), ("angle", np.float64, TERMS), ("speed", np.float64, TERMS),
+                   ("end_angle", np.float64), ("end_speed", np.float64)])
+"""What a unit of something given adds to b, to the Chebyshev coefficients, and to the end values, of theta2 and of w."""
+
+TURN = np.dtype([("cosine", np.float64, NODES), ("sine", np.float64, NODES)])
+"""Cosine and sine of the angle by which the load's phase has gone on at the nodes."""
+
+FROM_ANGLE, FROM_SPEED, FROM_MEAN, FROM_WAVES = 0, 1, 2, 3
+"""Sources: theta2 and w at the start, a constant torque; then for every sine of the torque its value and quadrature."""
+
+
+class Tables(NamedTuple):
+    """Of one system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN (levels,)."""
+
+    rungs: NDArray[Any]
+    sources: NDArray[Any]
+    turns: NDArray[Any]
+
+
+class Response(NamedTuple):
+    """Of one linear part: the rungs, the sources but those of the waves (levels, FROM_WAVES, numbers of a SOURCE), and the
+    matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
+    """
+
+    rungs: NDArray[Any]
+    fixed: Floats
+    torque: Floats
+
+
+def radau(count: int) -> tuple[Floats, Floats]:
+    """Nodes c (count,) and matrix A (count, count) of Radau IIA.
+
+    The nodes are the zeros of P_s(2 c - 1) - P_(s-1)(2 c - 1), the last of them 1.
+    """
+    legendre = np.zeros(count + 1)
+    legendre[count], legendre[count - 1] = 1.0, -1.0
+    x = np.sort(np.real(np.polynomial.legendre.legroots(legendre)))
+    slope = np.polynomial.legendre.legder(legendre)
+    for _ in range(3):
+        x[:-1] -= np.polynomial.legendre.legval(x[:-1], legendre) / np.polynomial.legendre.legval(x[:-1], slope)
+    x[-1] = 1.0
+    basis = np.polynomial.legendre.legvander(x, count - 1)
+    integrals = np.stack([np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1))
+                          for unit in np.eye(count)], axis=1)
+    return (x + 1.0) / 2.0, 0.5 * np.linalg.solve(basis.T, integrals.T).T
+
+
+C, A = radau(NODES)
+INVERSE = np.linalg.inv(A)
+TO_CHEBYSHEV = np.zeros((NODES + 1, TERMS))
+TO_CHEBYSHEV[:, :DEGREE + 1] = np.linalg.inv(np.polynomial.chebyshev.chebvander(
+    2.0 * np.concatenate([[0.0], C]) - 1.0, DEGREE)).T
+"""Row 0: what a value at the start adds to the Chebyshev coefficients over the step; row j: what the value at node j adds."""
+TO_POWERS = np.zeros((TERMS, TERMS))
+"""Row i: coefficients of T_i(2 x - 1) in powers of x."""
+for _i in range(DEGREE + 1):
+    TO_POWERS[_i, :_i + 1] = np.polynomial.Chebyshev.basis(_i, domain=[0.0, 1.0]).convert(
+        kind=np.polynomial.Polynomial).coef
+TO_POWERS = np.rint(TO_POWERS)
+
+
+def top_of(period: float) -> int:
+    """The longest rung, at most one engine cycle: its length is 2^(-top/2) s."""
+    return math.ceil(-2.0 * math.log2(period) - 1e-9)
+
+
+def levels_of(sigma: float) -> int:
+    """Rungs of the ladder for a smoothing."""
+    return LEVELS + math.ceil(max(math.log2(sigma / USUAL), 0.0))
+
+
+@lru_cache(maxsize=16)
+def response(linear: Linear, top: int, levels: int) -> Response:
+    """How theta2 and w over every rung follow their start, the torque and the slip."""
+    i1, i2, damping, stiffness = linear
+    inertia, kappa = i1 + i2, i1 / (i1 + i2)
+    lengths = 2.0 ** (-0.5 * (top + np.arange(levels)))
+    a = lengths[:, None, None] * A
+    eye, one = np.broadcast_to(np.eye(NODES), a.shape), np.ones((levels, NODES, 1))
+    matrix = np.block([[eye, -a], [a * (stiffness / inertia), eye + a * (damping / inertia)]])
+    right = np.concatenate([np.block([[one, 0.0 * one, 0.0 * a, -kappa * a]]),
+                            np.block([[0.0 * one, one, a / inertia, a * (damping * kappa / inertia)]])], axis=1)
+    found = np.linalg.solve(matrix, right)
+    x, w = found[:, :NODES], found[:, NODES:]
+    by_slip = 2 + NODES
+    rungs = np.zeros(levels, RUNG)
+    rungs["length"] = lengths
+    rungs["start"] = INVERSE.sum(axis=1) / lengths[:, None]
+    u = w[..., by_slip:] - kappa * np.eye(NODES)
+    coupling = INVERSE / lengths[:, None, None] - (damping * u + stiffness * x[..., by_slip:]) / i2
+    rungs["coupling"], rungs["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
+    rungs["angle"], rungs["speed"] = (_polynomials(y[..., by_slip:]).transpose(0, 2, 1) for y in (x, w))
+    rungs["end_angle"], rungs["end_speed"] = x[:, -1, by_slip:], w[:, -1, by_slip:]
+    applied = np.concatenate([np.zeros((levels, NODES, 2)), eye], axis=2)
+    balance = applied / i1 + (damping * w[..., :by_slip] + stiffness * x[..., :by_slip]) / i2
+    source = np.concatenate([balance, *(_polynomials(y[..., :by_slip]) for y in (x, w)), x[:, -1:, :by_slip],
+                             w[:, -1:, :by_slip]], axis=1)
+    source[:, NODES:NODES + TERMS, FROM_ANGLE] += TO_CHEBYSHEV[0]
+    source[:, NODES + TERMS:NODES + 2 * TERMS, FROM_SPEED] += TO_CHEBYSHEV[0]
+    torque = np.ascontiguousarray(source[..., 2:])
+    fixed = np.concatenate([source[..., :2], torque.sum(axis=2, keepdims=True)], axis=2)
+    rungs.setflags(write=False)
+    return Response(rungs, fixed.transpose(0, 2, 1), torque)
+
+
+@lru_cache(maxsize=16)
+def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
+    """The tables of a system whose torque has sines of these rates (rad/s); `load_rate` is that of the load's.
+
+    Read only: they are shared by all that ask for them.
+    """
+    known = response(linear, top, levels)
+    times = known.rungs["length"][:, None] * C
+    turns = np.stack([np.cos(load_rate * times), np.sin(load_rate * times)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
+    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), known.fixed.shape[2]))
+    sources[:, :FROM_WAVES] = known.fixed
+    for i, rate in enumerate(rates):
+        waves = np.stack([np.cos(rate * times), np.sin(rate * times)], axis=2)
+        sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (known.torque @ waves).transpose(0, 2, 1)
+    named = sources.view(SOURCE)[..., 0]
+    named.setflags(write=False)
+    turns.setflags(write=False)
+    return Tables(known.rungs, named, turns)
+
+
+def _polynomials(nodal: Floats) -> Floats:
+    """Chebyshev coefficients (levels, TERMS, columns) of nodal values (levels, NODES, columns), 0 at the start."""
+    out: Floats = TO_CHEBYSHEV[1:].T @ nodal
+    return out

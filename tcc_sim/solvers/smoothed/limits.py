@@ -1,0 +1,111 @@
+"""What a smoothed solve knows before it starts: tolerances, where the parts of the friction law matter, rates, orders."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.model import friction
+from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
+from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, stick_speed_of
+
+LOCAL = 0.1
+"""Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
+CREEP = 2.0
+"""Error of sigma v, and so of mubar, in one step in stick, per relative tolerance asked for."""
+TANH_LEFT_OUT = 0.3
+"""What of tanh is left out outside the layer, 1 - tanh(sigma |v|), per relative tolerance asked for."""
+EXPONENTIAL_LEFT_OUT = 0.03
+"""What of the Stribeck exponential is left out far from v = 0, per relative tolerance asked for."""
+FLAT_PEAK = 1e-6
+"""Where mu_k = mu_s mubar only tends to 1: stick asks for at most 1 less this."""
+
+
+class Limits(NamedTuple):
+    """Speeds in rad/s, times in s, rates in 1/s.
+
+    period : one engine cycle
+    sigma : smoothing factor, s/rad
+    rtol : tolerance of a series step relative to the motion
+    slip_floor, speed_floor : sizes below which v and theta2' count as this large
+    layer_tolerance : largest error of v of a series step in the layer
+    creep_tolerance : largest error of v of a step in stick
+    layer : |v| up to which tanh(sigma v) is kept
+    far : |v| up to which the Stribeck exponential is kept
+    nearly_zero : how far beyond v = 0 a step goes, so that the sign of v is not in doubt
+    stick_speed : |v| where mubar peaks; stick lies below
+    peak, creep_speed : the largest mubar with which stick is stepped over, and |v| there
+    base_rate : the rates that are there in every region, added up
+    strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
+    beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
+    rest : a plate speed that is none; below it numbers become denormal and a series costs twenty times as much
+    order, linear_order : of the series with and without varying friction
+    """
+
+    period: float
+    sigma: float
+    rtol: float
+    slip_floor: float
+    speed_floor: float
+    layer_tolerance: float
+    creep_tolerance: float
+    layer: float
+    far: float
+    nearly_zero: float
+    stick_speed: float
+    peak: float
+    creep_speed: float
+    base_rate: float
+    strength: float
+    beta: float
+    kappa: float
+    rest: float
+    order: int
+    linear_order: int
+
+
+def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
+    """The limits of a solve.
+
+    Parameters
+    ----------
+    terms : what the kernel is given
+    own : the scene's terms, which say what counts as stick
+    period : one engine cycle, s
+    rtol : relative tolerance asked for
+    """
+    sigma, stribeck = terms.smoothing, terms.stribeck
+    assert sigma is not None
+    i1, i2, damping, stiffness = terms.linear
+    local = max(LOCAL * rtol, 1e-14)
+    stick_speed = stick_speed_of(own)
+    creep_speed, peak = friction.peak(sigma, own.stribeck)
+    if not math.isfinite(creep_speed):
+        creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, 1.0 - FLAT_PEAK
+    layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
+    far = layer
+    if stribeck is not None and stribeck[0] > 0.0:
+        excess, decay = stribeck
+        far = max(layer, math.log(excess / (EXPONENTIAL_LEFT_OUT * rtol)) / decay) if decay > 0.0 else math.inf
+    amplitudes = 0.0 if terms.harmonics is None else float(np.abs(terms.harmonics[:, 1]).sum())
+    torques = abs(terms.mean_torque) + amplitudes + peak_load(terms)
+    torques += 0.0 if terms.torque is None else abs(terms.torque[0])
+    speed = torques / math.sqrt(stiffness * i2)
+    beta = 1.0 / i1 + 1.0 / i2
+    return Limits(
+        period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
+        layer_tolerance=min(1e-3, 300.0 * local) / sigma, creep_tolerance=min(CREEP * max(rtol, 1e-13), 1e-2) / sigma,
+        layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
+        creep_speed=creep_speed,
+        base_rate=(math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
+                   + (0.0 if terms.pulsation is None else terms.pulsation[1])),
+        strength=beta * peak_load(terms), beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
+        order=order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM),
+        linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM))
+
+
+def order_of(wished: float, most: int) -> int:
+    """An even order near the one wished for, 8 at least: that at which the series' cost over their step is least."""
+    return int(np.clip(2 * round(0.5 * wished), 8, most))

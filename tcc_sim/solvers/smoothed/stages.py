@@ -1,0 +1,181 @@
+"""The nonlinear equations of a collocation step, b - L V - beta Ts mubar(V) = 0 for the slip speeds V at the nodes.
+
+They are solved by Newton's method, with the diagonal alone where friction outweighs the rest. What is done to all nodes
+at once is straight-line code on rows of 16 numbers (`unrolled`), which the processor adds and multiplies four or eight
+at a time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
+from tcc_sim.solvers.unrolled import exp, largest, limited, magnitude, row_of, unrolled, with_sign
+
+ITERATIONS_MAXIMUM = 20
+DOMINANT = 6.0
+"""beta Ts mubar' beside the last, largest diagonal term of L, above which Newton's matrix is taken as diagonal."""
+FOLLOWED = 0.7
+"""Newton's method changes sigma V by at most this at a time: further on tanh is another function."""
+STALLED, ROUNDED = 0.3, 100.0
+"""Corrections that no longer shrink below the one share, and are within that many accuracies, are rounding."""
+WIDTH = 4
+"""Numbers in a part of a column."""
+
+
+def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+    """mubar of (7) and its slope at the nodes, with |v| continued as sign * v through v = 0: the kink is a step's end."""
+    v = slip.row()
+    e = exp(magnitude(v) * (-2.0 * sigma))
+    share = 1.0 / (1.0 + e)
+    tanh = with_sign((1.0 - e) * share, v)
+    rising = (4.0 * sigma) * (e * share * share)
+    if stribeck is None:
+        law.set_row(tanh)
+        slope.set_row(rising)
+    else:
+        excess = exp(limited(v * (-stribeck[1] * sign), -700.0, 1.0)) * stribeck[0]
+        law.set_row((1.0 + excess) * tanh)
+        slope.set_row(rising * (1.0 + excess) - excess * tanh * (stribeck[1] * sign))
+
+
+def guess_text(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+    """Where mubar meets the demand on its rising branch, to about a per cent: atanh by a quotient, the exponential once."""
+    asked = demand.row()
+    if stribeck is None:
+        v = inverse_tanh(limited(asked, -0.98, 0.98))
+    else:
+        v = inverse_tanh(limited(asked * (1.0 / (1.0 + stribeck[0])), -0.98, 0.98)) / sigma
+        fall = limited(v * (stribeck[1] * sign), -1.0, 1.0)
+        v = inverse_tanh(limited(asked / (1.0 + stribeck[0] * (1.0 - fall * (1.0 - 0.5 * fall))), -0.985, 0.985))
+    slip.set_row(v / sigma)
+
+
+def inverse_tanh(y: Any) -> Any:
+    """atanh to about a per cent up to 0.985, for a first guess."""
+    s = y * y
+    return y * (1.0 - s * (0.7789 - 0.0936 * s)) / (1.0 - s * (1.1122 - 0.2236 * s))
+
+
+def residual_text(coupling: Any, slip: Any, law: Any, grip: Any, balance: Any, start: Any, v: Any, change: Any) -> None:
+    """b - L V - beta Ts mubar(V), into `change`."""
+    speeds = slip.row()
+    sums = [0.0, 0.0, 0.0, 0.0]
+    for j in range(NODES):
+        sums[j % 4] = sums[j % 4] + coupling.row(j, 0) * speeds[j]
+    change.set_row((balance.row() - grip.row() * law.row() + start.row() * v) - ((sums[0] + sums[1]) + (sums[2] + sums[3])))
+
+
+def divide_text(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
+    """Newton's correction with the diagonal of its matrix alone."""
+    out = change.row() / (diagonal.row() + grip.row() * slope.row())
+    change.set_row(out)
+    measure[0,] = largest(out)
+
+
+def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
+    """Newton's correction: (L + beta Ts mubar') x = change, by elimination without pivoting, a column in four parts.
+
+    L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal where it is strong.
+    """
+    parts = range(NODES // WIDTH)
+    columns = [[coupling.row(j, WIDTH * p, count=WIDTH) for p in parts] for j in range(NODES)]
+    right = [change.row(WIDTH * p, count=WIDTH) for p in parts]
+    for p in parts:
+        added = grip.row(WIDTH * p, count=WIDTH) * slope.row(WIDTH * p, count=WIDTH)
+        for lane in range(WIDTH):
+            columns[WIDTH * p + lane][p] = columns[WIDTH * p + lane][p] + added * _lanes(lambda i, lane=lane: i == lane)
+    inverses = []
+    for k in range(NODES):
+        own, lane = divmod(k, WIDTH)
+        inverses.append(1.0 / columns[k][own][lane])
+        below = {p: columns[k][p] * inverses[k] for p in parts if p > own}
+        if lane < WIDTH - 1:
+            below[own] = columns[k][own] * inverses[k] * _lanes(lambda i, lane=lane: i > lane)
+        for column in [*columns[k + 1:], right]:
+            head = column[own][lane]
+            for p, factor in below.items():
+                column[p] = column[p] - factor * head
+    out: list[Any] = [None] * NODES
+    for k in range(NODES - 1, -1, -1):
+        own, lane = divmod(k, WIDTH)
+        out[k] = right[own][lane] * inverses[k]
+        for p in range(own + (1 if lane > 0 else 0)):
+            right[p] = right[p] - columns[k][p] * out[k]
+    found = row_of(out)
+    change.set_row(found)
+    measure[0,] = largest(found)
+
+
+def _lanes(chosen: Any) -> tuple[float, ...]:
+    """1 in the chosen places of a part of a column, 0 elsewhere."""
+    return tuple(1.0 if chosen(i) else 0.0 for i in range(WIDTH))
+
+
+def slip_polynomial_text(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
+    """The polynomial through v at the start and V at the nodes: Chebyshev coefficients over the step, and powers of x."""
+    speeds = slip.row()
+    sums = [v * TO_CHEBYSHEV[0], 0.0]
+    for j in range(NODES):
+        sums[(j + 1) % 2] = sums[(j + 1) % 2] + speeds[j] * TO_CHEBYSHEV[j + 1]
+    chebyshev.set_row(sums[0] + sums[1])
+    powers_text(chebyshev, powers)
+
+
+def powers_text(chebyshev: Any, powers: Any) -> None:
+    """Powers of x from Chebyshev coefficients over [0, 1]; first those, or the large integers would meet rounding errors."""
+    coefficients = chebyshev.row()
+    out: Any = 0.0
+    for i in range(NODES + 1):
+        out = out + coefficients[i] * TO_POWERS[i]
+    powers.set_row(out, 0)
+
+
+evaluate_law = unrolled(law_text)
+guess = unrolled(guess_text)
+evaluate_residual = unrolled(residual_text)
+divide = unrolled(divide_text)
+eliminate = unrolled(eliminate_text)
+slip_polynomial = unrolled(slip_polynomial_text)
+to_powers = unrolled(powers_text)
+
+
+@fast
+def solve_stages(rung: Any, v: float, sign: float, sigma: float, stribeck: Stribeck, accuracy: float,
+                 work: Any) -> int:
+    """Newton's method from the guess in work.slip, mubar changing with v as fast as sigma.
+
+    Returns the iterations used, negative where they did not converge to `accuracy` (rad/s).
+    """
+    slip, law, slope, grip, change = work.slip, work.law, work.slope, work.grip, work.change
+    measure, coupling, diagonal = work.measure, rung.coupling, rung.diagonal
+    evaluate_law(0, slip, law, slope, sign, sigma, stribeck)
+    last = 1e300
+    for count in range(1, ITERATIONS_MAXIMUM + 1):
+        evaluate_residual(0, coupling, slip, law, grip, work.balance, rung.start, v, change)
+        least = grip[0] * slope[0]
+        for i in range(1, NODES):
+            least = min(least, grip[i] * slope[i])
+        contraction = 0.0
+        if least > DOMINANT * diagonal[NODES - 1]:
+            divide(0, change, diagonal, grip, slope, measure)
+            contraction = 0.5
+        else:
+            eliminate(0, change, coupling, grip, slope, measure)
+        size = measure[0]
+        if not size < 1e300:
+            return -count
+        step = FOLLOWED / (sigma * size) if sigma * size > FOLLOWED else 1.0
+        for i in range(NODES):
+            slip[i] += step * change[i]
+        if step == 1.0 and (2.0 * sigma * size + min(size / last, contraction)) * size <= accuracy:
+            return count
+        if STALLED * last < size <= ROUNDED * accuracy:
+            return count
+        if count > 4 and size > 2.0 * last:
+            return -count
+        last = size
+        evaluate_law(0, slip, law, slope, sign, sigma, stribeck)
+    return -ITERATIONS_MAXIMUM

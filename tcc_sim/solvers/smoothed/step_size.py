@@ -1,0 +1,73 @@
+"""How long the next step is.
+
+A series step ends where its last two terms reach the tolerance (A. Jorba and M. Zou, Experimental Mathematics 14, 2005,
+Sec. 3.2). A collocation step takes a rung of a ladder: the longest whose error is expected to pass, the error of a
+polynomial of degree s going as h^s (K. Gustafsson's elementary controller; Hairer and Wanner, Sec. IV.8).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.series import SLIP, SPEED
+from tcc_sim.solvers.smoothed.collocation_tables import NODES
+
+SAFETY_SERIES = 0.9
+SAFETY = 0.85
+SHRINK_MOST = 0.25
+SMALLEST_ERROR = 1e-9
+"""Errors below are rounding, and say nothing of the length."""
+
+
+@fast
+def series_length(rows: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
+    """The step, in units of the series' own time, at which its last two terms reach the tolerance."""
+    last = max(abs(rows[SLIP, order]) / slip_tolerance, abs(rows[SPEED, order]) / speed_tolerance)
+    before = max(abs(rows[SLIP, order - 1]) / slip_tolerance, abs(rows[SPEED, order - 1]) / speed_tolerance)
+    if not last + before > 0.0:
+        return math.inf if last + before == 0.0 else math.nan
+    power = -math.inf
+    if last > 0.0:
+        power = math.log(last) / order
+    if before > 0.0:
+        power = max(power, math.log(before) / (order - 1))
+    return SAFETY_SERIES * math.exp(-power)
+
+
+@fast
+def converging_length(rows: Any, order: int, x: float, sign: float, excess: float, decay: float, strength: float,
+                      slip_tolerance: float) -> float:
+    """A step of at most x over which the series of excess * exp(-decay |v|) is accurate too.
+
+    While slip dies down the coefficients of that series rise up to order z = decay |change of v|, far beyond the last
+    ones kept where z is large, which the last two terms do not show. (Below z = order/2 they do: each is at most half
+    of the one before.) Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of the two end values of the
+    exponential.
+    """
+    change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
+    if abs(change) <= 0.5 * order:
+        return x
+    goal = math.log(slip_tolerance) + math.lgamma(order + 2.0)
+    while abs(change) > 0.5 * order:
+        remainder = math.log(strength * excess * x) - decay * abs(rows[SLIP, 0]) + max(-change, 0.0)
+        if not remainder + (order + 1.0) * math.log(abs(change)) > goal:
+            break
+        x *= 0.85
+        change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
+    return x
+
+
+@fast
+def rung_below(rungs: Any, level: int, length: float) -> int:
+    """The longest rung from `level` on that is at most `length`; their number where there is none."""
+    while level < rungs.shape[0] and rungs[level].length > length:
+        level += 1
+    return level
+
+
+@fast
+def growth(error: float) -> float:
+    """Factor to the length at which the error, relative to what is allowed, is expected to be a little below 1."""
+    return max(SAFETY * math.exp(-math.log(max(error, SMALLEST_ERROR)) / NODES), SHRINK_MOST)

@@ -1,0 +1,157 @@
+"""Which method takes the next step.
+
+Series are cheapest as long as the motion itself, not a decaying rate, limits their step. In stick the decaying rate is
+friction's rho = beta Ts mubar': once the slip speed has come to its slow manifold, collocation steps over it (Hairer and
+Wanner, Solving Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate), series of
+equal length follow each other, the mark of a step that stability limits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.smoothed.collocation_step import FLAT
+from tcc_sim.solvers.smoothed.collocation_tables import Tables
+from tcc_sim.solvers.smoothed.limits import Limits
+from tcc_sim.solvers.smoothed.series_step import Friction
+from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place
+from tcc_sim.solvers.smoothed.step_size import growth, rung_below
+from tcc_sim.solvers.terms import Terms
+
+WORTH = 20.0
+"""Step times rho above which a collocation step, the price of ten series steps, passes over more than those could."""
+WORTH_SHORTEST = 2.0
+"""The same for the shortest rung, below which stick is not even tried."""
+RETURN = 3.0
+"""Growth of rho since stick was left for the series after which it is tried again."""
+CALM, CALM_MOST = 8, 256
+"""Half the series steps after which it is tried again in any case; doubled each time."""
+PROJECTED = 2.0
+"""Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta, so
+it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
+SETTLED = 32
+"""Series steps within the layer after which what decays has decayed: the state is on the slow manifold itself, not on the
+first-order one, and goes over to stick as it is."""
+CURVED = 0.3
+"""Distance of the two then, as sigma delta^2 per error allowed in stick."""
+SLOW = 3.0
+"""The slip speed is at least this many projections, so that v = 0 is not passed by one."""
+FIRST = 0.2
+"""Length of the first step in stick, per engine cycle."""
+PATIENCE, PATIENCE_MOST = 16, 1024
+"""Series steps of equal length after which collocation is tried; doubled each time."""
+ALIKE = 0.1
+"""Relative difference of lengths that count as equal."""
+SERIES_REACH = 3.0
+"""Step of a series that stability limits, times the sum of the rates; a shorter collocation step is not worth it."""
+
+
+@fast
+def distance_to_creep(friction: Friction, rho: float, state: Any, limits: Limits, terms: Terms, drive: Any) -> float:
+    """How far the slow manifold is above v, rad/s: delta = (v' - v_s')/rho to first order in 1/rho.
+
+    v_s' is that of the balance v' = 0 with w' = (Te - C23 theta2' - K23 theta2)/M.
+    """
+    i1, i2, damping, stiffness = terms.linear
+    push = (drive.torque - damping * state.plate_speed - stiffness * state.plate_angle) / (i1 + i2)
+    creep = (drive.torque_rate / i1 + (damping * push + stiffness * state.plate_speed) / i2
+             - limits.beta * drive.load_rate * friction.law) / rho
+    return float((friction.acceleration - creep) / rho)
+
+
+@fast
+def enter_creep(place: Place, friction: Friction, room: float, state: Any, control: Any, limits: Limits, terms: Terms,
+                drive: Any, tables: Tables) -> bool:
+    """Go over to stick where the state is on the slow manifold, or so near that it is projected to it.
+
+    The projection leaves w = theta2' + kappa v as it is, and takes back what the decay of delta would have moved theta2.
+    """
+    v = state.slip_speed
+    rho = limits.beta * drive.load * friction.slope
+    if abs(v) >= limits.creep_speed or not (rho > RETURN * control.released or control.waited >= control.calm):
+        return False
+    shortest = tables.rungs[tables.rungs.shape[0] - 1].length
+    if not rho * shortest > WORTH_SHORTEST or room < shortest:
+        return False
+    delta = distance_to_creep(friction, rho, state, limits, terms, drive)
+    near = abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
+    settled = control.waited >= SETTLED and delta * delta * limits.sigma < CURVED * limits.creep_tolerance
+    if not (near or settled) or abs(v) < SLOW * abs(delta):
+        return False
+    if near:
+        state.slip_speed += delta
+        state.plate_speed -= limits.kappa * delta
+        state.plate_angle += limits.kappa * delta / rho
+    control.method = CREEP
+    control.slope = rho
+    control.level = rung_below(tables.rungs, 0, FIRST * limits.period)
+    return True
+
+
+@fast
+def choose_method(place: Place, friction: Friction, room: float, state: Any, control: Any, limits: Limits,
+                  terms: Terms, drive: Any, tables: Tables) -> bool:
+    """Whether the state was projected onto the slow manifold, after control.method has been set for the next step."""
+    if control.method != SERIES:
+        return False
+    if place.region != LAYER:
+        control.released = 0.0
+        control.calm = CALM
+        control.waited = 0
+    elif enter_creep(place, friction, room, state, control, limits, terms, drive, tables):
+        return True
+    if control.streak > control.patience:
+        control.streak = 0
+        control.patience = min(2 * control.patience, PATIENCE_MOST)
+        control.method = STIFF
+        control.level = rung_below(tables.rungs, 0, 8.0 * control.last)
+    return False
+
+
+@fast
+def after_series(length: float, control: Any) -> None:
+    """Count series steps of equal length."""
+    control.waited += 1
+    control.streak = control.streak + 1 if abs(length - control.last) < ALIKE * length else 0
+    control.last = length
+
+
+@fast
+def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
+    """Back to the series where the next rung is too short to be worth it, or where there is none."""
+    length = tables.rungs[control.level].length if control.level < tables.rungs.shape[0] else 0.0
+    if control.method == CREEP and length * control.slope < WORTH:
+        control.method = SERIES
+        control.released = control.slope
+        control.waited = 0
+        control.calm = min(2 * control.calm, CALM_MOST)
+    elif control.method == STIFF and length * limits.base_rate < SERIES_REACH:
+        control.method = SERIES
+
+
+@fast
+def after_collocation(error: float, length: float, control: Any, limits: Limits, tables: Tables) -> None:
+    """The rung of the next step, and whether collocation goes on at all."""
+    longest = length * growth(error)
+    level = control.level
+    while level > 0 and tables.rungs[level - 1].length <= longest:
+        level -= 1
+    control.level = rung_below(tables.rungs, level, longest)
+    leave_if_short(control, limits, tables)
+
+
+@fast
+def begin_cycle(state: Any, control: Any) -> None:
+    """What the engine knows of the size of the motion is that of this cycle and of the one before."""
+    control.slip_before, control.slip_now = control.slip_now, abs(state.slip_speed)
+    control.speed_before, control.speed_now = control.speed_now, abs(state.plate_speed)
+    control.streak = 0
+    control.patience = PATIENCE
+
+
+@fast
+def not_a_number(x: float) -> bool:
+    """Whether x is infinite or not a number."""
+    return not abs(x) < math.inf

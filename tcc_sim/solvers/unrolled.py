@@ -1,0 +1,255 @@
+"""Straight-line machine code from ordinary Python, which runs once while compiling, on names instead of numbers.
+
+A recurrence to order 20 is a thousand products and sums. As loops they cost three times as much, for each waits for
+indices and memory; written out as Python source they take many seconds to compile. Here the Python text is run by the
+compiler: every operation on a `Name` leaves one instruction, loops and branches leave none. With plain numbers the same
+text computes the same thing, which is how it is tested.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+"""Compiled code is kept under the text of the functions that it names, which does not reach into methods: so this is
+named too."""
+REAL = ir.DoubleType()
+WHOLE = ir.IntType(64)
+SHIFTER = 6755399441055744.0
+"""1.5 * 2^52: a number added to it is rounded to an integer, which its last bits then hold."""
+FUSED = ("contract",)
+"""A product and a sum may become one instruction; nothing else is reordered."""
+
+
+class Name:
+    """A number, or a row of numbers (each in a lane of its own), that the running code will know."""
+
+    def __init__(self, builder: Any, value: Any) -> None:
+        self.builder, self.value = builder, value
+
+    def _operand(self, other: Any) -> Any:
+        """`other` as an operand of the same shape."""
+        shape = self.value.type
+        if not isinstance(other, Name):
+            count = getattr(shape, "count", 0)
+            numbers = other if isinstance(other, (Sequence, np.ndarray)) else [other] * max(count, 1)
+            return ir.Constant(shape, [float(n) for n in numbers] if count else float(numbers[0]))
+        if other.value.type == shape or not isinstance(shape, ir.VectorType):
+            return other.value
+        return _spread(self.builder, other.value, shape)
+
+    def _with(self, operation: str, left: Any, right: Any) -> Name:
+        return Name(self.builder, getattr(self.builder, operation)(left, right, flags=FUSED))
+
+    def __add__(self, other: Any) -> Name:
+        return self if _is(other, 0.0) else self._with("fadd", self.value, self._operand(other))
+
+    def __sub__(self, other: Any) -> Name:
+        return self if _is(other, 0.0) else self._with("fsub", self.value, self._operand(other))
+
+    def __mul__(self, other: Any) -> Any:
+        if not isinstance(self.value.type, ir.VectorType):
+            if isinstance(other, Name) and isinstance(other.value.type, ir.VectorType):
+                return other * self
+            if isinstance(other, np.ndarray):
+                shape = ir.VectorType(REAL, len(other))
+                return Name(self.builder, _spread(self.builder, self.value, shape)) * other
+        if _is(other, 0.0):
+            return 0.0
+        return self if _is(other, 1.0) else self._with("fmul", self.value, self._operand(other))
+
+    def __truediv__(self, other: Any) -> Name:
+        return self._with("fdiv", self.value, self._operand(other))
+
+    def __rtruediv__(self, other: Any) -> Name:
+        return self._with("fdiv", self._operand(other), self.value)
+
+    def __rsub__(self, other: Any) -> Name:
+        return -self if _is(other, 0.0) else self._with("fsub", self._operand(other), self.value)
+
+    def __neg__(self) -> Name:
+        return Name(self.builder, self.builder.fneg(self.value))
+
+    def __getitem__(self, place: int) -> Name:
+        """One number of a row."""
+        return Name(self.builder, self.builder.extract_element(self.value, ir.Constant(ir.IntType(32), place)))
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+class Memory:
+    """An array of floats, one- or two-dimensional, whose entries are read once and written where they are set."""
+
+    def __init__(self, context: Any, builder: Any, kind: Any, argument: Any) -> None:
+        array = context.make_array(kind)(context, builder, argument)
+        self.builder = builder
+        self.start = builder.bitcast(array.data, REAL.as_pointer())
+        self.strides = cgutils.unpack_tuple(builder, array.strides)
+        self.length = kind.shape[-1] if hasattr(kind, "shape") else 0
+        self.known: dict[Any, Name] = {}
+
+    def _place(self, key: tuple[int, ...]) -> Any:
+        offset = ir.Constant(WHOLE, 0)
+        for index, stride in zip(key, self.strides):
+            offset = self.builder.add(offset, self.builder.mul(ir.Constant(WHOLE, index), stride))
+        return self.builder.gep(self.start, [self.builder.sdiv(offset, ir.Constant(WHOLE, 8))])
+
+    def __getitem__(self, key: tuple[int, ...]) -> Name:
+        if key not in self.known:
+            self.known[key] = Name(self.builder, self.builder.load(self._place(key)))
+        return self.known[key]
+
+    def __setitem__(self, key: tuple[int, ...], value: Any) -> None:
+        self.known[key] = value
+        stored = value.value if isinstance(value, Name) else ir.Constant(REAL, float(value))
+        self.builder.store(stored, self._place(key))
+
+    def row(self, *key: int, count: int = 0) -> Name:
+        """`count` numbers from an entry on, as they are in memory now; without a count the whole of a row."""
+        place = self.builder.bitcast(self._place(key), ir.VectorType(REAL, count or self.length).as_pointer())
+        return Name(self.builder, self.builder.load(place, align=8))
+
+    def set_row(self, value: Name, *key: int) -> None:
+        """Write a row of numbers from an entry on."""
+        place = self.builder.bitcast(self._place(key), value.value.type.as_pointer())
+        self.builder.store(value.value, place, align=8)
+
+
+def magnitude(x: Any) -> Any:
+    """|x|, lane by lane."""
+    return _called("llvm.fabs", x) if isinstance(x, Name) else np.abs(x)
+
+
+def limited(x: Any, low: float, high: float) -> Any:
+    """x within [low, high], lane by lane."""
+    if not isinstance(x, Name):
+        return np.clip(x, low, high)
+    return _called("llvm.maxnum", _called("llvm.minnum", x, high), low)
+
+
+def row_of(numbers: Sequence[Any]) -> Any:
+    """A row made of single numbers."""
+    if not isinstance(numbers[0], Name):
+        return np.array(numbers)
+    builder = numbers[0].builder
+    out = ir.Constant(ir.VectorType(REAL, len(numbers)), ir.Undefined)
+    for i, number in enumerate(numbers):
+        out = builder.insert_element(out, number.value, ir.Constant(ir.IntType(32), i))
+    return Name(builder, out)
+
+
+def with_sign(x: Any, of: Any) -> Any:
+    """|x| with the sign of `of`, lane by lane."""
+    return _called("llvm.copysign", x, of) if isinstance(x, Name) else np.copysign(x, of)
+
+
+def exp(x: Any) -> Any:
+    """e^x to a unit in the last place, lane by lane, for |x| up to 700: beyond, that of 700.
+
+    x = n log 2 + y with log 2 in two parts, |y| <= 0.35; e^y to order 13; n goes into the exponent's bits.
+    """
+    if not isinstance(x, Name):
+        return np.exp(np.clip(x, -700.0, 700.0))
+    builder = x.builder
+    x = limited(x, -700.0, 700.0)
+    shifted = x * 1.4426950408889634 + SHIFTER
+    turns = Name(builder, builder.fsub(shifted.value, shifted._operand(SHIFTER)))
+    y = (x - turns * 0.6931471803691238) - turns * 1.9082149292705877e-10
+    out: Any = 1.0 + y * (1.0 / 13.0)
+    for k in range(12, 0, -1):
+        out = 1.0 + y * (1.0 / k) * out
+    count = getattr(x.value.type, "count", 0)
+    bits = ir.VectorType(WHOLE, count) if count else WHOLE
+    places = ir.Constant(bits, [52] * count if count else 52)
+    exponent = builder.shl(builder.bitcast(shifted.value, bits), places)
+    return Name(builder, builder.bitcast(builder.add(builder.bitcast(out.value, bits), exponent), x.value.type))
+
+
+def largest(x: Any) -> Any:
+    """The largest size of the numbers of a row; not a number where all are none."""
+    if not isinstance(x, Name):
+        return np.abs(x).max()
+    sizes = magnitude(x)
+    lanes = [sizes[i] for i in range(x.value.type.count)]
+    while len(lanes) > 1:
+        lanes = [_called("llvm.maxnum", a, b) for a, b in zip(lanes[0::2], lanes[1::2])]
+    return lanes[0]
+
+
+def _called(function: str, x: Name, *others: Any) -> Name:
+    """One of the compiler's own functions of one or two rows."""
+    shape = x.value.type
+    count = getattr(shape, "count", 0)
+    operands = [x.value, *(x._operand(o) for o in others)]
+    kind = ir.FunctionType(shape, [shape] * len(operands))
+    made = cgutils.get_or_insert_function(x.builder.module, kind, f"{function}.{f'v{count}' if count else ''}f64")
+    return Name(x.builder, x.builder.call(made, operands))
+
+
+def _is(other: Any, number: float) -> bool:
+    """Whether an operand is this very number, known while compiling."""
+    return isinstance(other, (int, float)) and other == number  # An array of known numbers is neither.
+
+
+def _spread(builder: Any, value: Any, shape: Any) -> Any:
+    """A row of equal numbers."""
+    empty = ir.Constant(shape, ir.Undefined)
+    first = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), shape.count), None))
+
+
+def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
+    """An argument as the staged text sees it: None, tuples and whole arrays keep their shape."""
+    if isinstance(kind, types.NoneType):
+        return None
+    if isinstance(kind, types.BaseTuple):
+        return tuple(_named(context, builder, k, a) for k, a in zip(kind, cgutils.unpack_tuple(builder, argument)))
+    if isinstance(kind, types.Array):
+        return Memory(context, builder, kind, argument)
+    return Name(builder, argument)
+
+
+def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
+    """The compiled form of `text`, to be called from compiled functions, with the order before its own arguments.
+
+    Parameters
+    ----------
+    text : a generator function of floats, tuples, None and arrays, that yields k where coefficients up to order k are
+        written: the code ends at the first yield with k at or above the order asked for. Or an ordinary function, whose
+        order is ignored.
+    """
+    count = len(inspect.signature(text).parameters)
+
+    def implement(_typing: Any, order: Any, *kinds: Any) -> Any:
+        def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
+            builder.comment(f"unrolled {OWN_TEXT}")
+            end = builder.append_basic_block("reached")
+            for k in text(*names) or ():
+                further = builder.append_basic_block(f"beyond_{k}")
+                reached = builder.icmp_signed("<=", arguments[0], ir.Constant(arguments[0].type, k))
+                builder.cbranch(reached, end, further)
+                builder.position_at_end(further)
+            builder.branch(end)
+            builder.position_at_end(end)
+            return context.get_dummy_value()
+
+        return types.void(order, *kinds), write
+
+    # An intrinsic's parameters are read from its signature: there is no *args.
+    parameters = ", ".join(f"a{i}" for i in range(count))
+    scope: dict[str, Any] = {"implement": implement, "__name__": __name__}
+    exec(f"def typed(typing, order, {parameters}):\n    return implement(typing, order, {parameters})\n", scope)
+    made: Callable[..., None] = intrinsic(scope["typed"])
+    return made

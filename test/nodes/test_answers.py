@@ -1,0 +1,303 @@
+"""The loop answers whatever it waits for, nothing that arrives ends it, and what cannot be sent waits or is counted."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import FluidPressure
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+
+from tcc_sim.messages import cdr
+from tcc_sim.model.parameters import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
+from tcc_sim.nodes.driveline import DrivelineNode, spin
+from tcc_sim.nodes.inputs import Command
+from tcc_sim.nodes.qos import COMMANDS
+from tcc_sim.topics import topic
+
+MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}
+
+
+def start(bench: Any, **parameters: Any) -> DrivelineNode:
+    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter(key.replace("__", "."), value=value) for key, value in parameters.items()]))
+    node.start()
+    return node
+
+
+def ask(bench: Any, kind: Any, name: str, request: Any) -> Any:
+    client = bench.add(rclpy.create_node("operator", context=bench.context)).create_client(kind, name)
+    bench.until(client.service_is_ready)
+    future = client.call_async(request)
+    bench.until(future.done)
+    return future.result()
+
+
+def change(bench: Any, name: str, value: float) -> Any:
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    return ask(bench, SetParameters, "driveline/set_parameters", request).results[0]
+
+
+WAITING = [
+    pytest.param({"scene": "minimal", "real_time_factor": 1e-4}, id="for a deadline of 10 s"),
+    pytest.param({"scene": "commands", "pacing": "lockstep", "command_timeout": 0.0}, id="for a command in lock-step"),
+    pytest.param({"scene": "minimal", "wait_for_subscribers": 7}, id="for subscribers"),
+]
+
+
+@pytest.mark.parametrize("parameters", WAITING)
+def test_whatever_the_loop_waits_for_it_answers(bench: Any, parameters: dict[str, Any]) -> None:
+    node = start(bench, **parameters)
+    assert change(bench, "engine.mean_torque", 260.0).successful
+    assert node.scene.system.engine.mean_torque == 260.0
+    assert ask(bench, Trigger, "driveline/reset", Trigger.Request()).success
+    paused = ask(bench, SetBool, "driveline/pause", SetBool.Request(data=True))
+    assert (paused.success, paused.message) == (True, "paused")
+    stepped = ask(bench, Trigger, "driveline/step", Trigger.Request())
+    assert stepped.success == node.loop.clock_started.is_set()
+    assert ask(bench, SetBool, "driveline/pause", SetBool.Request(data=False)).success
+    assert change(bench, "command_timeout", 0.25).successful
+    node.loop.stop()
+    assert not node.loop.running
+
+
+def test_a_live_real_time_factor_sets_the_pace(bench: Any) -> None:
+    node = start(bench, scene="minimal", real_time_factor=1e-4)
+    assert node.loop.pacer.period_ns == pytest.approx(1e10)
+    assert change(bench, "real_time_factor", 1.0).successful
+    assert node.loop.pacer.period_ns == pytest.approx(1e6)
+    bench.until(lambda: node.loop.plant.stepper.tick > 20)
+    for refused in (0.0, 1001.0):
+        assert not change(bench, "real_time_factor", refused).successful
+    assert node.loop.pacer.period_ns == pytest.approx(1e6)
+
+
+class Sender:
+    """Commands from a node of the test."""
+
+    def __init__(self, bench: Any, node: DrivelineNode) -> None:
+        self.bench, self.node = bench, node
+        sender = bench.add(rclpy.create_node("sender", context=bench.context))
+        self.torques = sender.create_publisher(Float64, "engine_torque", COMMANDS)
+        self.pressures = sender.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+        bench.until(lambda: self.torques.get_subscription_count() and self.pressures.get_subscription_count())
+
+    def torque(self, value: float) -> Command:
+        return self._sent(self.torques, cdr.float64(value), self.node.loop.engine_command)
+
+    def pressure(self, value: float) -> Command:
+        return self._sent(self.pressures, cdr.fluid_pressure(0, value), self.node.loop.pressure_command)
+
+    def _sent(self, publisher: Any, data: bytes, command: Command | None) -> Command:
+        assert command is not None
+        count = command.received + command.refused
+        publisher.publish(data)
+        self.bench.until(lambda: command.received + command.refused > count)
+        return command
+
+
+@pytest.mark.parametrize("parameters", [{"rate": 50.0}, {"rate": 20.0}, {"friction__decay": 100.0}])
+def test_a_valid_command_that_cannot_be_computed_is_refused_counted_and_said_and_the_last_one_holds(
+        bench: Any, parameters: dict[str, Any], capfd: pytest.CaptureFixture[str]) -> None:
+    node = start(bench, scene="commands", command_timeout=0.0, **parameters)
+    sender = Sender(bench, node)
+    assert sender.pressure(2e5).value == 2e5
+    command = sender.pressure(1e7)
+    assert (command.received, command.refused, command.value) == (1, 1, 2e5)
+    assert "actuation_pressure command of 1e+07 Pa refused: a tick of " in command.refusal or \
+        "actuation_pressure command of 1e+07 Pa refused: a step of " in command.refusal
+    capfd.readouterr()
+    for _ in range(3):
+        sender.pressure(1e7)
+        node.housekeeping()
+    assert capfd.readouterr().err.count("refused so far") == 1
+    tick = node.loop.plant.stepper.tick
+    bench.until(lambda: node.loop.plant.stepper.tick > tick + 2)
+    assert node.loop.failure is None
+    answer = change(bench, "friction.static_coefficient", 2.0)
+    if not answer.successful:
+        assert "sub-steps" in answer.reason
+    assert node.loop.running
+
+
+def test_a_live_parameter_beside_a_held_pressure_is_refused_with_the_reason(bench: Any) -> None:
+    node = start(bench, scene="commands", rate=50.0, command_timeout=0.0, real_time_factor=0.001)
+    sender = Sender(bench, node)
+    assert change(bench, "real_time_factor", 1.0).successful
+    assert sender.pressure(4e6).value == 4e6
+    answer = change(bench, "friction.static_coefficient", 2.0)
+    assert not answer.successful
+    assert "sub-steps" in answer.reason
+    assert node.scene.system.friction.static_coefficient == 0.3
+    tick = node.loop.plant.stepper.tick
+    bench.until(lambda: node.loop.plant.stepper.tick > tick + 2)
+
+
+def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(bench: Any) -> None:
+    import math
+
+    node = start(bench, scene="commands", command_timeout=0.0, pacing="lockstep", rate=20000.0)
+    for name, low, high in (("engine_torque", -TORQUE_MAXIMUM, TORQUE_MAXIMUM), ("actuation_pressure", 0.0,
+                                                                                  PRESSURE_MAXIMUM)):
+        command = Command(bench.nodes[0], topic(name), node.loop.plant.check_pressure if low == 0.0 else lambda _: None)
+
+        def take(value: float, command: Command = command) -> bool:
+            before = command.received
+            command._accept(cdr.float64(value) if command.name == "engine_torque" else cdr.fluid_pressure(0, value), 0)
+            return command.received > before
+
+        assert take(low)
+        assert take(high)
+        assert command.value == high
+        assert not take(math.nextafter(high, math.inf))
+        assert not take(math.nextafter(low, -math.inf))
+        assert (command.value, command.refused) == (high, 2)
+
+
+def test_the_fallback_comes_at_the_tick_of_the_time_out_and_not_before(bench: Any) -> None:
+    node = bench.add(rclpy.create_node("driveline", context=bench.context))
+    command = Command(node, topic("engine_torque"))
+    assert command._accept(cdr.float64(5.0), 100)
+    command.poll(149, 50.0)
+    assert (command.value, command.timeouts) == (5.0, 0)
+    command.poll(150, 50.0)
+    assert (command.value, command.timeouts) == (None, 1)
+    command.poll(151, 50.0)
+    assert command.timeouts == 1
+
+
+@pytest.fixture
+def spun(bench: Any) -> Iterator[Callable[..., DrivelineNode]]:
+    """Starts a driveline that its own thread spins, as its process does."""
+    threads = []
+
+    def begin(**parameters: Any) -> DrivelineNode:
+        node = DrivelineNode(context=bench.context, parameter_overrides=[
+            Parameter(key.replace("__", "."), value=value) for key, value in parameters.items()])
+        node.start()
+        threads.append((threading.Thread(target=spin, args=(node,)), node))
+        threads[-1][0].start()
+        return node
+
+    yield begin
+    for _, node in threads:
+        node.loop.stop()
+    bench.context.try_shutdown()
+    for thread, _ in threads:
+        thread.join()
+
+
+def test_a_request_that_makes_no_sense_is_told_and_does_not_end_the_node(
+        bench: Any, spun: Callable[..., DrivelineNode], capfd: pytest.CaptureFixture[str]) -> None:
+    node = spun(scene="minimal")
+    client = bench.add(rclpy.create_node("stranger", context=bench.context)).create_client(
+        SetParameters, "driveline/set_parameters")
+    bench.until(client.service_is_ready)
+    said = ""
+    for kind in (77, 255):
+        client.call_async(SetParameters.Request(parameters=[
+            ParameterMessage(name="engine.mean_torque", value=ParameterValue(type=kind))]))
+
+    def told() -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return "a request was not understood" in said
+
+    bench.until(told)
+    assert change(bench, "engine.mean_torque", 250.0).successful
+    assert node.loop.running
+
+
+class Refusing:
+    """A publisher whose middleware takes a message only while the gate is open."""
+
+    def __init__(self, publisher: Any) -> None:
+        self.publisher, self.open, self.refused, self.taken = publisher, True, 0, []
+        self.topic_name = publisher.topic_name
+
+    def publish(self, data: bytes) -> None:
+        if not self.open:
+            self.refused += 1
+            raise RuntimeError("cannot publish data")
+        self.taken.append(cdr.read_stamp(data))
+        self.publisher.publish(data)
+
+    def get_subscription_count(self) -> int:
+        return self.publisher.get_subscription_count()
+
+
+def refusing(node: DrivelineNode) -> Refusing:
+    """Put it in the place of the publisher of joint_states."""
+    outputs = node.loop.outputs
+    row, *rest = outputs._every_tick
+    publisher = Refusing(row[0])
+    outputs._every_tick = [(publisher, *row[1:]), *rest]
+    return publisher
+
+
+@pytest.mark.parametrize("parameters", [{"scene": "minimal", "real_time_factor": 0.0},
+                                        {"scene": "commands", "pacing": "lockstep", "command_timeout": 1e-9}])
+def test_where_time_does_not_matter_nothing_is_dropped_and_requests_are_answered_meanwhile(
+        bench: Any, parameters: dict[str, Any]) -> None:
+    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter(key, value=value) for key, value in parameters.items()]))
+    publisher = refusing(node)
+    node.start()
+    bench.until(lambda: len(publisher.taken) > 50)
+    publisher.open = False
+    bench.until(lambda: publisher.refused > 3)
+    tick = node.loop.plant.stepper.tick
+    assert change(bench, "engine.mean_torque", 260.0).successful
+    assert ask(bench, SetBool, "driveline/pause", SetBool.Request(data=True)).success
+    assert ask(bench, SetBool, "driveline/pause", SetBool.Request(data=False)).success
+    assert node.loop.plant.stepper.tick == tick
+    publisher.open = True
+    bench.until(lambda: node.loop.plant.stepper.tick > tick + 50)
+    node.loop.stop()
+    assert publisher.taken == [k * 1_000_000 for k in range(len(publisher.taken))]
+    assert not node.loop.outputs.unsent
+
+
+def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(bench: Any, tmp_path: Any) -> None:
+    from tcc_sim.nodes.recorder import Recorder
+    from tcc_sim.recording.reader import open_run
+
+    recorder = Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+        Parameter("output", value=str(tmp_path / "run"))]))
+    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter("scene", value="minimal"), Parameter("wait_for_subscribers", value=1)]))
+    publisher = refusing(node)
+    node.start()
+    bench.until(lambda: len(publisher.taken) > 100)
+    publisher.open = False
+    bench.until(lambda: publisher.refused >= 20)
+    publisher.open = True
+    bench.until(lambda: len(publisher.taken) > 300)
+    node.housekeeping()
+    node.loop.stop()
+
+    def known() -> bool:
+        recorder.drain()
+        return recorder.unsent.by_topic() == {"/joint_states": publisher.refused}
+
+    bench.until(known)
+    assert f"0 lost, {publisher.refused} never sent" in recorder.close()
+    recorder.node.destroy_node()
+    run = open_run(tmp_path / "run")
+    stamps = list(itertools.chain.from_iterable(batch.stamp_ns.tolist() for batch in run.batches()))
+    assert stamps == publisher.taken[:len(stamps)]
+    assert run.result is not None
+    assert (run.result["unsent"], run.lost_messages) == ({"/joint_states": publisher.refused}, publisher.refused)
+    assert f"{publisher.refused} messages of /joint_states could not be sent by their publisher" in run.warnings

@@ -1,0 +1,96 @@
+"""What a viewer is told of commands, target, applied pressure and sources, beside states that the test makes up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+
+from tcc_sim.analysis.control import Event
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.control_watch import PROFILES, ControlWatch
+from tcc_sim.nodes.message_types import message_class
+from tcc_sim.topics import topic
+
+MS = 1_000_000
+CYCLE = 0.004
+
+
+class Said:
+    """A watch, and a publisher of every topic that it listens to."""
+
+    def __init__(self, bench: Any) -> None:
+        node = bench.add(rclpy.create_node("driveline", context=bench.context))
+        self.bench = bench
+        self.watch = ControlWatch(bench.add(rclpy.create_node("watcher", context=bench.context)), CYCLE)
+        self.publishers = {name: node.create_publisher(message_class(topic(name).type), name, profile)
+                           for name, profile in PROFILES.items()}
+        for publisher in self.publishers.values():
+            bench.until(publisher.get_subscription_count)
+
+    def say(self, name: str, data: bytes) -> int:
+        """Publish and have the watch take it; when it was received, ns."""
+        waiting = self.watch._waiting[name]
+        count = len(waiting)
+        self.publishers[name].publish(data)
+        self.bench.until(lambda: (self.watch.poll(), len(waiting) > count)[1])
+        return waiting[-1][0]
+
+    def beside(self, ticks: list[int], received: list[int], slip_speed: float = 2.0, new_run: bool = False) -> Any:
+        signals, events = self.watch.beside(np.array(ticks) * MS, np.array(received), np.full(len(ticks), slip_speed),
+                                            new_run=new_run)
+        return {name: list(zip((stamps // MS).tolist(), values.tolist())) for name, (stamps, values)
+                in signals.items() if len(stamps)}, events
+
+
+@pytest.fixture
+def said(bench: Any) -> Said:
+    return Said(bench)
+
+
+@pytest.mark.parametrize(("name", "data", "value"), [
+    ("engine_torque", cdr.float64(310.0), 310.0), ("target_slip_speed", cdr.float64(5.0), 5.0),
+    ("actuation_pressure", cdr.fluid_pressure(0, 2e5), 2e5)])
+def test_what_is_asked_for_stands_at_the_state_received_after_it(said: Said, name: str, data: bytes,
+                                                                 value: float) -> None:
+    when = said.say(name, data)
+    assert said.beside([7, 8], [when - 20, when - 10]) == ({}, [])
+    assert said.beside([9, 10], [when - 5, when + 5]) == ({name: [(10, value)]}, [])
+    assert said.beside([11], [when + 15]) == ({}, [])
+
+
+def test_applied_pressure_and_sources_have_stamps_of_their_own(said: Said) -> None:
+    for tick, value in ((0, 1e5), (1, 1e5), (2, 2e5), (3, 2e5), (4, 1e5)):
+        when = said.say("applied_pressure", cdr.fluid_pressure(tick * MS, value))
+    then = said.say("input_source", cdr.header(2 * MS, "actuation_pressure: command"))
+    signals, events = said.beside([0, 1, 2, 3, 4, 5], [when] * 5 + [then])
+    assert signals["applied_pressure"] == [(0, 1e5), (2, 2e5), (4, 1e5)]
+    assert events == [Event(2e-3, "actuation_pressure: command")]
+
+
+def test_pressure_of_the_run_that_ended_is_not_shown_in_the_next(said: Said) -> None:
+    late = said.say("applied_pressure", cdr.fluid_pressure(500 * MS, 3e5))
+    said.beside([499, 500], [late - 9, late - 8])
+    fresh = said.say("applied_pressure", cdr.fluid_pressure(0, 1e5))
+    signals, _ = said.beside([0], [fresh], new_run=True)
+    assert signals == {"applied_pressure": [(0, 1e5)]}
+
+
+def test_the_mean_slip_is_that_of_whole_cycles_and_starts_anew_after_a_gap(said: Said) -> None:
+    signals, _ = said.beside(list(range(10)), [1] * 10)
+    assert signals == {"mean_slip": [(4, pytest.approx(2.0)), (8, pytest.approx(2.0))]}
+    signals, _ = said.beside(list(range(14, 25)), [1] * 11, slip_speed=6.0)
+    assert signals == {"mean_slip": [(20, pytest.approx(6.0)), (24, pytest.approx(6.0))]}
+    signals, _ = said.beside(list(range(9)), [1] * 9, slip_speed=1.0, new_run=True)
+    assert signals == {"mean_slip": [(4, pytest.approx(1.0)), (8, pytest.approx(1.0))]}
+
+
+def test_messages_that_cannot_be_read_are_left_out(said: Said) -> None:
+    said.publishers["engine_torque"].publish(b"\0\1\0\0")
+    when = said.say("engine_torque", cdr.float64(310.0))
+    assert said.beside([1], [when]) == ({"engine_torque": [(1, 310.0)]}, [])

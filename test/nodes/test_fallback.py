@@ -1,0 +1,130 @@
+"""Harmonic fallback: the driveline moves by itself until commands come, and its recording alone gives the same run."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import FluidPressure
+from std_msgs.msg import Float64
+from test_live_changes import Recorded, exactly
+
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.qos import COMMANDS
+from tcc_sim.recording.input_sources import input_sources
+from tcc_sim.recording.reader import open_run
+from tcc_sim.replay.places import Place
+from tcc_sim.replay.verification import Verifier
+from tcc_sim.scene import load_scene, parse_scene
+
+
+class Commanded(Recorded):
+    """A recorded driveline with a sender of commands."""
+
+    def __init__(self, bench: Any, output: Path, **parameters: object) -> None:
+        super().__init__(bench, output, **parameters)
+        sender = bench.add(rclpy.create_node("sender", context=bench.context))
+        self.torques = sender.create_publisher(Float64, "engine_torque", COMMANDS)
+        self.pressures = sender.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+        bench.until(lambda: self.torques.get_subscription_count() and self.pressures.get_subscription_count())
+
+    def send(self, torque: float | None = None, pressure: float | None = None) -> None:
+        engine, actuation = self.loop.commands
+        before = engine.received, actuation.received
+        if torque is not None:
+            self.torques.publish(cdr.float64(torque))
+        if pressure is not None:
+            self.pressures.publish(cdr.fluid_pressure(0, pressure))
+        expected = before[0] + (torque is not None), before[1] + (pressure is not None)
+        self.bench.until(lambda: (engine.received, actuation.received) == expected)
+
+
+def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run")
+    assert chain.node.get_parameter("scene").value == "commands"
+    assert [command.name for command in chain.loop.commands] == ["engine_torque", "actuation_pressure"]
+    chain.run(200)
+    exactly(chain.close(), runs=1)
+    batches = list(open_run(tmp_path / "run").batches())
+    t = np.concatenate([b.stamp_ns for b in batches]) * 1e-9
+    engine = np.concatenate([b.engine_torque for b in batches])
+    pressure = np.concatenate([b.applied_pressure for b in batches])
+    own = load_scene("commands").system
+    assert np.abs(engine - (300.0 + 250.0 * np.sin(150.0 * t))).max() < 1e-9
+    assert np.abs(pressure - (own.pressure.mean + own.pressure.amplitude * np.sin(150.0 * t))).max() < 1e-6
+    assert own.pressure.amplitude > 0.0
+
+
+def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(bench: Any, tmp_path: Path) -> None:
+    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.04)
+    chain.send(torque=310.0)
+    chain.run(20)
+    chain.send(pressure=2.1e5)
+    chain.run(60)
+    chain.bench.until(lambda: [command.timeouts for command in chain.loop.commands] == [1, 1])
+    chain.run(40)
+    chain.send(torque=-50.0, pressure=1.5e5)
+    chain.change(engine__torque_amplitude=100.0, pressure__phase=1.0)
+    chain.run(20)
+    chain.reset()
+    chain.run(50)
+    chain.change(command_timeout=0.0)
+    chain.send(torque=250.0)
+    chain.change(pressure__amplitude=0.0)
+    chain.change(friction__static_coefficient=0.24)
+    assert chain.loop.plant.general
+    chain.run(300)
+    exactly(chain.close(), runs=2)
+    sources = [source.commanded for source in input_sources(open_run(tmp_path / "run"))]
+    assert sources[0] == frozenset()
+    assert sources[1] == {"engine_torque"}
+    assert {"engine_torque", "actuation_pressure"} in sources
+    assert sources[-1] == {"engine_torque"}
+
+
+def test_one_input_may_fall_back_to_its_mean_and_the_other_to_its_harmonics(bench: Any, tmp_path: Path) -> None:
+    chain = Commanded(bench, tmp_path / "run", scene="commands", engine__fallback="mean", command_timeout=0.03)
+    chain.send(torque=310.0, pressure=2.1e5)
+    chain.run(300)
+    exactly(chain.close(), runs=1)
+    engine = np.concatenate([b.engine_torque for b in open_run(tmp_path / "run").batches()])
+    assert set(engine.tolist()) == {300.0, 310.0}
+
+
+def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -> None:
+    """A command may equal the fallback at the end of a tick; the driveline's word, not the value, tells them apart."""
+    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.0)
+    chain.send(torque=310.0, pressure=2.1e5)
+    for _ in range(3):
+        chain.send(torque=300.0 + 250.0 * math.sin(150.0 * 1e-3 * (chain.loop.plant.stepper.tick + 2)))
+    chain.run(100)
+    exactly(chain.close(), runs=1)
+    run = open_run(tmp_path / "run")
+    scene, sources = parse_scene(run.scene_text or "", "run"), input_sources(run)
+    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    held = [(int(np.searchsorted(stamps, source.first_stamp_ns)), source.commanded) for source in sources]
+    for said, why in (((), "input_source was not recorded"), (held[:1], "is the first that differs"), (held, "")):
+        verifier = Verifier(run.scenes, [Place(0, 0)], scene, run.size, said)
+        for batch in run.batches():
+            verifier.feed(batch)
+        assert verifier.result().verified == (not why)
+        assert why in verifier.result().detail
+
+
+def test_a_scene_file_is_that_scene_and_not_a_change_of_the_default(bench: Any) -> None:
+    """Where parameters say where inputs come from, what they leave out is the default of a scene file."""
+    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter("engine.source", value="harmonic"), Parameter("pressure.source", value="topic"),
+        Parameter("cpu_affinity", value=[0])]))
+    assert node.scene.system == load_scene("fig02").with_values({"pressure.source": "topic"}).system
+    assert node.scene.operation.cpu_affinity == (0,)
+    assert not math.isnan(node.scene.system.pressure.mean)

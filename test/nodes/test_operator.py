@@ -1,0 +1,159 @@
+"""`tcc-sim control` and `tcc-sim watch` beside a driveline process."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from tcc_sim.cli import main
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+
+Control = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def control(domain: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Control:
+    """Runs `tcc-sim control`; gives status and what was printed and said."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+
+    def run(*words: str) -> tuple[int, str, str]:
+        status = main(["control", *words])
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return run
+
+
+@pytest.fixture
+def driveline(control: Control) -> Iterator[Callable[..., NodeProcess]]:
+    nodes: list[NodeProcess] = []
+
+    def start(**parameters: object) -> NodeProcess:
+        nodes.append(NodeProcess("driveline", parameters, dict(os.environ)))
+        nodes[-1].await_line(CLOCK_STARTED)
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        assert node.stop() == 0
+
+
+def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
+        control: Control, driveline: Callable[..., NodeProcess]) -> None:
+    node = driveline(scene="commands", rate=50.0, command_timeout=0.0)
+    status, _, said = control("step")
+    assert (status, said) == (1, "tcc-sim: the driveline refuses: not paused\n")
+    assert control("pause") == (0, "paused\n", "")
+    assert control("reset") == (0, "at the initial state, simulation time 0\n", "")
+    assert control("step") == (0, "at tick 1\n", "")
+    assert control("resume") == (0, "running\n", "")
+    assert control("set", "engine.mean_torque=2.5e2", "pressure.phase=1") == (
+        0, "engine.mean_torque 2.5e2, pressure.phase 1\n", "")
+    status, _, said = control("set", "friction.static_coefficient=0.1")
+    assert (status, said) == (2, "tcc-sim: friction.kinetic_coefficient is 0.24; it must be at most "
+                                 "friction.static_coefficient, 0.1\n")
+    status, _, said = control("set", "driveline.stiffness=3")
+    assert (status, said) == (2, "tcc-sim: Trying to set a read-only parameter: driveline.stiffness.\n")
+    status, out, _ = control("torque", "-50")
+    assert (status, out) == (0, "engine_torque -50 N m, held until the next command\n")
+    status, _, said = control("pressure", "1e7")
+    assert status == 2
+    assert said.startswith("tcc-sim: actuation_pressure command of 1e+07 Pa refused: a ")
+    assert "sub-steps" in said
+    assert said.count("\n") == 1
+    node.check()
+
+
+def test_what_a_scene_does_not_take_is_said(control: Control, driveline: Callable[..., NodeProcess]) -> None:
+    driveline(scene="minimal")
+    status, _, said = control("torque", "100")
+    assert (status, said) == (2, "tcc-sim: engine_torque: the driveline takes this input from its scene "
+                                 "(engine.source: harmonic)\n")
+
+
+def test_without_a_node_it_says_so(control: Control, domain: str) -> None:
+    assert control("--namespace", "/left", "reset") == (
+        1, "", f"tcc-sim: no driveline answers at /left/driveline within 4 s (ROS_DOMAIN_ID {domain})\n")
+
+
+@pytest.mark.parametrize("words", [("fly",), ("set", "engine.mean_torqe=1"), ("set", "x"), ("torque", "much"),
+                                   ("reset", "--namespace", "no name")])
+def test_wrong_words_are_one_line_and_status_2(control: Control, words: tuple[str, ...]) -> None:
+    status, out, said = control(*words)
+    assert (status, out, said.count("\n")) == (2, "", 1)
+
+
+def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Callable[..., NodeProcess],
+                                                                 tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    driveline(scene="minimal")
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "watch", "--rrd", "live.rrd"], cwd=tmp_path, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                               env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    assert line.startswith("watching /driveline: mu_k = mu_s and constant pressure")
+    while (tmp_path / "live.rrd").stat().st_size < 100_000:
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    out, said = process.communicate(timeout=60)
+    assert process.returncode == 0
+    shown, missed = (int(word) for word in out.split() if word.isdigit())
+    assert shown > 100
+    # A machine that starves the watcher makes it miss some, which it then has said.
+    assert bool(missed) == ("states were missed" in said)
+    assert "Traceback" not in said
+    printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "live.rrd")], text=True,
+                             capture_output=True, timeout=60, check=True, env={**os.environ, "HOME": str(tmp_path)})
+    rows = dict.fromkeys(("/slip/speed", "/cycles/largest"), 0)
+    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", printed.stdout):
+        rows[entity] = rows.get(entity, 0) + int(count)
+    static = 1
+    assert rows["/slip/speed"] == shown + static
+    assert rows["/cycles/largest"] > static
+
+
+def test_watch_shows_what_is_commanded_and_what_held_the_inputs(driveline: Callable[..., NodeProcess], control: Control,
+                                                                tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    driveline(scene="commands", command_timeout=0.0)
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "watch", "--rrd", "live.rrd"], cwd=tmp_path, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                               env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("watching /driveline: ")
+    for words in (("torque", "310"), ("pressure", "2.1e5")):
+        assert control(*words)[0] == 0
+    size = (tmp_path / "live.rrd").stat().st_size
+    while (tmp_path / "live.rrd").stat().st_size < size + 100_000:
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, "Traceback" in said) == (0, False)
+    printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "live.rrd")], text=True,
+                             capture_output=True, timeout=60, check=True, env={**os.environ, "HOME": str(tmp_path)})
+    rows = dict.fromkeys(("/torque/engine_command", "/pressure/command", "/pressure/applied", "/control/mean"), 0)
+    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", printed.stdout):
+        rows[entity] = rows.get(entity, 0) + int(count)
+    static = 1
+    assert all(rows[entity] > static for entity in ("/torque/engine_command", "/pressure/command"))
+    assert rows["/pressure/applied"] > static + 10  # First the scene's own, which pulsates.
+    assert rows["/control/mean"] > static
+    assert rows["/events"] >= 2
+
+
+def test_watch_without_a_node_says_so(control: Control, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    assert main(["watch", "--rrd", str(tmp_path / "none.rrd")]) == 1
+    assert capsys.readouterr().err == "tcc-sim: no driveline says its scene on /scene within 5 s\n"
+    assert not (tmp_path / "none.rrd").exists()

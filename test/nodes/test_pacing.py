@@ -1,0 +1,112 @@
+"""The pacer on a clock that the test turns."""
+
+from __future__ import annotations
+
+import pytest
+
+from tcc_sim.nodes.pacing import CATCH_UP, SLICE, Pacer
+
+START = 5_000_000_000
+
+
+class Clock:
+    """Time goes on by what is slept, and by what the test adds."""
+
+    def __init__(self) -> None:
+        self.now = START
+        self.slept: list[float] = []
+
+    def __call__(self) -> int:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += round(seconds * 1e9)
+
+
+def paced(period: float) -> tuple[Clock, Pacer]:
+    clock = Clock()
+    return clock, Pacer(period, clock=clock, sleep=clock.sleep)
+
+
+def never() -> bool:
+    return False
+
+
+def test_deadlines_are_one_period_apart_whatever_a_tick_takes() -> None:
+    clock, pacer = paced(1e-3)
+    for tick in range(1, 101):
+        clock.now += 137_000 + 1_000 * (tick % 7)
+        assert pacer.wait(never)
+        assert clock.now == START + tick * 1_000_000
+    assert (pacer.ticks, pacer.late_ticks, pacer.missed_ticks, pacer.lateness_max, pacer.drift) == (100, 0, 0, 0.0, 0.0)
+
+
+def test_a_late_tick_is_made_good_and_counted_late_only_beyond_a_period() -> None:
+    clock, pacer = paced(1e-3)
+    clock.now += 2_000_000
+    assert pacer.wait(never)
+    assert (pacer.late_ticks, pacer.lateness_max, clock.slept) == (0, 1e-3, [])
+    clock.now += 1_500_001
+    assert pacer.wait(never)
+    assert (pacer.late_ticks, clock.slept) == (1, [])
+    assert pacer.lateness_max == pytest.approx(1.500001e-3)
+    assert pacer.drift == pytest.approx(1.500001e-3)
+    for _ in range(2):
+        assert pacer.wait(never)
+    assert (clock.now, clock.slept) == (START + 4_000_000, [pytest.approx(0.499999e-3)])
+    assert (pacer.late_ticks, pacer.missed_ticks) == (1, 0)
+
+
+@pytest.mark.parametrize(("late", "missed"), [(CATCH_UP, 0), (CATCH_UP + 1e-9, 100), (CATCH_UP + 2.5e-3, 102)])
+def test_beyond_the_catch_up_the_deadlines_move_and_what_was_missed_is_counted(late: float, missed: int) -> None:
+    clock, pacer = paced(1e-3)
+    clock.now += 1_000_000 + round(late * 1e9)
+    began = clock.now
+    assert pacer.wait(never)
+    assert pacer.missed_ticks == missed
+    assert pacer.wait(never)
+    assert clock.now == (began + 1_000_000 if missed else began)
+
+
+def test_an_interrupted_wait_keeps_its_deadline() -> None:
+    clock, pacer = paced(10.0)
+    looks = iter([False, False, True])
+    assert not pacer.wait(lambda: next(looks))
+    assert clock.slept == [SLICE, SLICE]
+    assert (pacer.ticks, clock.now) == (0, START + round(2 * SLICE * 1e9))
+    assert not pacer.wait(lambda: True)
+    assert pacer.wait(never)
+    assert (pacer.ticks, clock.now, pacer.lateness_max) == (1, START + 10_000_000_000, 0.0)
+    assert max(clock.slept) == SLICE
+
+
+def test_what_has_passed_is_not_interrupted() -> None:
+    clock, pacer = paced(1e-3)
+    clock.now += 3_000_000
+    assert pacer.wait(lambda: True)
+    assert pacer.wait(lambda: True)
+
+
+def test_an_anchor_counts_from_now_with_the_new_period() -> None:
+    clock, pacer = paced(1e-3)
+    assert pacer.wait(never)
+    clock.now += 777
+    pacer.period_ns = 2e6
+    pacer.anchor()
+    assert pacer.wait(never)
+    assert clock.now == START + 1_000_777 + 2_000_000
+    assert pacer.drift == 0.0
+
+
+def test_the_last_latenesses_are_kept() -> None:
+    clock = Clock()
+    pacer = Pacer(1e-3, kept=3, clock=clock, sleep=clock.sleep)
+    assert pacer.lateness() == (0.0, 0.0)
+    for late in (5, 1, 2, 4):
+        clock.now = round(pacer._anchor + (pacer._since_anchor + 1) * pacer.period_ns) + late * 1000
+        assert pacer.wait(never)
+    assert sorted(pacer.latenesses().tolist()) == pytest.approx([1e-6, 2e-6, 4e-6])
+    middle, high = pacer.lateness()
+    assert middle == pytest.approx(2e-6)
+    assert 2e-6 < high <= pacer.lateness_max == pytest.approx(5e-6)

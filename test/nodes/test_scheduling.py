@@ -1,0 +1,83 @@
+"""What the real-time thread asks of Linux: granted where there is the right to it, one sentence and no harm where not."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tcc_sim.nodes import scheduling
+from tcc_sim.nodes.scheduling import prepare_thread
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
+_PR_GET_TIMERSLACK = 30
+
+
+def in_a_thread(body: Callable[[], Any]) -> Any:
+    """What `body` gives in a thread of its own, whose settings end with it."""
+    found: list[Any] = []
+    thread = threading.Thread(target=lambda: found.append(body()))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
+def slack() -> int:
+    return int(ctypes.CDLL(None).prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0))
+
+
+def test_the_timer_slack_of_this_thread_alone_is_a_nanosecond() -> None:
+    before = slack()
+    assert in_a_thread(lambda: (prepare_thread(), slack())) == ([], 1)
+    assert slack() == before > 1
+
+
+def test_the_thread_runs_on_the_cores_asked_for() -> None:
+    mine = os.sched_getaffinity(0)
+    core = max(mine)
+    assert in_a_thread(lambda: (prepare_thread(cores=[core]), os.sched_getaffinity(0))) == ([], {core})
+    assert os.sched_getaffinity(0) == mine
+
+
+def test_what_is_refused_is_one_sentence_each_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    class Library:
+        """A C library that grants the timer slack and locks nothing."""
+
+        def prctl(self, *_: object) -> int:
+            return 0
+
+        def mlockall(self, flags: int) -> int:
+            assert flags == 3
+            ctypes.set_errno(12)
+            return -1
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    monkeypatch.setattr(scheduling.ctypes, "CDLL", lambda *_, **__: Library())
+    said = prepare_thread(50, [0, 1], True)
+    assert [sentence.split(" was not granted")[0] for sentence in said] == [
+        "cpu_affinity [0, 1]", "thread_priority 50", "lock_memory"]
+    assert "Operation not permitted" in said[0]
+    assert "CAP_SYS_NICE" in said[1]
+    assert "Cannot allocate memory" in said[2]
+
+
+def test_a_core_that_is_not_there_is_refused_with_those_that_are() -> None:
+    (sentence,) = in_a_thread(lambda: prepare_thread(cores=[1023]))
+    assert "cpu_affinity [1023] was not granted" in sentence
+    assert ", ".join(map(str, sorted(os.sched_getaffinity(0)))) in sentence
+
+
+def test_the_priority_is_fifo_where_it_is_granted() -> None:
+    refused, policy, priority = in_a_thread(lambda: (prepare_thread(priority=7), os.sched_getscheduler(0),
+                                                     os.sched_getparam(0).sched_priority))
+    assert (policy, priority) == ((os.SCHED_OTHER, 0) if refused else (os.SCHED_FIFO, 7))
+    assert len(refused) <= 1

@@ -1,0 +1,129 @@
+"""A signal at any moment of a node's life, from its first statement on: status 0, no traceback, nothing left behind.
+
+Moments are told by what a process shows: that it has taken SIGTERM, how many libraries it has mapped since, and how
+much processor time it has used.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+LIBRARIES = 130
+"""About how many shared libraries a driveline that runs has mapped."""
+SPENT = 2.0
+"""Processor time, s, within which a driveline with an empty cache still compiles."""
+
+
+def started(module: str, domain: str, folder: Path, *words: str, **more: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain, **more,
+                   "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.Popen([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], env=environment, cwd=folder,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def taken(process: subprocess.Popen[str]) -> bool:
+    """Whether the process has a handler for SIGTERM."""
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    caught = int(status.split("SigCgt:")[1].split()[0], 16)
+    return bool(caught >> (signal.SIGTERM - 1) & 1)
+
+
+def libraries(process: subprocess.Popen[str]) -> int:
+    """How many shared libraries are mapped."""
+    maps = Path(f"/proc/{process.pid}/maps").read_text()
+    return len({line.split()[-1] for line in maps.splitlines() if ".so" in line})
+
+
+def spent(process: subprocess.Popen[str]) -> float:
+    """Processor time so far, s."""
+    fields = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def ended_by(process: subprocess.Popen[str], number: signal.Signals) -> float:
+    """Send the signal and judge the end; gives how long it took, s."""
+    process.send_signal(number)
+    began = time.monotonic()
+    try:
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, "Traceback" in said, "Exception" in said) == (0, False, False), said
+    return time.monotonic() - began
+
+
+def moments(module: str, count: int, seed: int) -> list[tuple[str, signal.Signals, int]]:
+    draw = random.Random(seed)
+    return [(module, draw.choice([signal.SIGINT, signal.SIGTERM]), draw.randint(0, LIBRARIES)) for _ in range(count)]
+
+
+@pytest.mark.parametrize(("module", "number", "mapped"), [
+    ("driveline", signal.SIGTERM, 0), ("recorder", signal.SIGINT, 0), *moments("driveline", 6, 1),
+    *moments("recorder", 2, 2), *moments("slip_controller", 2, 3)])
+def test_a_signal_while_it_loads_ends_a_node_with_status_0(module: str, number: signal.Signals, mapped: int,
+                                                           domain: str, tmp_path: Path) -> None:
+    process = started(module, domain, tmp_path)
+    try:
+        while not taken(process) or libraries(process) < mapped:
+            assert process.poll() is None
+            if spent(process) > 20.0:
+                break
+    finally:
+        if process.poll() is not None:
+            process.kill()
+    ended_by(process, number)
+
+
+@pytest.mark.parametrize(("number", "part"), [(signal.SIGINT, 0.2), (signal.SIGTERM, 0.7)])
+def test_a_signal_while_it_compiles_ends_the_driveline_at_once(number: signal.Signals, part: float, domain: str,
+                                                               tmp_path: Path) -> None:
+    """With an empty cache of compiled code; LLVM does not look for signals, and Numba would take them for an error."""
+    process = started("driveline", domain, tmp_path, XDG_CACHE_HOME=str(tmp_path / "empty"))
+    while not taken(process) or libraries(process) < 90 or spent(process) < 1.0 + part * SPENT:
+        assert process.poll() is None
+    ended_by(process, number)
+
+
+@pytest.mark.parametrize("command", ["driveline_node", "slip_controller_node", "recorder_node"])
+def test_the_entry_points_take_the_signals_before_they_load_anything_slow(command: str) -> None:
+    """What `ros2 run` and the path start: the console script imports a function and calls it."""
+    code = ("import sys, os, signal\n"
+            "before = set(sys.modules)\n"
+            f"from tcc_sim.nodes.executables import {command}\n"
+            "class Look:\n"
+            "    def find_spec(self, name, path=None, target=None):\n"
+            "        if name.split('.')[0] in ('numpy', 'numba', 'rclpy', 'yaml', 'scipy'):\n"
+            "            print(name, *(signal.getsignal(n).__name__ for n in (signal.SIGTERM, signal.SIGINT)))\n"
+            "            sys.stdout.flush()\n"
+            "            os._exit(7)\n"
+            "sys.meta_path.insert(0, Look())\n"
+            f"sys.argv = ['{command}']\n"
+            f"{command}()\n")
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 7, ended.stderr
+    assert ended.stdout.split()[1:] == ["_on_signal", "_on_signal"]
+
+
+@pytest.mark.parametrize("module", ["driveline", "recorder", "slip_controller"])
+def test_help_and_version_print_and_end(module: str, tmp_path: Path) -> None:
+    from tcc_sim import __version__
+
+    for words, expected in ((["--version"], f"tcc_sim {__version__}\n"), (["--help"], f"usage: {module}_node "),
+                            (["-h", "--ros-args", "-p", "rate:=1.0"], f"usage: {module}_node ")):
+        ended = subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], capture_output=True,
+                               text=True, cwd=tmp_path, timeout=60, check=False,
+                               env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+        assert (ended.returncode, ended.stderr) == (0, "")
+        assert ended.stdout.startswith(expected)
+        assert "parameters:" in ended.stdout or words == ["--version"]
+    assert list(tmp_path.iterdir()) == []

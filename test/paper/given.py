@@ -1,0 +1,55 @@
+"""Evidence that a test made up, for the verdicts on the paper's claims."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.paper.evidence import Evidence
+from tcc_sim.studies.point import Plan
+from tcc_sim.studies.sweep import Curve, Sweep
+
+
+def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", **more: Any) -> dict[str, Any]:
+    return {"max_slip_speed": slip, "period": period, "regime": regime, **more}
+
+
+class Swept(Sweep):
+    """A sweep whose points are records already."""
+
+    @property
+    def records(self) -> list[dict[str, Any] | None]:
+        return list(self.points)  # type: ignore
+
+
+class Given(Evidence):
+    """Evidence that was made up: a record per row, ratio and direction, and jumps per row."""
+
+    def __init__(self, at: Callable[..., dict[str, Any]] = lambda row, x, direction: record(),
+                 jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
+                 steady: Callable[..., Any] | None = None) -> None:
+        super().__init__(1e-9, 1)
+        self.at, self.leaps, self.diagnosis, self.rests = at, jumps, lyapunov, steady
+
+    def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
+        unit = OMEGA_N if over == "engine.frequency" else STATIC
+        keys = tuple(min(float(x) * unit, STATIC) if unit == STATIC else float(x) * unit for x in axis)
+        return [Swept(Curve(paper_system(row), over, keys), Plan(direction=direction),
+                      [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
+
+    def motion(self, row, *, lyapunov=False):  # type: ignore
+        x = float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N
+        found = self.at(row, x, "cold")
+        return {**found, "lyapunov": {"low": 0.0, "exponent": 0.0, "high": 1.0, "diagnosis": self.diagnosis}}
+
+    def jumps(self, row, axis):  # type: ignore
+        return [(x, 10.0) for x in self.leaps(row)]
+
+    def steady(self, row):  # type: ignore
+        assert self.rests is not None
+        return self.rests(row)
+
+
+def law_of(row: Any) -> str:
+    return str(row.get("friction.law", "smoothed"))

@@ -1,0 +1,114 @@
+"""Verdicts that rest on more than curves: the solvers, the friction law, pure slip, the delay and (21)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from given import Given, Swept, law_of, record
+
+from tcc_sim.paper import claims_constant_load as constant
+from tcc_sim.paper import claims_model as model
+from tcc_sim.paper import claims_varying_load as varying
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
+from tcc_sim.paper.evidence import CONFIRMED, DEPENDS, NOT_CONFIRMED, Evidence
+
+
+def dampings(cf: Callable[[float], float], changes: bool) -> Callable[..., Any]:
+    return lambda row, x, direction: record(period=2 if changes and x > 0.2 else 1, equivalent_damping=cf(x),
+                                            negative_slope_mean=-1.0)
+
+
+@pytest.mark.parametrize(("cf", "changes", "verdict"), [
+    (lambda x: -1.2 * x / 0.4, True, CONFIRMED), (lambda x: -1.2 * x / 0.4, False, NOT_CONFIRMED),
+    (lambda x: 0.0, True, NOT_CONFIRMED)])
+def test_a_crossing_counts_with_a_change_of_period_only(cf, changes, verdict, monkeypatch) -> None:  # type: ignore
+    monkeypatch.setattr(constant, "_other_readings", dict)
+    assert constant.damping_crosses(Given(dampings(cf, changes))).verdict == verdict
+
+
+@pytest.mark.parametrize(("shares", "verdict"), [
+    ((1.0, 0.9, 0.1, 0.0), CONFIRMED), ((1.0, 0.7, 0.1, 0.0), NOT_CONFIRMED), ((1.0, 0.9, 0.3, 0.0), NOT_CONFIRMED)])
+def test_the_delay_is_judged_by_the_half_cycles(shares, verdict, monkeypatch) -> None:  # type: ignore
+    places = {f"{float(s.values['engine.frequency']):.6f}": x for s, x in zip(FIGURES[9].series, shares)}
+    monkeypatch.setattr(varying, "first_half", lambda key: places[key])
+    given = Given()
+    monkeypatch.setattr(given, "last_cycles", lambda row, cycles, samples: f"{row['engine.frequency']:.6f}")
+    assert varying.delay(given).verdict == verdict
+
+
+@pytest.mark.parametrize(("differences", "period", "largest", "verdict"), [
+    (0.01, 1, 36.3, CONFIRMED), (0.01, 2, 36.3, DEPENDS), (0.01, 1, 63.7, DEPENDS), (0.2, 1, 36.3, NOT_CONFIRMED)])
+def test_solvers_agree_where_their_steady_states_do(differences, period, largest, verdict,
+                                                    monkeypatch) -> None:  # type: ignore
+    monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: differences for name, *_ in chosen})
+    given = Given(steady=lambda row: {"period": period, "max_slip_speed": largest, "settled": True}
+                  if law_of(row) == "set_valued" else {"period": 1, "max_slip_speed": 36.3, "settled": True})
+    assert model.solvers_agree(given).verdict == verdict
+
+
+@pytest.mark.parametrize(("sizes", "verdict"), [
+    ((0.0, 0.2), DEPENDS), ((0.2, 0.2), CONFIRMED), ((0.0, 0.0), NOT_CONFIRMED)])
+def test_the_classical_method_differs_at_some_steps(sizes, verdict, monkeypatch) -> None:  # type: ignore
+    monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: sizes[float(name.split()[2]) > 3e-5]
+                                                                    for name, *_ in chosen})
+    assert model.classical_differs(Given()).verdict == verdict
+
+
+@pytest.mark.parametrize(("name", "claim"), [
+    ("peak_of", model.maximum_falls), ("least_slope", model.slope_turns_negative)])
+def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -> None:  # type: ignore
+    seen: list[float] = []
+
+    def flat(system: Any) -> float:
+        seen.append(round(1.0 / system.friction_ratio, 4))
+        return 2.0
+    monkeypatch.setattr(model, name, flat)
+    assert claim(Given()).verdict == NOT_CONFIRMED
+    assert {0.8, 0.75, 0.677} <= set(seen) <= {1.0, 0.8, 0.75, 0.677}
+
+
+def test_pure_slip_is_held_against_the_solution(monkeypatch) -> None:  # type: ignore
+    from tcc_sim.model.closed_form import pure_slip
+    t = np.linspace(0.0, 1.0, 1001)
+    v = pure_slip(paper_system(model.PURE_SLIP)).slip_speed(t)
+    for off, verdict in ((0.0, CONFIRMED), (1e-3, NOT_CONFIRMED)):
+        given = Given()
+        monkeypatch.setattr(given, "first_cycles", lambda row, cycles, samples, off=off: SimpleNamespace(
+            t=t, slip_speed=v * (1.0 + off)))
+        found = model.pure_slip_guaranteed(given)
+        assert found.verdict == verdict
+        assert found.values["least Omega_e that slips for ever (rad/s)"] == pytest.approx(35.1, abs=0.1)
+
+
+def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ignore
+    """Law (6) in Fig. 2: no period after 150 cycles from (13), period two once it has settled."""
+    row = {**model.FIG02, "friction.law": "set_valued"}
+    kept = Evidence(1e-9, 1)
+    sweep = kept.curves([row], np.array([150.0 / OMEGA_N]))[0]
+    found = sweep.records[0]
+    assert found is not None
+    assert (found["period"], found["settled"]) == (0, False)
+    assert kept.periods(sweep).tolist() == [2]
+    assert kept.motion(row)["period"] == 2
+    found.pop("settled")
+    silent = Swept(sweep.curve, sweep.plan, [found], 0.0)
+    assert Evidence(1e-9, 1).periods(silent).tolist() == [0]  # A record that does not say counts as settled.
+
+
+@pytest.mark.parametrize(("printed", "verdict"), [(300.0, CONFIRMED), (-6.4, NOT_CONFIRMED)])
+def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict, monkeypatch) -> None:  # type: ignore
+    """A slip of a + b cos in the simulation and in the series; what is left is the mean of (31)."""
+    t = np.linspace(0.0, 0.1, 50)
+    series = SimpleNamespace(slip=np.array([2.0]), coefficient=None, slip_speed=lambda t: 2.0 + np.cos(t))
+    monkeypatch.setattr(model, "harmonic_balance", lambda system, period, count: series)
+    monkeypatch.setattr(model, "mean_friction_torque",
+                        lambda system, coefficient, period, printed=False, value=printed: value if printed else 300.0)
+    given = Given()
+    for mean, expected in ((2.0, verdict), (3.0, NOT_CONFIRMED)):
+        run = SimpleNamespace(t=t, slip_speed=mean + np.cos(t))
+        monkeypatch.setattr(given, "last_cycles", lambda row, cycles, samples, run=run: run)
+        assert model.series_balance(given).verdict == expected

@@ -1,0 +1,100 @@
+"""The long collocation step: its tables against identities of Radau IIA, its linear part and stages against closed solves."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tcc_sim.model import friction
+from tcc_sim.solvers.smoothed import collocation_tables as tables
+from tcc_sim.solvers.smoothed import stages
+from tcc_sim.solvers.smoothed.state import WORK
+
+LINEAR = (0.2, 0.02, 0.6, 3000.0)
+RATE = 150.0
+STRIBECK = (0.25, 2.0)
+
+
+def test_the_tableau_integrates_polynomials_up_to_degree_30():
+    for k in range(1, tables.NODES + 1):
+        np.testing.assert_allclose(tables.A @ tables.C ** (k - 1), tables.C**k / k, atol=1e-14)
+    weights = tables.A[-1]
+    for k in range(1, 2 * tables.NODES):
+        assert weights @ tables.C ** (k - 1) == pytest.approx(1.0 / k, rel=1e-13)
+    assert tables.C[-1] == 1.0
+
+
+def test_chebyshev_coefficients_and_powers_give_the_nodal_values_back():
+    nodes = np.concatenate([[0.0], tables.C])
+    values = np.cos(3.0 * nodes)
+    coefficients = values @ tables.TO_CHEBYSHEV
+    np.testing.assert_allclose(np.polynomial.chebyshev.chebval(2.0 * nodes - 1.0, coefficients), values, atol=1e-15)
+    powers = coefficients @ tables.TO_POWERS
+    np.testing.assert_allclose(np.polynomial.polynomial.polyval(nodes, powers), values, atol=1e-13)
+
+
+@pytest.mark.parametrize("level", [1, 4, 12])
+def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
+    found = tables.tables(LINEAR, (RATE,), RATE, tables.top_of(2.0 * np.pi / RATE), tables.LEVELS)
+    rung, sources = found.rungs[level], found.sources[level]
+    i1, i2, damping, stiffness = LINEAR
+    inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(rung["length"])
+    assert h <= 2.0 * np.pi / RATE
+
+    def slip(t):
+        return 0.03 * np.sin(40.0 * t)
+
+    def torque(t):
+        return 300.0 + 250.0 * np.sin(RATE * t + 0.4)
+
+    def rates(t, y):
+        return [y[1] - kappa * slip(t), (torque(t) - stiffness * y[0] - damping * (y[1] - kappa * slip(t))) / inertia]
+
+    times = h * np.concatenate([[0.0], tables.C])
+    truth = solve_ivp(rates, (0.0, h), [0.1, -3.0], "DOP853", times, rtol=1e-13, atol=1e-14).y
+    weights = np.array([0.1, -3.0, 300.0, 250.0 * np.sin(0.4), 250.0 * np.cos(0.4)])
+    v = slip(times[1:])
+    for name, exact in zip(("angle", "speed"), truth):
+        coefficients = weights @ sources[name] + v @ rung[name]
+        values = np.polynomial.chebyshev.chebval(2.0 * times / h - 1.0, coefficients)
+        np.testing.assert_allclose(values, exact, atol=1e-11 * np.abs(exact).max())
+        assert weights @ sources["end_" + name] + v @ rung["end_" + name] == pytest.approx(exact[-1], rel=1e-11)
+    u = truth[1, 1:] - kappa * v
+    free = torque(times[1:]) / i1 + (damping * u + stiffness * truth[0, 1:]) / i2 - 1.2 * np.cos(40.0 * times[1:])
+    balance = weights @ sources["balance"] + rung["start"] * slip(0.0) - v @ rung["coupling"]
+    np.testing.assert_allclose(balance, free, atol=1e-9 * np.abs(free).max() + 1e-9 / h)
+
+
+@numba.njit
+def law(work, sign, sigma, stribeck):
+    stages.evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
+
+
+@numba.njit
+def correct(work, rung, v):
+    stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.grip, work.balance, rung.start, v, work.change)
+    stages.eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)
+
+
+@pytest.mark.parametrize("stribeck", [None, STRIBECK])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_law_at_all_nodes_is_the_law(stribeck, sign):
+    work = np.zeros(1, WORK)[0]
+    work["slip"] = sign * np.concatenate([[0.0], np.logspace(-12, 2, tables.NODES - 1)])
+    law(work, sign, 50.0, stribeck)
+    expected, slope = friction.smoothed_and_slope(work["slip"], 50.0, stribeck)
+    np.testing.assert_allclose(work["law"], expected, rtol=1e-14, atol=1e-16)
+    np.testing.assert_allclose(work["slope"][1:], slope[1:], rtol=1e-11, atol=1e-13)
+
+
+def test_the_correction_solves_newtons_equations():
+    rung = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).rungs[5]
+    work, draw = np.zeros(1, WORK)[0], np.random.default_rng(0)
+    work["slip"], work["grip"] = draw.uniform(0.01, 0.05, 16), draw.uniform(2e4, 3e4, 16)
+    work["balance"] = draw.normal(size=16) * 1e4
+    law(work, 1.0, 50.0, STRIBECK)
+    correct(work, rung, 0.03)
+    residual = (work["balance"] - work["grip"] * work["law"] + rung["start"] * 0.03 - work["slip"] @ rung["coupling"])
+    exact = np.linalg.solve(rung["coupling"].T + np.diag(work["grip"] * work["slope"]), residual)
+    np.testing.assert_allclose(work["change"], exact, rtol=1e-10)
+    assert work["measure"][0] == pytest.approx(np.abs(exact).max(), rel=1e-10)

@@ -1,0 +1,90 @@
+"""The exact engine at its edges: a load that starts at 0, a run that ends at an event, an overdamped plate."""
+
+import math
+
+import numpy as np
+import pytest
+from piecewise import Piecewise
+from scipy.integrate import solve_ivp
+
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import Status, solve
+
+FIG02 = replace(System(), {"friction.law": "set_valued"})
+
+
+@pytest.mark.parametrize("phase", [0.3, 0.5 * math.pi, 2.0, 3.0, 3.5, 5.0])
+def test_the_mode_at_the_start_is_that_of_the_load_there(phase):
+    """With a mean pressure of 0 the clutch starts loaded where sin(phase) > 0, whatever the mean says."""
+    system = replace(FIG02, {"pressure.mean": 0.0, "pressure.amplitude": 200e3, "pressure.phase": phase,
+                             "initial.slip_speed": 10.0})
+    run = solve(system, cycles=1)
+    states, _, _ = Piecewise(system).run(system.cycle, run.t, slices=60)
+    assert run.slip_speed[-1] == pytest.approx(states[-1, 0], abs=1e-8)
+    load = max(system.saturation_amplitude * math.sin(phase), 0.0)
+    law = 1.0 + (system.friction_ratio - 1.0) * math.exp(-20.0)
+    assert run.friction_torque[0] == pytest.approx(law * load, abs=1e-9)
+
+
+@pytest.mark.parametrize("phase", [0.0, math.pi])
+def test_a_load_of_nothing_at_the_start_goes_by_where_it_is_going(phase):
+    near = [replace(FIG02, {"pressure.mean": 0.0, "pressure.amplitude": 200e3, "pressure.phase": phase + shift,
+                            "initial.slip_speed": 10.0}) for shift in (-1e-9, 0.0, 1e-9)]
+    ends = [solve(system, cycles=1).slip_speed[-1] for system in near]
+    np.testing.assert_allclose(ends, ends[1], atol=1e-6)
+
+
+def test_a_run_that_ends_at_an_event_has_mode_and_torque_of_one_side():
+    system = replace(FIG02, {"initial.slip_speed": 5.0})
+    d = system.driveline
+    marks = [0.027585877613337938, *solve(system, duration=0.2).transitions.time.tolist()]
+    for mark in marks:
+        for end in (np.nextafter(mark, 0.0), mark, np.nextafter(mark, 1.0)):
+            run = solve(system, duration=float(end))
+            spring = d.damping * run.plate_speed[-1] + d.stiffness * run.plate_angle[-1]
+            held = (d.plate_inertia * run.engine_torque[-1] + d.flywheel_inertia * spring) / (0.2 + 0.02)
+            slipping = system.friction_ratio * run.saturation_torque[-1] * np.sign(run.state[-1])
+            assert abs(run.slip_speed[-1]) < 1e-9
+            assert run.friction_torque[-1] == pytest.approx(held if run.state[-1] == 0 else slipping, abs=1e-6)
+
+
+def overdamped(**keys):
+    return replace(FIG02, {"driveline.damping": 9794.0, "driveline.plate_inertia": 0.0016,
+                           **{k.replace("__", "."): v for k, v in keys.items()}})
+
+
+def test_an_overdamped_plate_with_a_falling_coefficient():
+    """Against SciPy's Radau on the slip equations, to where slip ends."""
+    system = overdamped(initial__slip_speed=5.0)
+    run = solve(system, cycles=2, samples_per_cycle=50).raise_for_status()
+    model = Piecewise(system)
+    stop = run.transitions.time[0]
+    found = solve_ivp(lambda t, y: model.rates(t, y, 1), (0.0, stop), [5.0, 0.0, 0.0, 0.0], method="Radau", rtol=1e-11,
+                      atol=1e-13, dense_output=True)
+    assert abs(found.y[0, -1]) < 1e-7
+    inside = run.t < stop
+    np.testing.assert_allclose(run.slip_speed[inside], found.sol(run.t[inside])[0], atol=1e-7)
+    np.testing.assert_allclose(run.plate_angle[inside], found.sol(run.t[inside])[1], atol=1e-9)
+    assert run.statistics.steps < 2000
+
+
+def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
+    system = overdamped(engine__mean_torque=0.0, engine__torque_amplitude=1500.0, initial__slip_speed=0.0)
+    run = solve(system, cycles=2, samples_per_cycle=20_000)
+    assert run.status is Status.DONE
+    assert {-1, 0, 1} <= set(run.state.tolist())
+    d = system.driveline
+    flywheel = run.slip_speed + run.plate_speed
+    stored = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
+                    + d.stiffness * run.plate_angle**2)
+    power = (run.engine_torque * flywheel - run.friction_torque * run.slip_speed - d.damping * run.plate_speed**2)
+    assert np.trapezoid(power, run.t) == pytest.approx(stored[-1] - stored[0], abs=1e-4 * np.abs(stored).max())
+
+
+def test_a_failure_says_the_time_it_reached(monkeypatch):
+    from tcc_sim.solvers.event_driven import solution
+    monkeypatch.setattr(solution, "STEP_MAXIMUM", 3)
+    run = solve(FIG02, cycles=5)
+    assert run.status is Status.STEP_LIMIT
+    assert 0.0 < run.t[-1] < FIG02.cycle
+    assert "3 steps" in run.detail
