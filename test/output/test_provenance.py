@@ -106,7 +106,7 @@ def test_a_grid(folder: Path) -> None:
 
 def test_continue(folder: Path) -> None:
     words = ("continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305", "--at", 301.5,
-             "--second", "pressure.mean=1.7e5:1.9e5", "--json", folder / "branches.json")
+             "--second", "pressure.mean=2.9e5:3.1e5", "--json", folder / "branches.json")
     found, command = written(folder, "branches.json", *words)
     assert valid("continue", found)["command"] == command
     assert (found["range"], found["complete"]) == ([295.0, 305.0], True)
