@@ -247,9 +247,12 @@ def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
 
         return types.void(order, *kinds), write
 
-    # An intrinsic's parameters are read from its signature: there is no *args.
-    parameters = ", ".join(f"a{i}" for i in range(count))
-    scope: dict[str, Any] = {"implement": implement, "__name__": __name__}
-    exec(f"def typed(typing, order, {parameters}):\n    return implement(typing, order, {parameters})\n", scope)
-    made: Callable[..., None] = intrinsic(scope["typed"])
+    def typed(typing: Any, order: Any, *kinds: Any) -> Any:
+        return implement(typing, order, *kinds)
+
+    # An intrinsic's parameters are read from its signature, where there is no *args.
+    named = ["typing", "order", *(f"a{i}" for i in range(count))]
+    typed.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in named])
+    made: Callable[..., None] = intrinsic(typed)
     return made
