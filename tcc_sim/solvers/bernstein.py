@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.solvers.compiled import compiled
+from tcc_sim.solvers.compiled import fast
 
 DEGREE_MAXIMUM = 31
 HALVINGS = 40
@@ -29,11 +29,6 @@ LEFT, WIDTH, NOISE = 32, 33, 34
 ROUNDING = 1.12e-16
 PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dtype=np.float64)
 PER_BINOMIAL = np.array([[1.0 / max(math.comb(n, k), 1) for k in range(32)] for n in range(32)])
-
-
-def fast(function: Any) -> Any:
-    """Compile without reference counts, and with products and sums fused where the processor can."""
-    return compiled(function, _nrt=False, fastmath={"contract"})  # type: ignore[arg-type]
 
 
 @fast

@@ -20,12 +20,12 @@ from tcc_sim.solvers.bernstein import (
     SCALED,
     WIDTH,
     WORKSPACE,
-    fast,
     halve,
     isolate,
     later_part,
     to_bernstein,
 )
+from tcc_sim.solvers.compiled import fast
 
 
 @fast
@@ -241,7 +241,7 @@ def extremes(c: Any, row: int, degree: int, x_end: float, highest: float, lowest
              workspace: Any) -> tuple[float, float]:
     """`highest` and `lowest` widened by what the polynomial reaches over [0, x_end], to rounding."""
     to_bernstein(c, row, degree, x_end, workspace)
-    return extremes_of(c, row, degree, x_end, highest, lowest, workspace)  # type: ignore[no-any-return]
+    return extremes_of(c, row, degree, x_end, highest, lowest, workspace)
 
 __all__ = ["DEGREE_MAXIMUM", "WORKSPACE", "crossing_of", "extremes", "extremes_of", "first_crossing", "stick_crossing",
            "to_bernstein", "value", "value_and_slope", "variation"]
