@@ -66,6 +66,13 @@ class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
         if isinstance(library, PartLibrary):
             self._linking_libraries.extend(library.parts())
 
+    def _optimize_final_module(self) -> None:
+        """Optimise all together; nobody else calls the parts, so one that is called at one place is always inlined."""
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "linkonce_odr":
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PartLowering(NativeLowering):  # type: ignore[misc]
