@@ -114,6 +114,14 @@ def _lanes(chosen: Any) -> tuple[float, ...]:
     return tuple(1.0 if chosen(i) else 0.0 for i in range(WIDTH))
 
 
+def add_slip_text(slip: Any, shares: Any, chebyshev: Any) -> None:
+    """Add the shares of the slip speeds at the nodes to Chebyshev coefficients."""
+    speeds, out = slip.row(), chebyshev.row()
+    for j in range(NODES):
+        out = out + shares.row(j, 0) * speeds[j]
+    chebyshev.set_row(out)
+
+
 def slip_polynomial_text(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
     """The polynomial through v at the start and V at the nodes: Chebyshev coefficients over the step, and powers of x."""
     speeds = slip.row()
@@ -138,6 +146,7 @@ guess = unrolled(guess_text)
 evaluate_residual = unrolled(residual_text)
 divide = unrolled(divide_text)
 eliminate = unrolled(eliminate_text)
+add_slip = unrolled(add_slip_text)
 slip_polynomial = unrolled(slip_polynomial_text)
 to_powers = unrolled(powers_text)
 
