@@ -155,7 +155,8 @@ class Trajectory:
         """This trajectory, or NumericalFailure with the sentence of its status."""
         if self.status is not Status.DONE:
             reached = f" at t = {self.t[-1]:.6g} s" if len(self.t) else ""
-            raise NumericalFailure(f"{self.solver}: {self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
+            raise NumericalFailure(f"{self.solver}: "
+                                   f"{self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
         return self
 
 

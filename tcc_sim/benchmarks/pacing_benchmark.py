@@ -101,8 +101,8 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     Returns
     -------
     The figures of `tcc-sim realtime --json`. The drift is that of the node's clock against real time, the largest of
-    the stretches; missed ticks are those given up beyond the catch-up bound. `settings` has the bare loop's figures with
-    each setting by itself, and what was refused.
+    the stretches; missed ticks are those given up beyond the catch-up bound. `settings` has the bare loop's figures
+    with each setting by itself, and what was refused.
     """
     environment = isolated_environment()
     os.environ.update(environment)

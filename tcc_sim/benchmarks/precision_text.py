@@ -41,23 +41,23 @@ def _method(found: Record) -> list[str]:
     cycles = found["scenes"][0]["cycles"] if found["scenes"] else 0
     out = [
         "Errors are relative to each signal's maximum in the second half of the horizon, the largest over slip speed, "
-        "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each cycle's "
-        "largest slip speed.",
-        f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing where the "
-        "motion is chaotic.",
+        "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
+        "cycle's largest slip speed.",
+        f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing "
+        "where the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
         "of the last cycles. Solvers that would take too long for it have none, nor have motions without a period.",
-        "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; the first "
-        "call, which compiles, is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive solvers and steps "
-        "in s of fixed-step ones.",
-        "The floor is the disagreement of two SciPy references, which use nothing of this package's solvers; an error below it "
-        "is not resolved.",
-        "`event_driven` and Siconos solve the set-valued law, against references solved from event to event; everything else "
-        "solves the smoothed law.",
-        f"Other programs: {peers}. XPPAUT's results are in single precision, so errors of it below about 1.2e-7 mean nothing; "
-        "its time is that of the whole horizon less that of one cycle, scaled to the horizon, so start-up is left out. "
-        "Siconos's time is that of its loop. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian "
-        "that keeps the section only."]
+        "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; the "
+        "first call, which compiles, is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive "
+        "solvers and steps in s of fixed-step ones.",
+        "The floor is the disagreement of two SciPy references, which use nothing of this package's solvers; an error "
+        "below it is not resolved.",
+        "`event_driven` and Siconos solve the set-valued law, against references solved from event to event; "
+        "everything else solves the smoothed law.",
+        f"Other programs: {peers}. XPPAUT's results are in single precision, so errors of it below about 1.2e-7 mean "
+        "nothing; its time is that of the whole horizon less that of one cycle, scaled to the horizon, so start-up is "
+        "left out. Siconos's time is that of its loop. `solve_ivp LSODA` is SciPy's function with a compiled "
+        "right-hand side and Jacobian that keeps the section only."]
     if not found["complete"]:
         out.append("**Interrupted: this report is not complete.**")
     return [line for text in out for line in (text, "")][:-1]
@@ -83,7 +83,8 @@ def _summary(record: Record, scenes: list[Record]) -> list[str]:
         lines.append(f"| {_name(name)} | " + " | ".join(cells) + " |")
     if record["long_run"]:
         lines += ["", "| long run, at the setting for 1e-6 | cycles | ms per 100 cycles |", "| --- | ---: | ---: |"]
-        lines += [f"| {_name(r['solver'])} at {r['setting']:g} | {r['cycles']} | {1e3 * r['seconds_per_100_cycles']:.4g} |"
+        lines += [f"| {_name(r['solver'])} at {r['setting']:g} | {r['cycles']} | "
+                  f"{1e3 * r['seconds_per_100_cycles']:.4g} |"
                   for r in record["long_run"]]
     return [*lines, ""]
 
@@ -91,8 +92,9 @@ def _summary(record: Record, scenes: list[Record]) -> list[str]:
 def _speed(found: Record) -> list[str]:
     """Cycles per second on the scenes of Fig. 4."""
     lines = ["## Engine cycles a second, on the scenes of Fig. 4", "",
-             f"Each program at its loosest tolerance with all three errors at most {found['error']:g} over {found['horizon']} "
-             f"cycles from the initial state; the time is that of {found['cycles']} cycles, on one core.", "",
+             f"Each program at its loosest tolerance with all three errors at most {found['error']:g} over "
+             f"{found['horizon']} cycles from the initial state; the time is that of {found['cycles']} cycles, on one "
+             "core.", "",
              "| mu_k/mu_s | omega/omega_n | `smoothed`: cycles a second | rtol | error | at the default rtol | error | "
              "XPPAUT cvode: cycles a second | toler | error | ratio |", "|" + " ---: |" * 11]
     for kinetic, frequency, loose, default, peer in speed_rows(found):
@@ -118,7 +120,8 @@ def scene_lines(record: Record) -> list[str]:
     best = fastest(record, 1e-6)
     times = [f"{name} {1e3 * row['seconds']:.3g} ms" for name,
              row in sorted(best.items(), key=lambda x: x[1]["seconds"])]
-    head = f"{record['scene']}: floor {record['reference']['floor']:.1e}; {record['cycles']} cycles with errors up to 1e-6: "
+    head = (f"{record['scene']}: floor {record['reference']['floor']:.1e}; "
+            f"{record['cycles']} cycles with errors up to 1e-6: ")
     return [head + (", ".join(times) or "none"), *(
         f"    {row['solver']} at {row['setting']:g}: {1e3 * row['seconds_per_100_cycles']:.4g} ms per 100 cycles"
         for row in record["long_run"])]

@@ -147,16 +147,17 @@ def speed_summary(found: Record) -> list[str]:
     default = [b["cycles_per_second"] for _, _, _, b, _ in table if b]
     ratios = [a["cycles_per_second"] / c["cycles_per_second"] for _, _, a, _, c in table if a and c]
     sweep = found["sweep"]
-    out = [f"{_range(loose)} engine cycles a second and core at an error of at most {found['error']:g} on {len(table)} scenes of "
-           f"Fig. 4, {_range(default)} at the default tolerance"]
+    out = [f"{_range(loose)} engine cycles a second and core at an error of at most {found['error']:g} on {len(table)} "
+           f"scenes of Fig. 4, {_range(default)} at the default tolerance"]
     if ratios:
         peer = [c["cycles_per_second"] for *_, c in table if c]
-        out.append(f"XPPAUT's CVODE {_range(peer)} at the same error; the ratio is {min(ratios):.2g} to {max(ratios):.2g}")
+        out.append(f"XPPAUT's CVODE {_range(peer)} at the same error; the ratio is {min(ratios):.2g} to "
+                   f"{max(ratios):.2g}")
     else:
         out.append(f"XPPAUT's CVODE did not take part: {next((row['why'] for row in found['omitted']), 'not run')}")
-    out.append(f"a sweep over Fig. 4, {sweep['points']} points and {sweep['cycles']} cycles: {sweep['seconds']:.3g} s on "
-               f"{sweep['cores']} cores, {100.0 * sweep['busy']:.0f} % busy, {_round(sweep['cycles_per_second_and_core'])} "
-               "cycles a second and core with everything")
+    out.append(f"a sweep over Fig. 4, {sweep['points']} points and {sweep['cycles']} cycles: {sweep['seconds']:.3g} s "
+               f"on {sweep['cores']} cores, {100.0 * sweep['busy']:.0f} % busy, "
+               f"{_round(sweep['cycles_per_second_and_core'])} cycles a second and core with everything")
     return out
 
 

@@ -157,7 +157,9 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
             if solver == "event_driven" and case.system.friction_ratio == 1.0:
                 ladder = ladder[-1:]
             for value in ladder:
-                yield solver, float(f"{value * STABLE['rk4'] / stick_rate(case.system):.2g}") if solver == "rk4" else value
+                if solver == "rk4":
+                    value = float(f"{value * STABLE['rk4'] / stick_rate(case.system):.2g}")
+                yield solver, value
     for peer, ladder in effort.peers.items():
         relay = case.system.friction_ratio == 1.0 and case.system.pressure.amplitude == 0.0 and law == "set_valued"
         if relay if peer.startswith("Siconos") else law == "smoothed":
@@ -222,8 +224,8 @@ def _registered(record: Record, case: Case, solver: str, setting: float, effort:
         step = setting if solver == "rk4" else STABLE[solver] / stick_rate(case.system)
         steps = case.cycles * case.system.cycle / step
         if steps * SECONDS_PER_STEP[solver] > 4.0 * effort.longest:
-            raise peers.Failed(f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, which takes "
-                               f"about {steps * SECONDS_PER_STEP[solver]:.2g} s")
+            raise peers.Failed(f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, "
+                               f"which takes about {steps * SECONDS_PER_STEP[solver]:.2g} s")
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
     if solver not in record["warm_up"]:
         began = time.process_time()

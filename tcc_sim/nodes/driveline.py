@@ -111,8 +111,8 @@ class DrivelineNode(Node):
             return parameters.accepted()
         plant = self.loop.plant
         if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
-            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is still "
-                                                 "being compiled; ask again in a moment"))
+            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is "
+                                                 "still being compiled; ask again in a moment"))
         text = after.text()
         outcome = self.loop.request(lambda: self._take(after, text))
         return parameters.accepted() if outcome else parameters.refused(InputError(outcome.why))

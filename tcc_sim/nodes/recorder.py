@@ -190,7 +190,8 @@ class Recorder:
                 now = {bytes(o.endpoint_gid) for o in offered}
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
-                    self.node.get_logger().warning(f"the publisher of {track.topic} is gone{left}; the recording goes on")
+                    self.node.get_logger().warning(f"the publisher of {track.topic} is gone{left}; the recording goes "
+                                                   "on")
                 track.publishers = now
 
     def _tell_of_silence(self, track: Track) -> None:

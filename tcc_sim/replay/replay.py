@@ -83,7 +83,8 @@ class Replay:
         found, ended = self.summary, "complete" if self.complete else "cut short"
         period = f"period {found.period}" if found.period else "no period"
         return (f"<Replay of {self.path.name}: {self.messages} messages, {self.lost_messages} lost, {ended}; "
-                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} rad/s>")
+                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} "
+                "rad/s>")
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""

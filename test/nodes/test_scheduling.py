@@ -1,4 +1,4 @@
-"""What the real-time thread asks of Linux: granted where there is the right to it, one sentence and no harm where not."""
+"""What the real-time thread asks of Linux: granted where there is the right to it, one sentence, no harm where not."""
 
 from __future__ import annotations
 
