@@ -30,8 +30,6 @@ TIMEOUT = 60.0
 """Seconds that a peer may take for one run."""
 FINE = 256
 """Samples per engine cycle from which a peer's largest slip speeds are taken."""
-SINGLE = 1.2e-7
-"""XPPAUT stores and writes its results in single precision: no error of it below this means anything."""
 STICK = 1e-12
 
 
