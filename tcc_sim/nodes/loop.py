@@ -26,7 +26,6 @@ from tcc_sim.nodes.outputs import Outputs
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.plant import Plant
 from tcc_sim.nodes.scheduling import prepare_thread
-from tcc_sim.nodes.signals import COMPILER
 from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic
@@ -93,7 +92,7 @@ class RealTimeLoop:
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
-        self._compiler = threading.Thread(target=self.plant.warm_up_general, name=COMPILER, daemon=True)
+        self._compiler = threading.Thread(target=self.plant.warm_up_general, name="compiler", daemon=True)
         engine, pressure = topic("engine_torque"), topic("actuation_pressure")
         self.engine_command = Command(node, engine) if engine.wanted(scene.value) else None
         self.pressure_command = (Command(node, pressure, self.plant.check_pressure)
