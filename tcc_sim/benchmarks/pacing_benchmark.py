@@ -18,7 +18,7 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
-from tcc_sim.nodes.children import NodeProcess, isolated_environment
+from tcc_sim.nodes.children import START_LIMIT, NodeProcess, isolated_environment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, Pacer
 from tcc_sim.nodes.scheduling import TIMER_SLACK_NS, prepare_thread, release_memory
@@ -124,6 +124,8 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             if not loop.clock_started.wait(30.0) and listener is not None:
                 listener.check()
             loop.request(lambda: loop.pause(True))
+            # What is compiled beside the loop at the start holds the interpreter meanwhile; the bare loop has none of it.
+            loop.plant.general_ready.wait(START_LIMIT)
             done = 0.0
             while done < duration - 1e-9:
                 length = min(SLICE, duration - done)

@@ -25,7 +25,7 @@ from tcc_sim.nodes.inputs import Command
 from tcc_sim.nodes.outputs import Outputs
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.plant import Plant
-from tcc_sim.nodes.scheduling import prepare_thread
+from tcc_sim.nodes.scheduling import attend, prepare_thread
 from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic
@@ -121,6 +121,9 @@ class RealTimeLoop:
         self.plant.warm_up()
         self._thread.start()
         self._compiler.start()
+        priority = self.scene.operation.thread_priority
+        if priority:
+            attend(priority, (self._thread.native_id, self._compiler.native_id))
 
     def stop(self) -> None:
         """End the thread; returns when it has ended, at most after one sleep slice."""
@@ -128,6 +131,8 @@ class RealTimeLoop:
         self._wake.set()
         if self.running:
             self._thread.join(timeout=1.0)
+            if self.scene.operation.thread_priority:
+                attend(0)
 
     @property
     def running(self) -> bool:
