@@ -197,7 +197,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     held = [(place.index, sources[place.number].commanded) for place in _places(run, sources, "inputs", progress)]
     verifier, pace = Verifier(run.scenes, places, own, run.size, held) if verify else None, Pace()
     commands = Commands(run.joint_states_topic)
-    control = ControlLog(own, run.scenes, cycle, commands)
+    control = ControlLog(own, run.scenes, places, cycle, commands)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect, commands.has_target(run.topics))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 
-from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps
+from tcc_sim.analysis.control import Control, Event, Steps
+from tcc_sim.analysis.cycle_means import CycleMeans
 from tcc_sim.analysis.cycles import cycles_of
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
