@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.studies.sweep_file import decoded, encoded
+from tcc_sim.studies.sweep_file import SweepFile, decoded, encoded
 
 WORDS = ["sweep", "slip", "--over", "engine.torque_amplitude=10:40:4", "--cycles", "6", "--solver", "fixed_step"]
 
@@ -162,3 +162,13 @@ def test_a_sweep_killed_in_mid_run_goes_on_from_its_file(tmp_path: Path) -> None
     found = json.loads((tmp_path / "all.json").read_text())
     assert found["complete"]
     assert None not in found["max_slip_speed"]
+
+
+def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:
+    """/dev/full takes every byte into a buffer and none to the disk."""
+    file = SweepFile(tmp_path / "points.jsonl", {}, lambda *_: None)
+    file._stream.close()
+    file._stream = open("/dev/full", "ab")  # noqa: SIM115
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        file.append(0, 0, {})
+    file.close()
