@@ -48,7 +48,7 @@ def test_the_set_valued_averages_agree_with_quadrature_on_located_arcs(values):
     assert found.threshold == -0.6
 
 
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(50.0, 1e-6), (2000.0, 1e-6)])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(50.0, 1e-8), (2000.0, 1e-8)])
 def test_the_smoothed_averages_agree_with_quadratures_along_scipys_solution(smoothing, tolerance):
     system = replace(System(), {**LOADED, "friction.smoothing": smoothing})
     cycle = system.cycle

@@ -25,6 +25,8 @@ SCENES: dict[str, dict[str, Any]] = {
     "reversals": {**FIG02, "engine.mean_torque": 40.0, "engine.torque_amplitude": 900.0},
     "clamped, harmonics": {**FIG02, "pressure.amplitude": 4e5, "pressure.frequency_ratio": 2.0 / 3.0,
                            "engine.harmonic_amplitudes": (80.0, 40.0), "engine.harmonic_phases": (0.3, 1.0)},
+    "overdamped": {**FIG02, "driveline.damping": 9794.0, "driveline.plate_inertia": 0.0016, "engine.mean_torque": 40.3,
+                   "engine.torque_amplitude": 900.7},
     "light plate": {**FIG02, "driveline.plate_inertia": 1e-4, "driveline.damping": 10.0},
 }
 ENGINES = {"smoothed": ("smoothed", "smoothed.solve"), "event_driven": ("set_valued", "event_driven.solution"),
@@ -62,7 +64,8 @@ def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch:
     np.testing.assert_array_equal(one.section, -two.section)
     np.testing.assert_array_equal(one.highest, -two.lowest)
     np.testing.assert_array_equal(one.lowest, -two.highest)
-    np.testing.assert_array_equal(one.stick_time, two.stick_time)
+    # From samples it is a sum over both edges of the layer, whose order the sign decides.
+    np.testing.assert_allclose(one.stick_time, two.stick_time, rtol=1e-14 if engine == "fixed_step" else 0.0, atol=0.0)
     np.testing.assert_array_equal(straight.transitions.time, other.transitions.time)
     free = 2  # Without load there is no direction.
     after = straight.transitions.after
