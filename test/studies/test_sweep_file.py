@@ -172,3 +172,13 @@ def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
         file.append(0, 0, {})
     file.close()
+
+
+def test_a_point_is_with_the_operating_system_as_soon_as_it_is_appended(tmp_path: Path) -> None:
+    out = tmp_path / "sweep.jsonl"
+    file = SweepFile(out, {"values": [1.0]}, lambda *_: None)
+    assert out.read_bytes().count(b"\n") == 1
+    for n in range(3):
+        file.append(0, n, {"status": "DONE"})
+        assert [decoded(line)["index"] for line in out.read_bytes().splitlines(keepends=True)[1:]] == [*range(n + 1)]
+    file.close()
