@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tcc_sim.nodes import children
 from tcc_sim.nodes.children import isolated_environment
 
 
@@ -20,3 +21,26 @@ def test_nodes_get_a_domain_of_their_own_unless_the_user_has_chosen(monkeypatch:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     chosen = isolated_environment()
     assert (chosen["ROS_DOMAIN_ID"], chosen["ROS_AUTOMATIC_DISCOVERY_RANGE"]) == ("7", "SUBNET")
+
+
+def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[str],
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    class Driveline:
+        """Compiles for three looks."""
+
+        lines = ("[INFO] something else", "tcc-sim: compiling kernels for this kind of scene, about 9 s, once")
+        looks = 0
+
+        def has_said(self, text: str) -> bool:
+            self.looks += 1
+            return self.looks > 3
+
+        def check(self) -> None:
+            """It runs."""
+
+    monkeypatch.setattr(children.time, "sleep", lambda _: None)
+    session = object.__new__(children.Session)
+    session.driveline = session.recorder = Driveline()  # type: ignore[assignment]
+    session.beside = []
+    session._await_clock()
+    assert capsys.readouterr().err == "tcc-sim: compiling kernels for this kind of scene, about 9 s, once\n"
