@@ -234,8 +234,7 @@ def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
     def implement(_typing: Any, order: Any, *kinds: Any) -> Any:
         def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
-            builder.comment(f"unrolled {OWN_TEXT}")
-            end = builder.append_basic_block("reached")
+            end = builder.append_basic_block(f"reached_{OWN_TEXT[:8]}")
             for k in text(*names) or ():
                 further = builder.append_basic_block(f"beyond_{k}")
                 reached = builder.icmp_signed("<=", arguments[0], ir.Constant(arguments[0].type, k))
