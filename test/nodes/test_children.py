@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
+from tcc_sim.errors import InputError
 from tcc_sim.nodes.children import isolated_environment
 
 
@@ -20,3 +23,23 @@ def test_nodes_get_a_domain_of_their_own_unless_the_user_has_chosen(monkeypatch:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     chosen = isolated_environment()
     assert (chosen["ROS_DOMAIN_ID"], chosen["ROS_AUTOMATIC_DISCOVERY_RANGE"]) == ("7", "SUBNET")
+
+
+@pytest.mark.parametrize(("rate", "taken"), [(1.0, True), (20000.0, True), (0.999, False), (20000.1, False), (5, False),
+                                             ("fast", False), (math.nan, False)])
+def test_the_commander_sends_at_a_rate_that_can_be(rate: object, taken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    commander = pytest.importorskip("tcc_sim.nodes.commander", exc_type=ImportError)
+
+    class Taken(Exception):
+        pass
+
+    class Node:
+        def declare_parameter(self, *_: object) -> object:
+            return type("Parameter", (), {"value": rate})
+
+        def create_publisher(self, *_: object) -> None:
+            raise Taken
+
+    monkeypatch.setattr(commander.rclpy, "create_node", lambda _: Node())
+    with pytest.raises(Taken if taken else InputError):
+        commander._send()
