@@ -18,6 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from child_output import without_compiling
 
 from tcc_sim.nodes.children import isolated_environment
+from tcc_sim.recording.input_sources import input_sources
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -53,6 +54,30 @@ def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
     refused = command("demo", "--out", "made", folder=tmp_path)
     assert (refused.returncode, refused.stderr) == (2, "tcc-sim: made exists; name a directory that does not\n")
+
+
+def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path) -> None:
+    """Three processes of nodes; what the controller was asked for and what it did is recorded and judged."""
+    pytest.importorskip("rerun")
+    pytest.importorskip("matplotlib")
+    ended = command("demo", "--scene", "controlled", "--duration", "3", "--out", "made", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert without_compiling(ended.stderr) == ""
+    assert "slip controller: holds a mean slip speed of 20 rad/s\n" in ended.stdout
+    assert "target 20 rad/s: mean " in ended.stdout
+    made = tmp_path / "made"
+    found = valid("analyse", json.loads((made / "analysis.json").read_text()))
+    assert (found["lost_messages"], found["complete"], found["command"][0]) == (0, True, "demo")
+    first = found["segments"][0]
+    assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
+    recorded = open_run(made / "recording")
+    for topic in ("/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"):
+        assert topic in recorded.topics
+    assert any(source.commanded == {"actuation_pressure"} for source in input_sources(recorded))
+    again = command("analyse", "made/recording", "--verify", "--json", "-", folder=tmp_path)
+    assert again.returncode == 0, again.stderr
+    verified = json.loads(again.stdout)
+    assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
 
 
 def test_a_recorded_scene_comes_to_what_simulate_says(tmp_path: Path) -> None:
@@ -141,7 +166,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     about = {"format", "version", "scene", "command"}
     assert set(found) - about == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names,
                                   *(f"bare_{n}" for n in names)}
-    assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", "and", "and", "and", "and"]
+    assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", *["and"] * 5]
     assert all(names | {"name", "refused"} == set(trial) for trial in found["settings"])
     assert found["settings"][0]["refused"] == found["settings"][1]["refused"] == []
     assert found["rate"] == 500.0

@@ -164,6 +164,16 @@ def test_a_sweep_killed_in_mid_run_goes_on_from_its_file(tmp_path: Path) -> None
     assert None not in found["max_slip_speed"]
 
 
+def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:
+    """/dev/full takes every byte into a buffer and none to the disk."""
+    file = SweepFile(tmp_path / "points.jsonl", {}, lambda *_: None)
+    file._stream.close()
+    file._stream = open("/dev/full", "ab")  # noqa: SIM115
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        file.append(0, 0, {})
+    file.close()
+
+
 def test_a_point_is_with_the_operating_system_as_soon_as_it_is_appended(tmp_path: Path) -> None:
     out = tmp_path / "sweep.jsonl"
     file = SweepFile(out, {"values": [1.0]}, lambda *_: None)
