@@ -186,9 +186,10 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
 
 
 @fast
-def turning(c: Any, row: int, degree: int, low: float, high: float, rising: bool, noise: float) -> float:
-    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high."""
-    x = 0.5 * (low + high)
+def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, rising: bool, noise: float) -> float:
+    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high; x is a
+    guess of it.
+    """
     for _ in range(80):
         slope, curvature = slope_and_curvature(c, row, degree, x)
         if (slope > 0.0) == rising:
@@ -222,7 +223,7 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
     while top > 0:
         noise = workspace[top, NOISE]
         outside, changes = 0, 0
-        last = 0.0
+        last, place = 0.0, 0.0
         for i in range(degree + 1):
             coefficient = workspace[top, i]
             outside += 1 if coefficient > highest + noise or coefficient < lowest - noise else 0
@@ -234,10 +235,11 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
                 if abs(difference) > 2.0 * noise:
                     if difference * last < 0.0:
                         changes += 1
+                        place = (i - difference / (difference - last)) / (degree - 1.0)  # The slope is of one degree less.
                     last = difference
         left, width = workspace[top, LEFT], workspace[top, WIDTH]
         if changes == 1:
-            v = turning(c, row, degree, left, left + width, last < 0.0, noise)
+            v = turning(c, row, degree, left, left + width, left + width * place, last < 0.0, noise)
             highest, lowest = max(highest, v), min(lowest, v)
         if changes < 2 or width <= shortest or top + 2 >= SCALED:
             top -= 1

@@ -28,7 +28,7 @@ FRICTION_ORDER_MAXIMUM = 22
 """Highest order with E or T: their recurrences cost as the square of it, and every order takes its time to compile."""
 COLUMNS = 32
 
-INVERSE = 1.0 / np.maximum(np.arange(COLUMNS), 1.0)
+INVERSE = 1.0 / np.maximum(np.arange(COLUMNS + 2), 1.0)
 """1/k: the recurrences multiply by it, a division being the slowest thing in them."""
 
 
@@ -152,10 +152,14 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
 @fast
 def add_sine(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float) -> None:
     """Add the first `count` coefficients of a sine to a row: its value and its quadrature now, its rate per unit."""
-    for k in range(count):
+    cosine *= rate
+    square = rate * rate
+    for k in range(0, count, 2):
         rows[row, k] += sine
-        g = rate * INVERSE[k + 1]
-        sine, cosine = g * cosine, -g * sine
+        sine *= -square * (INVERSE[k + 1] * INVERSE[k + 2])
+        if k + 1 < count:
+            rows[row, k + 1] += cosine
+            cosine *= -square * (INVERSE[k + 2] * INVERSE[k + 3])
 
 
 @fast

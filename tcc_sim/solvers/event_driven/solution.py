@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.model import equations
+from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.event_driven.bounds import bounds_of
+from tcc_sim.solvers.event_driven.bounds import Bounds, bounds_of
 from tcc_sim.solvers.event_driven.modes import FREE, STATE, STICK
 from tcc_sim.solvers.event_driven.sequence import (
     CHATTERING,
@@ -31,6 +34,7 @@ from tcc_sim.solvers.event_driven.sequence import (
 )
 from tcc_sim.solvers.event_driven.stiff_arcs import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of
@@ -42,77 +46,106 @@ STATUS = {DONE: Status.DONE, CHATTERING: Status.EVENT_LIMIT, EXHAUSTED: Status.S
           NOT_FINITE: Status.NOT_FINITE}
 
 
+_compiled: set[tuple[bool, ...]] = set()
+"""Which terms are absent, for every kernel that has been called."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` is copied for every solve, which keeps sines in it."""
+
+    terms: Terms
+    bounds: Bounds
+    waves: NDArray[Any]
+    event_limit: int
+    variant: tuple[bool, ...]
+
+
+@per_system
+def setup_of(system: System, rtol: float) -> Setup:
+    """What a solve of a system needs to know beforehand."""
+    terms = constant_law(terms_of(system))
+    waves = waves_of(terms)
+    waves.setflags(write=False)
+    return Setup(terms, bounds_of(terms, system.cycle, rtol), waves, _event_limit(terms, system.cycle),
+                 tuple(term is None for term in terms))
+
+
+class Scratch(threading.local):
+    """Where the transitions of a thread's solves go, one after the other: to ask for it anew costs more than a cycle."""
+
+    moves = np.empty(0, MOVE)
+
+    def room_for(self, count: int) -> NDArray[Any]:
+        """Where so many transitions fit."""
+        if len(self.moves) < count:
+            self.moves = np.empty(count, MOVE)
+        return self.moves[:count]
+
+
+scratch = Scratch()
+
+
 def solve(problem: Problem) -> Trajectory:
     """Solve (1), (2) with the set-valued law (6), exact to rounding where mu_k = mu_s.
 
     `problem.rtol` bounds the truncation of the power series where mu_k < mu_s. Transitions are the changes of mode.
     After a failure the trajectory ends with the state and the time that were reached.
     """
-    system, terms = problem.system, constant_law(terms_of(problem.system))
+    system = problem.system
     cycle, whole = system.cycle, problem.whole_cycles
     rest = 0.0
     if problem.cycles is None:
         rest = problem.end - problem.start - whole * cycle
         rest = rest if rest > 1e-12 * cycle else 0.0
-    limit = _event_limit(terms, cycle)
-    rtol = SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol
+    terms, bounds, waves, limit, variant = setup_of(
+        system, SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol)
     times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
     state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN,
                 0.0)
-    output[0]["highest"] = output[0]["lowest"] = s.slip_speed
-    cycles, samples = np.zeros(whole + 2, CYCLE), np.zeros((len(times), 5))
-    cycles[0] = (s.slip_speed, s.plate_angle, s.plate_speed, 0.0, 0.0, 0.0)
-    moves = np.zeros(65536 + limit, MOVE)
-    phase = (system.pressure.frequency_ratio, system.pressure.phase)
-    bounds, waves, drive = bounds_of(terms, cycle, rtol), waves_of(terms), np.zeros(1, DRIVE)
-    angle = True if problem.flywheel_angle else None
+    output["highest"] = output["lowest"] = s.slip_speed
+    cycles, samples = np.zeros((whole + 2, CYCLE.itemsize // 8)), np.zeros((len(times), 5))
+    cycles[0, :3] = s.slip_speed, s.plate_angle, s.plate_speed
+    moves = scratch.room_for(65536 + limit)
     nodes = matrices = None
     if bounds.stiff_slip or bounds.stiff_stick:
         nodes, matrices = np.zeros(VALUES), np.zeros(MATRICES)
-
-    def go_on(whole: int, rest: float) -> int:
-        """March until the end, a failure or full buffers."""
-        return int(integrate(problem.start_cycle, whole, rest, problem.samples_per_cycle, STEP_MAXIMUM, limit, phase,
-                             bounds, terms, waves, state[0], drive[0], counters[0], output[0], cycles, samples, moves,
-                             angle, nodes, matrices))
-
-    go_on(0, 0.0)  # Compiling is not solving.
+    given = ((system.pressure.frequency_ratio, system.pressure.phase), bounds, terms, waves.copy(), state[0],
+             np.zeros(1, DRIVE)[0], counters[0], output[0], cycles.view(CYCLE)[:, 0], samples, moves,
+             True if problem.flywheel_angle else None, nodes, matrices)
+    variant = problem.flywheel_angle, nodes is None, *variant
+    if variant not in _compiled:
+        integrate(problem.start_cycle, 0, 0.0, problem.samples_per_cycle, STEP_MAXIMUM, limit, *given)
+        _compiled.add(variant)  # Compiling is not solving.
     began = time.perf_counter()
     kept: list[Transitions] = []
     while True:
-        ended = go_on(whole, rest)
-        n = int(output[0]["moves"])
-        kept.append(Transitions(moves["time"][:n].copy(), moves["before"][:n].astype(np.int8),
-                                moves["after"][:n].astype(np.int8)))
-        output[0]["moves"] = 0
+        ended = integrate(problem.start_cycle, whole, rest, problem.samples_per_cycle, STEP_MAXIMUM, limit, *given)
+        n = int(output["moves"][0])
+        if n:
+            kept.append(Transitions(moves["time"][:n].copy(), moves["before"][:n].astype(np.int8),
+                                    moves["after"][:n].astype(np.int8)))
+            output["moves"] = 0
         if ended != FULL:
             break
     seconds = time.perf_counter() - began
     status = STATUS[ended]
-    done = min(int(output[0]["cycle"]), whole)
-    last = state[0]
-    times, samples = _with_end(times, samples, int(output[0]["samples"]), problem, last, done * cycle, status)
+    done = min(int(output["cycle"][0]), whole)
+    times, samples = _with_end(times, samples, int(output["samples"][0]), problem, state[0], done * cycle, status)
     modes = samples[:, 4].astype(np.int8)
     out = assemble(problem, "event_driven", times, samples[:, :4 if problem.flywheel_angle else 3],
                    friction_torque=friction_torques(terms, times, samples, modes),
-                   cycles=Cycles(_section(cycles[:done + 1]), cycles["highest"][:done].copy(),
-                                 cycles["lowest"][:done].copy(), cycles["stick_time"][:done].copy()),
-                   transitions=Transitions(*(np.concatenate(parts) for parts in zip(*map(_columns, kept)))),
-                   status=status, detail=_detail(status, limit),
-                   statistics=Statistics(steps=int(counters[0]["steps"]), seconds=seconds))
+                   cycles=Cycles(cycles[:done + 1, :3].copy(), *cycles[:done, 3:].T.copy()),
+                   transitions=Transitions(*(np.concatenate(parts) for parts in zip(*map(_columns, kept))))
+                   if kept else Transitions.none(), status=status, detail=_detail(status, limit),
+                   statistics=Statistics(steps=int(counters["steps"][0]), seconds=seconds))
     return dataclasses.replace(out, state=np.where(modes == FREE, np.sign(samples[:, 0]), modes).astype(np.int8))
 
 
 def _columns(moves: Transitions) -> tuple[Any, Any, Any]:
     """The arrays of a part of the transitions."""
     return moves.time, moves.before, moves.after
-
-
-def _section(cycles: Any) -> Floats:
-    """(n, 3) states at the starts of cycles."""
-    return np.stack([cycles["slip_speed"], cycles["plate_angle"], cycles["plate_speed"]], axis=1)
 
 
 def _with_end(times: Floats, samples: Floats, filled: int, problem: Problem, last: Any, done: float,
