@@ -84,7 +84,7 @@ def varied(system: System, x: np.ndarray, start: float, end: float, key: str) ->
     return found.y[:3, -1], found.y[3:, -1].reshape(3, 4)
 
 
-@pytest.mark.parametrize(("start", "end", "key"), [(0.0, 0.55, "friction.kinetic_coefficient"),
+@pytest.mark.parametrize(("start", "end", "key"), [(0.0, 0.3, "friction.kinetic_coefficient"),
                                                    (0.5, 1.0, "engine.frequency")])
 def test_derivatives_are_those_of_the_variational_equations(start: float, end: float, key: str) -> None:
     x = settled(VARYING)
@@ -141,7 +141,7 @@ def test_the_largest_slip_speed_has_its_derivatives() -> None:
 
 
 def test_a_start_on_the_slow_manifold_forgets_its_slip_speed() -> None:
-    system = load_scene("stick").system
+    system = replace(load_scene("stick").system, {"friction.smoothing": 5e3})
     x = settled(system)
     found = stroboscopic_map(system, x, 1)
     i1, i2 = system.driveline.flywheel_inertia, system.driveline.plate_inertia
@@ -149,7 +149,7 @@ def test_a_start_on_the_slow_manifold_forgets_its_slip_speed() -> None:
     values = np.linalg.eigvals(found.derivative)
     slow = values[np.argsort(-np.abs(values))]
     assert abs(slow[2]) < 1e-9
-    assert np.sort_complex(slow[:2]) == pytest.approx(np.sort_complex(np.exp(roots)), abs=2e-3)  # sigma is finite.
+    assert np.sort_complex(slow[:2]) == pytest.approx(np.sort_complex(np.exp(roots)), abs=1e-4)  # sigma is finite.
 
 
 def test_keys_without_a_derivative_are_refused() -> None:
