@@ -8,26 +8,27 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.equations import interface_torque
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.event_driven import section_map
+from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
+from tcc_sim.solvers.event_driven.section_map import StroboscopicMap
 from tcc_sim.studies import differences
-from tcc_sim.studies.maps import Floats, Image, Margins, Observation, Values
+from tcc_sim.studies.maps import NO_MARGINS, Floats, Image, Margins, Observation, Values
 from tcc_sim.trajectory import State, Trajectory
 
 RTOL = 1e-12
 SCALES = (10.0, 0.1, 10.0)
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
-DENSE = 2000
-"""Samples per engine cycle in which margins are looked for."""
 EXACTLY_STUCK = 1e-12
 """Slip speed, rad/s, below which the set-valued law is taken to stick."""
 
 DERIVATIVES: dict[str, Callable[..., Any]] = {"smoothed": differences.stroboscopic_map,
-                                              "set_valued": differences.stroboscopic_map}
+                                              "set_valued": section_map.stroboscopic_map}
 """Where the map with its derivatives comes from, per friction law."""
+LETTERS = {-1: "-", 0: "S", 1: "+", 2: "F"}
+"""Modes in event sequences: S stick, + and - slip, F free."""
 
 
 class DrivelineMap:
@@ -53,6 +54,7 @@ class DrivelineMap:
             raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
                              "a ratio of whole numbers up to 1000")
         self._made: tuple[Values, System] | None = None
+        self._last: tuple[Any, StroboscopicMap] | None = None
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -63,6 +65,9 @@ class DrivelineMap:
     def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
         """The section point `cycles` cycles on, with derivatives by the state and by the free keys."""
         system = self.system_at(values)
+        if self.piecewise:
+            seen = self._passed(x, values, first, cycles)
+            return Image(seen.state, seen.derivative, seen.by_parameter)
         found = DERIVATIVES[system.friction.law](system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
                                                  parameters=self.keys)
         if not np.isfinite(found.state).all():
@@ -71,6 +76,10 @@ class DrivelineMap:
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
+        if self.piecewise:
+            seen = self._passed(x, values, first, cycles)
+            letters = [LETTERS[seen.first_mode], *(LETTERS[after] for _, _, after in seen.events)]
+            return Observation(max(seen.heights), seen.stick_fraction, "".join(letters), seen.heights)
         solved = self.solved(x, values, first, cycles)
         kept, moves = solved.cycles, solved.transitions
         assert kept is not None
@@ -78,6 +87,15 @@ class DrivelineMap:
         return Observation(float(heights.max()), float(kept.stick_time.sum()) / (cycles * solved.cycle),
                            differences.event_sequence(moves.before, moves.after, int(solved.state[0])),
                            tuple(heights.tolist()))
+
+    def _passed(self, x: Floats, values: Values, first: int, cycles: int) -> StroboscopicMap:
+        """The set-valued motion with all there is to know of it; the last one is kept for who asks again."""
+        asked = x.tobytes(), values, first, cycles
+        if self._last is None or self._last[0] != asked:
+            found = DERIVATIVES["set_valued"](self.system_at(values), self._settled(x), cycles, start_cycle=first,
+                                              rtol=RTOL, parameters=self.keys)
+            self._last = asked, found
+        return self._last[1]
 
     def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
         """The trajectory itself."""
@@ -87,25 +105,18 @@ class DrivelineMap:
 
     def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""
+        if not self.piecewise:
+            return NO_MARGINS
         system = self.system_at(values)
-        run = self.solved(x, values, first, cycles, DENSE)
-        terms, ratio = terms_of(system), system.friction_ratio
-        strength = ratio * run.saturation_torque
-        need = interface_torque(run.plate_angle, run.plate_speed, run.engine_torque, terms.linear)
-        margin = (strength - np.abs(need)) / max(float(strength.max()), 1e-300)
-        speed = np.abs(run.slip_speed) / self.height_scale
-        slips = run.state != 0
-        grazing = _smallest_dip(speed, slips & (speed > 0.0))
-        stick = _smallest_dip(margin, ~slips)
-        ends = np.flatnonzero(np.isin(run.transitions.before, (-1, 1)))
-        arrival, grows = np.inf, False
-        for k in ends:
-            i = min(max(int(np.searchsorted(run.t, run.transitions.time[k])), 1), len(run.t) - 1)
-            fraction = (run.transitions.time[k] - run.t[i - 1]) / (run.t[i] - run.t[i - 1])
-            size = abs(float(margin[i - 1] + fraction * (margin[i] - margin[i - 1])))
-            if size < arrival:
-                arrival, grows = size, bool(margin[i] > margin[i - 1])
-        return Margins(grazing, arrival, grows, stick)
+        found = section_map.stroboscopic_map(system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
+                                             parameters=self.keys, margins=True).margins
+        assert found is not None
+        strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
+        sizes = {"grazing": (GRAZING, self.height_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
+        slopes = {name: (found[row, GRADIENT:GRADIENT + 3] / size, found[row, GRADIENT + 3:] / size)
+                  for name, (row, size) in sizes.items()}
+        grazing, arrival, stick = (float(found[row, VALUE]) / size for row, size in sizes.values())
+        return Margins(grazing, arrival, bool(found[ARRIVAL, GROWS]), stick, slopes)
 
     def _settled(self, x: Floats) -> Floats:
         """`x`, with a slip speed that differs from 0 by rounding only at 0 under the set-valued law."""
@@ -129,14 +140,3 @@ def _check_key(system: System, key: str) -> None:
     if key == "pressure.frequency_ratio" and system.saturation_amplitude > 0.0:
         raise InputError("pressure.frequency_ratio cannot be followed: between ratios of whole numbers the excitation "
                          "is not periodic")
-
-
-def _smallest_dip(size: Floats, within: Any) -> float:
-    """The smallest interior local minimum of `size` where `within` holds, by a parabola; inf where there is none."""
-    inner = within[1:-1] & within[:-2] & within[2:] & (size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:])
-    best = np.inf
-    for i in np.flatnonzero(inner) + 1:
-        a, b, c = float(size[i - 1]), float(size[i]), float(size[i + 1])
-        bend = a - 2.0 * b + c
-        best = min(best, b - (c - a) ** 2 / (8.0 * bend) if bend > 0.0 else b)
-    return float(best)

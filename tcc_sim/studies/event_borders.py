@@ -62,23 +62,25 @@ def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> st
     for kind, rules in RULES.items():
         if _reduced(longer, rules, shorter):
             return kind
-    grazing, arrival = min(m.grazing for m in near), min(m.arrival for m in near)
+    grazing, arrival = min(m.grazing for m in near), min(abs(m.arrival) for m in near)
     stick = min(abs(m.stick) for m in near)
     if stick <= min(grazing, arrival):
         return "adding_sliding"
     if grazing <= arrival:
         return "grazing_sliding"
-    least = min(near, key=lambda m: m.arrival)
+    least = min(near, key=lambda m: abs(m.arrival))
     return "switching_sliding" if least.arrival_grows else "crossing_sliding"
 
 
-def border_residual(kind: str, near: tuple[Margins, Margins]) -> float:
-    """The margin that vanishes at a bifurcation of this kind, relative to its natural size."""
-    if kind == "grazing_sliding":
-        return min(m.grazing for m in near)
-    if kind in ("adding_sliding", "stick_border"):
-        return min(abs(m.stick) for m in near)
-    return min(m.arrival for m in near)
+def margin_of(kind: str) -> str:
+    """The name of the margin that vanishes at a bifurcation of this kind."""
+    return {"grazing_sliding": "grazing", "adding_sliding": "stick", "stick_border": "stick"}.get(kind, "arrival")
+
+
+def border_residual(kind: str, near: tuple[Margins, ...]) -> float:
+    """The margin that vanishes at a bifurcation of this kind, relative to its natural size; the smaller one of `near`.
+    """
+    return min(abs(float(getattr(m, margin_of(kind)))) for m in near)
 
 
 def differ(one: str, two: str) -> bool:
@@ -86,5 +88,5 @@ def differ(one: str, two: str) -> bool:
     return ring(one) != ring(two)
 
 
-__all__ = ["border_residual", "differ", "kind_of_change", "ring"]
+__all__ = ["border_residual", "differ", "kind_of_change", "margin_of", "ring"]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, event_border, smooth_bifurcations, station_at
+from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, smooth_bifurcations, station_at
+from tcc_sim.studies.border_location import event_border
 from tcc_sim.studies.continuation import Heights, point_at
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import Floats

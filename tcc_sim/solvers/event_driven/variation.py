@@ -52,8 +52,9 @@ from tcc_sim.solvers.unrolled import unrolled
 
 LANES = 4
 """Disturbances that are carried at once."""
-CONVERGED = 1e-12
+CONVERGED = 1e-10
 """Last terms of the friction's exponential, of its first, up to which its series counts as the exponential."""
+SMALL = 0.02
 EXCESS, HOLD, FALL, LOAD_CHANGE, MIXED, SINE, LOAD_SINE = range(ROWS, ROWS + 7)
 """Rows of the step's series beside those of the motion: exp(-alpha |v|), that times Ts, dTf/dv, change of Ts, a product;
 sin(omega t) and the load's sine."""
@@ -147,8 +148,12 @@ def scale_step(mode: int, falls: bool, order: int, x: float, rows: Any, rates: t
 
 
 @fast
-def unresolved(rows: Any) -> bool:
-    """Whether the last terms of exp(-alpha |v|) over the step are more than rounding."""
+def unresolved(rows: Any, stribeck: Stribeck) -> bool:
+    """Whether the last terms of exp(-alpha |v|) over the step count, where mu_s - mu_k is too small for the motion to
+    show them.
+    """
+    if stribeck is None or stribeck[0] > SMALL:
+        return False
     last = max(abs(rows[EXCESS, FALLING_ORDER - 2]), abs(rows[EXCESS, FALLING_ORDER - 1]))
     return bool(last > CONVERGED * abs(rows[EXCESS, 0]))
 

@@ -146,7 +146,7 @@ def march(first: int, whole: int, phase: tuple[float, float], rates: tuple[float
             if length > 0.0:
                 scale_step(mode, falls, step.degree, step.x, rows, rates, tau, shift, length, terms.pulsation,
                            terms.stribeck, work.rows)
-            if not (falls and length > 0.0 and unresolved(work.rows)):
+            if not (falls and length > 0.0 and unresolved(work.rows, terms.stribeck)):
                 break
             goal = tau + SHORTER * length
         if length > 0.0:
