@@ -20,8 +20,11 @@ LEFT_OVER = 0.1
 """Share of the margin that a Newton step leaves."""
 CLOSE = 1e-12
 """Margin, relative to its natural size, at which a border counts as found."""
+FINEST = 1e-10
+"""Distance from the border, in natural sizes, below which it is not resolved where the margin changes very fast (on a
+canard: slip that follows the falling branch of friction); that distance is the residual then."""
 ITERATIONS = 40
-ASTRAY = 1e3
+ASTRAY = 10.0
 """Distance from the bracket, in its lengths, beyond which another border has been found."""
 
 
@@ -81,6 +84,9 @@ def solved(kind: str, left: Station, right: Station, near: tuple[Margins, Margin
             matrix = np.vstack([found.jacobian, gradient(shooting, z, margin, name)])
             keep = LEFT_OVER if one_sided and abs(value) > CLOSE else 0.0
             step = np.linalg.solve(matrix, np.append(-found.residual, (keep - 1.0) * value))
+            distance = float(np.linalg.norm(step))
+            if distance <= FINEST and abs(value) > CLOSE:
+                return located(kind, start, z, found, distance)
             for part in (1.0, 0.5, 0.25, 0.1, 0.03):
                 trial = z + part * step
                 x, values = shooting.nodes(trial)[0], shooting.values(trial)

@@ -53,15 +53,16 @@ def _replaced(text: str, pattern: str, by: str) -> set[str]:
 def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> str:
     """The kind of bifurcation between two event sequences; `near` are the margins on both sides of it.
 
-    Where the sequences differ by more than one event, the smallest margin decides.
+    Where the sequences can differ for several reasons, the smallest margin decides.
     """
     one, two = ring(before), ring(after)
     longer, shorter = (one, two) if len(one) >= len(two) else (two, one)
     if shorter == "S":
         return "stick_border"
-    for kind, rules in RULES.items():
-        if _reduced(longer, rules, shorter):
-            return kind
+    kinds = [kind for kind, rules in RULES.items() if _reduced(longer, rules, shorter)]
+    if kinds:
+        # Both an interval of slip and one of stick that vanish make S+S of S+S+S.
+        return min(kinds, key=lambda kind: border_residual(kind, near))
     grazing, arrival = min(m.grazing for m in near), min(abs(m.arrival) for m in near)
     stick = min(abs(m.stick) for m in near)
     if stick <= min(grazing, arrival):

@@ -15,7 +15,7 @@ from tcc_sim.solvers.bernstein import BERNSTEIN, HALVINGS, LEFT, NOISE, SCALED, 
 from tcc_sim.solvers.compiled import fast
 from tcc_sim.solvers.event_driven.arcs import DOWNWARD, UPWARD
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
-from tcc_sim.solvers.event_driven.variation import LANES
+from tcc_sim.solvers.event_driven.variation import LANES, Rates
 from tcc_sim.solvers.key_derivatives import (
     DAMPING,
     EXCESS_RATIO,
@@ -138,18 +138,17 @@ def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: An
 
 
 @fast
-def excitation_change(number: Any, tau: float, shift: float, rates: tuple[float, float, float]) -> tuple[float, float]:
-    """Derivatives of Te and Ts by a disturbance, tau seconds into the cycle; `rates` are omega, omega_f
-    and Tsp."""
-    sine, _ = sine_and_cosine(rates[0] * tau)
-    load_sine, load_cosine = sine_and_cosine(rates[1] * tau + shift)
+def excitation_change(number: Any, tau: float, shift: float, rates: Rates) -> tuple[float, float]:
+    """Derivatives of Te and Ts by a disturbance, tau seconds into the cycle."""
+    sine, _ = sine_and_cosine(rates.engine * tau)
+    load_sine, load_cosine = sine_and_cosine(rates.load * tau + shift)
     engine = number[MEAN_TORQUE] + number[TORQUE_AMPLITUDE] * sine
-    return engine, number[MEAN_LOAD] + number[LOAD_AMPLITUDE] * load_sine + number[LOAD_PHASE] * rates[2] * load_cosine
+    return engine, number[MEAN_LOAD] + number[LOAD_AMPLITUDE] * load_sine + number[LOAD_PHASE] * rates.amplitude * load_cosine
 
 
 @fast
 def note_gradient(mode: int, order: int, block: int, tau: float, shift: float, length: float,
-                  rates: tuple[float, float, float], numbers: Any, linear: Linear, ratio: float, work: Any,
+                  rates: Rates, numbers: Any, linear: Linear, ratio: float, work: Any,
                   least: Any, places: Any) -> None:
     """Derivatives of the margins that `note_step` has found in a step, by the disturbances of a block."""
     for lane in range(LANES):
@@ -169,7 +168,7 @@ def note_gradient(mode: int, order: int, block: int, tau: float, shift: float, l
 
 
 @fast
-def note_arrival(mode: int, state: Any, drive: Any, rates: tuple[float, float, float], numbers: Any,
+def note_arrival(mode: int, state: Any, drive: Any, rates: Rates, numbers: Any,
                  linear: Linear, ratio: float, columns: Any, least: Any) -> None:
     """The margin where slip in direction `mode` ends, before the disturbances are taken over."""
     flywheel, plate, damping, stiffness = linear

@@ -35,6 +35,7 @@ from tcc_sim.solvers.event_driven.sequence import AHEAD, UNKNOWN, advance, begin
 from tcc_sim.solvers.event_driven.variation import (
     LANES,
     VARIATION,
+    Rates,
     add_force,
     expand_disturbed,
     friction_change,
@@ -43,7 +44,15 @@ from tcc_sim.solvers.event_driven.variation import (
     unresolved,
 )
 from tcc_sim.solvers.excitation import DRIVE, waves_of
-from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, NUMBERS, key_derivatives
+from tcc_sim.solvers.key_derivatives import (
+    DECAY,
+    EXCESS_RATIO,
+    LOAD_AMPLITUDE,
+    LOAD_PHASE,
+    NUMBERS,
+    TORQUE_AMPLITUDE,
+    key_derivatives,
+)
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats
@@ -84,7 +93,7 @@ class StroboscopicMap(NamedTuple):
 
 
 @fast
-def vary(mode: int, falls: bool, order: int, length: float, rates: tuple[float, float, float], terms: Terms, numbers: Any,
+def vary(mode: int, falls: bool, order: int, length: float, rates: Rates, terms: Terms, numbers: Any,
          block: int, columns: Any, work: Any) -> None:
     """Take a block of disturbances over a step whose series are in `work.rows`."""
     for i in range(3):
@@ -113,7 +122,7 @@ def vary(mode: int, falls: bool, order: int, length: float, rates: tuple[float, 
 
 
 @compiled
-def march(first: int, whole: int, phase: tuple[float, float], rates: tuple[float, float, float], bounds: Bounds, terms: Terms,
+def march(first: int, whole: int, phase: tuple[float, float], rates: Rates, bounds: Bounds, terms: Terms,
           waves: Any, state: Any, drive: Any, output: Any, cycles: Any, moves: Any, numbers: Any, columns: Any,
           wanted: bool, least: Any, work: Any) -> int:
     """`whole` engine cycles from number `first` on; see `stroboscopic_map`.
@@ -199,7 +208,14 @@ def stroboscopic_map(system: System, state: Floats, cycles: int, *, start_cycle:
     """
     numbers = key_derivatives(system, parameters)
     terms = exact_terms(system, numbers)
-    bounds = exact_bounds(terms, system, rtol, numbers)
+    bounds, waves = exact_bounds(terms, system, rtol, numbers), waves_of(terms)
+    rate, pressure = system.engine.frequency, system.pressure
+    rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude, bool(numbers[TORQUE_AMPLITUDE].any()),
+                  bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()))
+    if terms.pulsation is None:
+        terms = terms._replace(pulsation=(0.0, rates.load, pressure.phase))
+    # The engine's sines are in the waves, and one compiled kernel serves with and without a pulsating load.
+    terms = terms._replace(torque=None, harmonics=None, smoothing=None)
     count = 3 + len(parameters)
     blocks = -(-count // LANES)
     shares = np.zeros((blocks * LANES, len(NUMBERS)))
@@ -212,10 +228,8 @@ def stroboscopic_map(system: System, state: Floats, cycles: int, *, start_cycle:
     output[0]["highest"] = output[0]["lowest"] = state[0]
     least = np.zeros((3, GRADIENT + blocks * LANES))
     least[:, VALUE] = np.inf
-    rate, pressure = system.engine.frequency, system.pressure
-    ended = march(start_cycle, cycles, (pressure.frequency_ratio, pressure.phase),
-                  (rate, pressure.frequency_ratio * rate, system.saturation_amplitude), bounds, terms, waves_of(terms), at[0], drive[0], output[0],
-                  kept, moves, shares, columns, margins, least, work[0])
+    ended = march(start_cycle, cycles, (pressure.frequency_ratio, pressure.phase), rates, bounds, terms, waves, at[0],
+                  drive[0], output[0], kept, moves, shares, columns, margins, least, work[0])
     if ended != ARRIVED:
         raise NumericalFailure(f"event_driven: {WHY[ended]}")
     last = at[0]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,6 +58,16 @@ SMALL = 0.02
 EXCESS, HOLD, FALL, LOAD_CHANGE, MIXED, SINE, LOAD_SINE = range(ROWS, ROWS + 7)
 """Rows of the step's series beside those of the motion: exp(-alpha |v|), that times Ts, dTf/dv, change of Ts, a product;
 sin(omega t) and the load's sine."""
+class Rates(NamedTuple):
+    """omega and omega_f, rad/s; Tsp, N m; whether any disturbance changes the first sine of Te, or that of Ts."""
+
+    engine: float
+    load: float
+    amplitude: float
+    of_engine: bool
+    of_load: bool
+
+
 VARIATION = np.dtype([("rows", np.float64, (ROWS + 7, COLUMNS)), ("force", np.float64, (3 * COLUMNS, LANES)),
                       ("series", np.float64, (3 * COLUMNS, LANES)), ("lanes", np.float64, (3, LANES))])
 """Work space of a step: its series with the end at 1; right-hand side and coefficients of slip speed, plate angle and
@@ -119,7 +129,7 @@ expand_grip, expand_disturbed = unrolled(grip), unrolled(disturbed)
 
 
 @fast
-def scale_step(mode: int, falls: bool, order: int, x: float, rows: Any, rates: tuple[float, float, float], tau: float,
+def scale_step(mode: int, falls: bool, order: int, x: float, rows: Any, rates: Rates, tau: float,
                shift: float, length: float, pulsation: tuple[float, float, float] | None, stribeck: Stribeck,
                into: Any) -> None:
     """The series of a step in time over its length, with what friction adds to them."""
@@ -141,10 +151,12 @@ def scale_step(mode: int, falls: bool, order: int, x: float, rows: Any, rates: t
         expand_grip(FALLING_ORDER, into, decay, math.exp(decay * rows[SLIP, 0]), pulsation)
         for k in range(order):
             into[FALL, k] = -stribeck[1] * stribeck[0] * into[HOLD, k]
-    sine, cosine = sine_and_cosine(rates[0] * tau)
-    add_sine(into, SINE, order, sine, cosine, rates[0] * length)
-    sine, cosine = sine_and_cosine(rates[1] * tau + shift)
-    add_sine(into, LOAD_SINE, order + 1, sine, cosine, rates[1] * length)
+    if rates.of_engine:
+        sine, cosine = sine_and_cosine(rates.engine * tau)
+        add_sine(into, SINE, order, sine, cosine, rates.engine * length)
+    if rates.of_load:
+        sine, cosine = sine_and_cosine(rates.load * tau + shift)
+        add_sine(into, LOAD_SINE, order + 1, sine, cosine, rates.load * length)
 
 
 @fast
@@ -159,24 +171,30 @@ def unresolved(rows: Any, stribeck: Stribeck) -> bool:
 
 
 @fast
-def friction_change(mode: int, order: int, number: Any, rates: tuple[float, float, float], length: float,
+def friction_change(mode: int, order: int, number: Any, rates: Rates, length: float,
                     stribeck: Stribeck, falls: bool, rows: Any) -> None:
     """Row MIXED: how the friction torque changes with the numbers at a given motion; row LOAD_CHANGE: how Ts does."""
+    varies = 1
+    if number[LOAD_AMPLITUDE] != 0.0 or number[LOAD_PHASE] != 0.0:
+        varies = order
+    turn = number[LOAD_PHASE] * rates.amplitude / (rates.load * length)
     for k in range(order):
-        change = number[LOAD_AMPLITUDE] * rows[LOAD_SINE, k]
-        if number[LOAD_PHASE] != 0.0:
-            change += number[LOAD_PHASE] * rates[2] * (k + 1) * rows[LOAD_SINE, k + 1] / (rates[1] * length)
+        change = number[LOAD_AMPLITUDE] * rows[LOAD_SINE, k] + turn * (k + 1) * rows[LOAD_SINE, k + 1]
         rows[LOAD_CHANGE, k] = change + (number[MEAN_LOAD] if k == 0 else 0.0)
         rows[MIXED, k] = mode * rows[LOAD_CHANGE, k]
     if stribeck is not None and falls:
+        share, excess = mode * number[EXCESS_RATIO], mode * stribeck[0]
         for k in range(order):
-            rows[MIXED, k] += mode * number[EXCESS_RATIO] * rows[HOLD, k]
-            for j in range(k + 1):
-                rows[MIXED, k] += mode * stribeck[0] * rows[EXCESS, j] * rows[LOAD_CHANGE, k - j]
+            rows[MIXED, k] += share * rows[HOLD, k]
+        for j in range(varies):
+            change = excess * rows[LOAD_CHANGE, j]
+            for k in range(j, order):
+                rows[MIXED, k] += change * rows[EXCESS, k - j]
         if number[DECAY] != 0.0:
-            for k in range(order):
-                for j in range(k + 1):
-                    rows[MIXED, k] -= number[DECAY] * stribeck[0] * rows[SLIP, j] * rows[HOLD, k - j]
+            for j in range(order):
+                change = number[DECAY] * stribeck[0] * rows[SLIP, j]
+                for k in range(j, order):
+                    rows[MIXED, k] -= change * rows[HOLD, k - j]
 
 
 @fast
@@ -184,26 +202,26 @@ def add_force(mode: int, order: int, length: float, linear: Linear, number: Any,
               force: Any) -> None:
     """The right-hand side df/dp of a lane, in the units of the series, from row MIXED; see `key_derivatives`."""
     flywheel, plate, damping, stiffness = linear
-    both = flywheel + plate
+    per_length, slower = 1.0 / length, number[LOG_FREQUENCY]
+    per_flywheel, per_plate, per_both = 1.0 / flywheel, 1.0 / plate, 1.0 / (flywheel + plate)
     for k in range(order):
         weight = length * INVERSE[k + 1]
-        speed_rate = (k + 1) * rows[SPEED, k + 1] / length
+        speed_rate = (k + 1) * rows[SPEED, k + 1] * per_length
         held = number[DAMPING] * rows[SPEED, k] + number[STIFFNESS] * rows[ANGLE, k]
         torque = number[TORQUE_AMPLITUDE] * rows[SINE, k] + (number[MEAN_TORQUE] if k == 0 else 0.0)
-        slower = number[LOG_FREQUENCY]
         force[3 * k + 1, lane] = -weight * slower * rows[SPEED, k]
         if mode == STICK:
             push = torque - held - speed_rate * (number[FLYWHEEL_INERTIA] + number[PLATE_INERTIA])
             force[3 * k, lane] = 0.0
-            force[3 * k + 2, lane] = weight * (push / both - slower * speed_rate)
+            force[3 * k + 2, lane] = weight * (push * per_both - slower * speed_rate)
         else:
             friction = plate * speed_rate + damping * rows[SPEED, k] + stiffness * rows[ANGLE, k]
             change = rows[MIXED, k] if mode != FREE else 0.0
-            drive = torque - change - (rows[ENGINE, k] - friction) / flywheel * number[FLYWHEEL_INERTIA]
-            pull = change - held - speed_rate * number[PLATE_INERTIA]
-            force[3 * k, lane] = weight * (drive / flywheel - pull / plate
-                                           - slower * (k + 1) * rows[SLIP, k + 1] / length)
-            force[3 * k + 2, lane] = weight * (pull / plate - slower * speed_rate)
+            drive = torque - change - (rows[ENGINE, k] - friction) * per_flywheel * number[FLYWHEEL_INERTIA]
+            pull = (change - held - speed_rate * number[PLATE_INERTIA]) * per_plate
+            slip_rate = (k + 1) * rows[SLIP, k + 1] * per_length
+            force[3 * k, lane] = weight * (drive * per_flywheel - pull - slower * slip_rate)
+            force[3 * k + 2, lane] = weight * (pull - slower * speed_rate)
 
 
 @fast
