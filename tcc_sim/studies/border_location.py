@@ -20,7 +20,7 @@ LEFT_OVER = 0.1
 """Share of the margin that a Newton step leaves."""
 CLOSE = 1e-12
 """Margin, relative to its natural size, at which a border counts as found."""
-FINEST = 1e-10
+FINEST = 1e-12
 """Distance from the border, in natural sizes, below which it is not resolved where the margin changes very fast (on a
 canard: slip that follows the falling branch of friction); that distance is the residual then."""
 ITERATIONS = 40
