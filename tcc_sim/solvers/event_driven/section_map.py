@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiled import compiled, fast
@@ -64,6 +66,8 @@ WHY = {LOST: "the state is not finite", DEGENERATE: "slip ends where its rate is
 EVENTS_PER_CYCLE, STEPS_PER_CYCLE = 1000, 100_000
 SLOWEST = 1e-30
 """Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
+LINEAR_REACH, FALLING_REACH = 3.3, 1.6
+"""Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
 SHORTER = 0.6
 """Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
 
@@ -121,6 +125,19 @@ def vary(mode: int, falls: bool, order: int, length: float, rates: Rates, terms:
             columns[block, i, lane] = work.lanes[i, lane]
 
 
+@fast
+def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, state: Any) -> float:
+    """Length up to which the series of disturbances hold, s, whatever the motion shows of the rates they have."""
+    mode, inertia = state.mode, linear[1]
+    if mode == STICK:
+        inertia += linear[0]
+    rate = math.sqrt(linear[3] / inertia) + linear[2] / inertia
+    if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
+        fall = stribeck[1] * stribeck[0] * math.exp(-stribeck[1] * abs(state.slip_speed))
+        return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
+    return LINEAR_REACH / rate
+
+
 @compiled
 def march(first: int, whole: int, phase: tuple[float, float], rates: Rates, bounds: Bounds, terms: Terms,
           waves: Any, state: Any, drive: Any, output: Any, cycles: Any, moves: Any, numbers: Any, columns: Any,
@@ -142,7 +159,8 @@ def march(first: int, whole: int, phase: tuple[float, float], rates: Rates, boun
     while output.cycle < whole:
         n = output.cycle
         end = period if n == whole - 1 else state.tau + AHEAD * period
-        goal, mode, tau, shift = end, state.mode, state.tau, state.shift
+        mode, tau, shift = state.mode, state.tau, state.shift
+        goal = min(end, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck, state))
         while True:
             step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
             steps += 1
