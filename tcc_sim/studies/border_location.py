@@ -16,6 +16,8 @@ from tcc_sim.studies.shooting import Linearised, Shooting
 
 HALVINGS, MORE_HALVINGS = 24, 20
 """Halvings of the bracket before Newton's method, and further ones where it does not get through."""
+CLOSED = 1e-11
+"""Residual of the orbit itself, in natural sizes, at which it counts as closed."""
 LEFT_OVER = 0.1
 """Share of the margin that a Newton step leaves."""
 CLOSE = 1e-12
@@ -79,7 +81,7 @@ def solved(kind: str, left: Station, right: Station, near: tuple[Margins, Margin
     try:
         for _ in range(ITERATIONS):
             found, value = shooting.linearise(z), float(getattr(margin, name))
-            if abs(value) <= CLOSE and float(np.abs(found.residual).max()) <= 10.0 * shooting.rounding:
+            if abs(value) <= CLOSE and float(np.abs(found.residual).max()) <= CLOSED:
                 return located(kind, start, z, found, abs(value))
             matrix = np.vstack([found.jacobian, gradient(shooting, z, margin, name)])
             keep = LEFT_OVER if one_sided and abs(value) > CLOSE else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,7 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven import section_map
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
-from tcc_sim.solvers.event_driven.section_map import StroboscopicMap
-from tcc_sim.studies import differences
+from tcc_sim.solvers.smoothed import stroboscopic
 from tcc_sim.studies.maps import NO_MARGINS, Floats, Image, Margins, Observation, Values
 from tcc_sim.trajectory import State, Trajectory
 
@@ -24,11 +23,8 @@ SCALES = (10.0, 0.1, 10.0)
 EXACTLY_STUCK = 1e-12
 """Slip speed, rad/s, below which the set-valued law is taken to stick."""
 
-DERIVATIVES: dict[str, Callable[..., Any]] = {"smoothed": differences.stroboscopic_map,
-                                              "set_valued": section_map.stroboscopic_map}
-"""Where the map with its derivatives comes from, per friction law."""
-LETTERS = {-1: "-", 0: "S", 1: "+", 2: "F"}
-"""Modes in event sequences: S stick, + and - slip, F free."""
+Prepared = stroboscopic.Prepared | section_map.Prepared
+Passed = stroboscopic.Stroboscopic | section_map.SectionMap
 
 
 class DrivelineMap:
@@ -53,8 +49,10 @@ class DrivelineMap:
         if self.forcing_period == 0:
             raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
                              "a ratio of whole numbers up to 1000")
+        self.divisible = True
         self._made: tuple[Values, System] | None = None
-        self._last: tuple[Any, StroboscopicMap] | None = None
+        self._prepared: tuple[Values, Prepared] | None = None
+        self._last: tuple[Any, Passed] | None = None
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -62,40 +60,53 @@ class DrivelineMap:
             self._made = values, replace(self.system, dict(zip(self.keys, values)))
         return self._made[1]
 
-    def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
-        """The section point `cycles` cycles on, with derivatives by the state and by the free keys."""
-        system = self.system_at(values)
-        if self.piecewise:
-            seen = self._passed(x, values, first, cycles)
-            return Image(seen.state, seen.derivative, seen.by_parameter)
-        found = DERIVATIVES[system.friction.law](system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
-                                                 parameters=self.keys)
-        if not np.isfinite(found.state).all():
-            raise ArithmeticError("the state is not finite")
-        return Image(found.state, found.derivative, found.by_parameter)
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
+        """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
+        return self._image(self._passed(x, values, first, cycles), cycles)
+
+    def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
+                      cycles: Sequence[float]) -> list[Image]:
+        """`evaluate` for several starts."""
+        return [self._image(found, count) for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
+
+    def _image(self, found: Passed, cycles: float) -> Image:
+        """A motion as the map's image."""
+        climb = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
+        return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), climb)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
-        if self.piecewise:
-            seen = self._passed(x, values, first, cycles)
-            letters = [LETTERS[seen.first_mode], *(LETTERS[after] for _, _, after in seen.events)]
-            return Observation(max(seen.heights), seen.stick_fraction, "".join(letters), seen.heights)
-        solved = self.solved(x, values, first, cycles)
-        kept, moves = solved.cycles, solved.transitions
-        assert kept is not None
-        heights = np.maximum(kept.highest, -kept.lowest)
-        return Observation(float(heights.max()), float(kept.stick_time.sum()) / (cycles * solved.cycle),
-                           differences.event_sequence(moves.before, moves.after, int(solved.state[0])),
-                           tuple(heights.tolist()))
+        return self._seen(self._passed(x, values, first, cycles), cycles)
 
-    def _passed(self, x: Floats, values: Values, first: int, cycles: int) -> StroboscopicMap:
-        """The set-valued motion with all there is to know of it; the last one is kept for who asks again."""
+    def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Passed:
+        """The motion with all there is to know of it; the last one is kept for who asks again."""
         asked = x.tobytes(), values, first, cycles
         if self._last is None or self._last[0] != asked:
-            found = DERIVATIVES["set_valued"](self.system_at(values), self._settled(x), cycles, start_cycle=first,
-                                              rtol=RTOL, parameters=self.keys)
-            self._last = asked, found
+            self._last = asked, self._each(x[None], values, [first], [cycles])[0]
         return self._last[1]
+
+    def _prepare(self, values: Values) -> Prepared:
+        """The system at these values, ready to be evaluated at many states."""
+        if self._prepared is None or self._prepared[0] != values:
+            of = section_map.Prepared if self.piecewise else stroboscopic.Prepared
+            self._prepared = values, of(self.system_at(values), self.keys, RTOL)
+        return self._prepared[1]
+
+    def _each(self, states: Floats, values: Values, firsts: Sequence[float],
+              cycles: Sequence[float]) -> Sequence[Passed]:
+        """Motions from several starts."""
+        ends = [first + count for first, count in zip(firsts, cycles)]
+        found = self._prepare(values).each(np.array([self._settled(x) for x in states]), firsts, ends)
+        if not all(np.isfinite(part.state).all() for part in found):
+            raise ArithmeticError("the state is not finite")
+        return found
+
+    def _seen(self, found: Passed, cycles: float) -> Observation:
+        """What is seen of a motion."""
+        assert self._prepared is not None
+        heights = found.heights.tolist()
+        return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
+                           tuple(heights))
 
     def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
         """The trajectory itself."""
@@ -105,12 +116,10 @@ class DrivelineMap:
 
     def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""
-        if not self.piecewise:
+        of = self._prepare(values)
+        if not isinstance(of, section_map.Prepared):
             return NO_MARGINS
-        system = self.system_at(values)
-        found = section_map.stroboscopic_map(system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
-                                             parameters=self.keys, margins=True).margins
-        assert found is not None
+        found, system = of.over(self._settled(x), first, first + cycles, margins=True).margins, self.system_at(values)
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
         sizes = {"grazing": (GRAZING, self.height_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
         slopes = {name: (found[row, GRADIENT:GRADIENT + 3] / size, found[row, GRADIENT + 3:] / size)
