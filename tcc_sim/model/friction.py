@@ -66,14 +66,26 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
         return math.inf, 1.0
     if stribeck[1] == 0.0:
         return math.inf, 1.0 + stribeck[0]
-    low, high = 0.0, 20.0 / sigma + (math.log(sigma + stribeck[1]) - math.log(stribeck[1])) / sigma
-    if smoothed_and_slope(high, sigma, stribeck)[1] > 0.0:
+    excess, decay = stribeck
+
+    def slope(v: float) -> float:
+        """Slope (20b) over (r - 1) exp(-alpha v): it falls from above 0 to below it, once."""
+        step = math.tanh(sigma * v)
+        return sigma * (math.exp(min(decay * v, 700.0)) / excess + 1.0) * (1.0 - step * step) - decay * step
+
+    low, high = 0.0, 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
+    if excess == 0.0 or smoothed_and_slope(high, sigma, stribeck)[1] > 0.0:
         return math.inf, 1.0
-    while low < (middle := 0.5 * (low + high)) < high:
-        if smoothed_and_slope(middle, sigma, stribeck)[1] > 0.0:
-            low = middle
+    at, below, above = 0.5 * math.log(sigma / decay + 1.0) / sigma, slope(low), slope(high)
+    while low < at < high:  # Illinois: a secant in the bracket, of which an end that stays counts half.
+        value = slope(at)
+        if value > 0.0:
+            low, below, above = at, value, 0.5 * above
         else:
-            high = middle
+            high, above, below = at, value, 0.5 * below
+        at = high - above * (high - low) / (above - below)
+        if high - low < 1e-12 * high:
+            at = 0.5 * (low + high)
     return high, float(smoothed(high, sigma, stribeck))
 
 
