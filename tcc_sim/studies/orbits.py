@@ -113,7 +113,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     try:
         found = shooting.linearise(z)
         for _ in range(iterations):
-            step = np.linalg.solve(found.jacobian[:, :size], -found.residual)
+            step = _step(found.jacobian[:, :size], -found.residual)
             turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
                 step = step / (1.0 - turn)
@@ -140,6 +140,14 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     except FAILURES:
         return None
     return None
+
+
+def _step(jacobian: Floats, side: Floats) -> Any:
+    """Newton's step; the shortest one where the orbit belongs to a family and the Jacobian is singular to the last bit."""
+    try:
+        return np.linalg.solve(jacobian, side)
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(jacobian, side, rcond=None)[0]
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:
