@@ -6,6 +6,9 @@ defined, so Newton's method on them finds it; it goes nine tenths of the way at 
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, station_at
@@ -14,6 +17,7 @@ from tcc_sim.studies.event_borders import border_residual, differ, kind_of_chang
 from tcc_sim.studies.maps import FAILURES, Floats, Margins
 from tcc_sim.studies.shooting import Linearised, Shooting
 
+NAMES = ("grazing", "arrival", "stick")
 HALVINGS, MORE_HALVINGS = 24, 20
 """Halvings of the bracket before Newton's method, and further ones where it does not get through."""
 CLOSED = 1e-11
@@ -43,6 +47,7 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
             station = chord.at(middle)
             if station is None:
                 break
+            station = observed(station)
             if differ(station.orbit.seen.events, chord.a.orbit.seen.events):
                 high, right = middle, station
             else:
@@ -50,53 +55,82 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
         events = left.orbit.seen.events, right.orbit.seen.events
         if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
             return left, right, None
-        near = margins_at(left), margins_at(right)
-        kind = kind_of_change(*events, near)
+        near = nearest(left.shooting, left.point.z), nearest(right.shooting, right.point.z)
+        kind = kind_of_change(*events, (near[0].margins, near[1].margins))
         found = solved(kind, left, right, near)
         if found is not None:
             return left, right, found
     at = left if left.orbit.residual <= right.orbit.residual else right
-    return left, right, Bifurcation(kind, at, max(border_residual(kind, near), at.orbit.residual))
+    residual = border_residual(kind, (near[0].margins, near[1].margins))
+    return left, right, Bifurcation(kind, at, max(residual, at.orbit.residual))
 
 
-def margins_at(station: Station) -> Margins:
-    """The margins of a station's orbit."""
-    orbit = station.orbit
-    return station.shooting.map.margins(orbit.section, orbit.values, 0, orbit.period)
+def observed(station: Station) -> Station:
+    """The station with what is seen at its very point; a corrector knows it only from before its last step."""
+    seen = station.shooting.linearise(station.point.z).seen
+    return station if seen is None else replace(station, orbit=replace(station.orbit, seen=seen))
 
 
-def solved(kind: str, left: Station, right: Station, near: tuple[Margins, Margins]) -> Bifurcation | None:
+class Nearest(NamedTuple):
+    """The margins of a periodic motion, and their derivatives by the scaled unknowns, by name, where they are known."""
+
+    margins: Margins
+    gradients: dict[str, Floats]
+
+
+def nearest(shooting: Shooting, z: Floats) -> Nearest:
+    """The margins over all segments."""
+    nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
+    widths = np.array([w.width(float(u)) for w, u in zip(shooting.windows, z[size:])])
+    least = dict.fromkeys(NAMES, np.inf)
+    gradients: dict[str, Floats] = {}
+    grows, first = False, 0.0
+    for k, length in enumerate(shooting.segments):
+        found = shooting.map.margins(nodes[k], values, first, length)
+        first += length
+        for name in NAMES:
+            value = float(getattr(found, name))
+            if not abs(value) < abs(least[name]):
+                continue
+            least[name] = value
+            grows = found.arrival_grows if name == "arrival" else grows
+            if name in found.slopes:
+                gradients[name] = np.zeros(len(z))
+                gradients[name][k * n:k * n + n] = found.slopes[name][0] * shooting.map.scales
+                gradients[name][size:] = found.slopes[name][1] * widths
+    return Nearest(Margins(least["grazing"], least["arrival"], grows, least["stick"]), gradients)
+
+
+def solved(kind: str, left: Station, right: Station, near: tuple[Nearest, Nearest]) -> Bifurcation | None:
     """The border between two stations by Newton's method on its own margin; None where that does not get through."""
     name = margin_of(kind)
-    if any(not m.slopes for m in near):
-        return None
-    sides = [(s, m) for s, m in zip((left, right), near) if np.isfinite(getattr(m, name))]
+    sides = [(s, m) for s, m in zip((left, right), near) if name in m.gradients]
     if not sides:
         return None
     # The margin that is to vanish belongs to the side without the event that it would make.
-    start, margin = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1], name))))
+    start, at = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1].margins, name))))
     shooting, z = start.shooting, start.point.z
     apart = max(float(np.linalg.norm(right.point.z - left.point.z)), 1e-9)
     one_sided = name != "arrival"
     try:
+        found = shooting.linearise(z)
         for _ in range(ITERATIONS):
-            found, value = shooting.linearise(z), float(getattr(margin, name))
+            value = float(getattr(at.margins, name))
             if abs(value) <= CLOSE and float(np.abs(found.residual).max()) <= CLOSED:
                 return located(kind, start, z, found, abs(value))
-            matrix = np.vstack([found.jacobian, gradient(shooting, z, margin, name)])
             keep = LEFT_OVER if one_sided and abs(value) > CLOSE else 0.0
-            step = np.linalg.solve(matrix, np.append(-found.residual, (keep - 1.0) * value))
+            step = np.linalg.solve(np.vstack([found.jacobian, at.gradients[name]]),
+                                   np.append(-found.residual, (keep - 1.0) * value))
             distance = float(np.linalg.norm(step))
             if distance <= FINEST and abs(value) > CLOSE:
                 return located(kind, start, z, found, distance)
             for part in (1.0, 0.5, 0.25, 0.1, 0.03):
                 trial = z + part * step
-                x, values = shooting.nodes(trial)[0], shooting.values(trial)
-                margin = shooting.map.margins(x, values, 0, shooting.period)
-                events = shooting.map.observe(x, values, 0, shooting.period).events
-                if one_sided and differ(events, start.orbit.seen.events):
+                found = shooting.linearise(trial)
+                if one_sided and found.seen is not None and differ(found.seen.events, start.orbit.seen.events):
                     continue
-                if abs(getattr(margin, name)) <= 2.0 * abs(value) + CLOSE:
+                at = nearest(shooting, trial)
+                if name in at.gradients and abs(getattr(at.margins, name)) <= 2.0 * abs(value) + CLOSE:
                     z = trial
                     break
             else:
@@ -106,15 +140,6 @@ def solved(kind: str, left: Station, right: Station, near: tuple[Margins, Margin
     except FAILURES:
         return None
     return None
-
-
-def gradient(shooting: Shooting, z: Floats, margins: Margins, name: str) -> Floats:
-    """Derivatives of a margin by the scaled unknowns."""
-    by_state, by_parameter = margins.slopes[name]
-    out, size = np.zeros(len(z)), shooting.size
-    out[:shooting.map.dimension] = by_state * shooting.map.scales
-    out[size:] = by_parameter * np.array([w.width(float(u)) for w, u in zip(shooting.windows, z[size:])])
-    return out
 
 
 def located(kind: str, near: Station, z: Floats, found: Linearised, margin: float) -> Bifurcation:

@@ -114,7 +114,7 @@ class DrivelineMap:
         return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=RTOL, samples_per_cycle=samples,
                      state=State(float(x[0]), float(x[1]), float(x[2]))).raise_for_status()
 
-    def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""
         of = self._prepare(values)
         if not isinstance(of, section_map.Prepared):

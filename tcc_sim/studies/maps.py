@@ -98,7 +98,7 @@ class ParameterMap(Protocol):
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """What is seen on that way."""
 
-    def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """How far that way is from another event sequence."""
 
 

@@ -119,3 +119,13 @@ def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
         orbit = item.station.orbit
         assert abs(getattr(map_.margins(orbit.section, orbit.values, 0, orbit.period), name)) < 1e-10
+
+
+def test_borders_at_which_a_branch_turns_sharply():
+    """For mu_k < mu_s a slip interval that begins grows at once, and the branch goes on along a canard."""
+    system = replace(EQUAL, {MU_K: 0.27})
+    found = continue_motions(system, Plan(OMEGA, 82.39, 110.5)).bifurcations
+    kinds = [f.kind for f in sorted(found, key=lambda f: f.value)]
+    assert kinds.count("adding_sliding") == 2
+    assert "grazing_sliding" in kinds
+    assert max(f.residual for f in found) < 1e-8
