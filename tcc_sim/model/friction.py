@@ -7,6 +7,7 @@ The functions take plain floats or arrays and are compiled for the solvers from 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -58,35 +59,73 @@ def sliding(v: Any, sign: float, stribeck: Stribeck) -> Any:
 
 @lru_cache(maxsize=256)
 def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
-    """Slip speed (rad/s) and value of the maximum of the smoothed mubar (7), the root of the slope (20b).
+    """Slip speed (rad/s) and value of the first maximum of the smoothed mubar (7), the root of the slope (20b).
 
-    Where mu_k = mu_s the law has no maximum: (inf, 1). The peak lies below mu_s/mu_k and falls with it (Fig. 3).
+    The slope is below 0 where alpha sinh(2 sigma v) > 2 sigma (1 + exp(alpha v)/(r - 1)), which is compared in
+    logarithms: 1 - tanh^2 is lost in rounding before an exponential that dies down faster. Where mu_k = mu_s, or where
+    that exponential leaves nothing to fall from, the law has no maximum: (inf, 1). The peak lies below mu_s/mu_k and
+    falls with it (Fig. 3).
     """
     if stribeck is None:
         return math.inf, 1.0
-    if stribeck[1] == 0.0:
-        return math.inf, 1.0 + stribeck[0]
     excess, decay = stribeck
-
-    def slope(v: float) -> float:
-        """Slope (20b) over (r - 1) exp(-alpha v): it falls from above 0 to below it, once."""
-        step = math.tanh(sigma * v)
-        return sigma * (math.exp(min(decay * v, 700.0)) / excess + 1.0) * (1.0 - step * step) - decay * step
-
-    low, high = 0.0, 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
-    if excess == 0.0 or smoothed_and_slope(high, sigma, stribeck)[1] > 0.0:
+    if decay == 0.0:
+        return math.inf, 1.0 + excess
+    if excess == 0.0:
         return math.inf, 1.0
-    at, below, above = 0.5 * math.log(sigma / decay + 1.0) / sigma, slope(low), slope(high)
-    while low < at < high:  # Illinois: a secant in the bracket, of which an end that stays counts half.
-        value = slope(at)
-        if value > 0.0:
-            low, below, above = at, value, 0.5 * above
-        else:
-            high, above, below = at, value, 0.5 * below
+
+    def fall(v: float) -> float:
+        """Above 0 where mubar falls, v > 0: the logarithm of what lets it fall over what lets it rise."""
+        push = decay * v - math.log(excess)
+        rising = math.log(4.0 * sigma / decay) + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
+        return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
+
+    def falls(v: float) -> bool:
+        """Whether mubar falls at v > 0."""
+        return fall(v) > 0.0
+
+    def past_nearest(v: float) -> bool:
+        """Whether v lies behind the place where the two sides come nearest: cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
+        return decay * v - math.log(excess) >= float(np.logaddexp(2.0 * sigma * v, -2.0 * sigma * v)) - math.log(2.0)
+
+    high = 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
+    if not falls(high):
+        if decay <= 2.0 * sigma or excess <= 1.0:
+            return math.inf, 1.0
+        # It rises to 1 in the end; before that it falls only if it does so here.
+        high = _first(math.log(excess) / (decay - 2.0 * sigma), past_nearest)
+        if not falls(high):
+            return math.inf, 1.0
+    v = _first(high, falls, *_around(fall, 1e-3 / sigma, high))
+    return v, float(smoothed(v, sigma, stribeck))
+
+
+def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """A narrow bracket of a root of f, which is above 0 at `high`, by the Illinois method; (0, high) without one."""
+    below, above = f(low), f(high)
+    if not below < 0.0:
+        return 0.0, high
+    for _ in range(40):
         at = high - above * (high - low) / (above - below)
-        if high - low < 1e-12 * high:
-            at = 0.5 * (low + high)
-    return high, float(smoothed(high, sigma, stribeck))
+        if not low < at < high or high - low < 1e-13 * high:
+            break
+        value = f(at)
+        if value > 0.0:
+            high, above, below = at, value, 0.5 * below
+        else:
+            low, below, above = at, value, 0.5 * above
+    return low, high
+
+
+def _first(high: float, holds: Callable[[float], bool], low: float = 0.0, nearer: float = math.inf) -> float:
+    """Where a condition sets in that holds at `high` (and at `nearer`) and not at `low`, to the last bit."""
+    high = min(high, nearer)
+    while low < (middle := 0.5 * (low + high)) < high:
+        if holds(middle):
+            high = middle
+        else:
+            low = middle
+    return high
 
 
 def stick_speed(sigma: float, stribeck: Stribeck) -> float:

@@ -113,7 +113,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     try:
         found = shooting.linearise(z)
         for _ in range(iterations):
-            step = _step(found.jacobian[:, :size], -found.residual)
+            step = _newton_step(found.jacobian[:, :size], found.residual)
             turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
                 step = step / (1.0 - turn)
@@ -142,12 +142,12 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     return None
 
 
-def _step(jacobian: Floats, side: Floats) -> Any:
-    """Newton's step; the shortest one where the orbit belongs to a family and the Jacobian is singular to the last bit."""
+def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
+    """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
     try:
-        return np.linalg.solve(jacobian, side)
+        return np.linalg.solve(jacobian, -residual)
     except np.linalg.LinAlgError:
-        return np.linalg.lstsq(jacobian, side, rcond=None)[0]
+        return np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:

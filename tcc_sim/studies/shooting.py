@@ -188,7 +188,9 @@ def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list
     """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its pieces
     to its end stays within bounds.
     """
-    lengths, nodes, ahead = [], [], []
+    lengths: list[float] = []
+    nodes: list[Floats] = []
+    ahead: list[Floats] = []
     for length, node, block in parts:
         grown = [block @ a for a in ahead] + [block]
         if not ahead or max(float(np.abs(g).max()) for g in grown) > GROWTH:

@@ -46,7 +46,7 @@ def joint_state(n):
     return cdr.joint_state(n * TICK, n, 2.0 * n, 3.0, 4.0, 5.0, 6.0)
 
 
-def until(predicate, *, step=lambda: None, limit=20.0):
+def until(predicate, *, step=lambda: None, limit=120.0):
     """Repeat `step` until the predicate holds."""
     end = time.monotonic() + limit
     while not predicate():
@@ -235,7 +235,8 @@ def test_an_existing_output_is_refused(context, tmp_path):
         start(context, tmp_path)
 
 
-@pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")}, {"fsync_period": "often"},
+@pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")},
+                                        {"fsync_period": "often"},
                                         {"max_bag_duration": -1}, {"max_bag_duration": True}, {"max_bag_size": -5},
                                         {"max_bag_size": float("inf")}])
 def test_wrong_limits_are_refused_and_nothing_is_written(context, tmp_path, parameters):
