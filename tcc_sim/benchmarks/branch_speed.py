@@ -33,6 +33,8 @@ AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 KEY = "friction.kinetic_coefficient"
 MESHES = (200, 400, 800, 1600)
 """Mesh intervals that AUTO is given, until it gets through the range."""
+MOST = 45
+"""Points followed to either side from the middle of the branch of period two, enough to pass both of its folds."""
 SAMPLES = 4000
 TIMEOUT = 600.0
 NAMES = {"fold": "LP", "period_doubling": "PD", "neimark_sacker": "TR"}
@@ -85,7 +87,7 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     static = system.friction.static_coefficient
     map_ = check(system, Plan(KEY, low, high, period=period))
     shooting, z = start_orbit(map_, system, Window(low, high), system.friction.kinetic_coefficient, period)
-    first, course = first_station(shooting, z), Course(KEY)
+    first, course = first_station(shooting, z), Course(KEY, most=MOST)
     began = time.thread_time()
     branch = follow(first, course, "start", 0)
     seconds = time.thread_time() - began

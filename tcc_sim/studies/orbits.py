@@ -144,10 +144,13 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
 
 def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
     """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
+    step: Any
     try:
-        return np.linalg.solve(jacobian, -residual)
+        step = np.linalg.solve(jacobian, -residual)
     except np.linalg.LinAlgError:
-        return np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
+        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
+    out: Floats = step
+    return out
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:
