@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.studies.continuation import FLAT, Plane, Point, correct, point_at
-from tcc_sim.studies.event_borders import border_residual, differ, kind_of_change
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import Orbit, orbit_at
 from tcc_sim.studies.shooting import Shooting
@@ -240,33 +239,6 @@ def _from_circle(station: Station) -> float:
     pairs = [abs(abs(x) ** 2 - 1.0) for x in station.orbit.multipliers if abs(np.angle(x)) > COMPLEX
              and abs(np.angle(x)) < np.pi - COMPLEX]
     return float(min(pairs, default=np.inf))
-
-
-def event_border(chord: Chord, halvings: int = 44) -> tuple[Station, Station, Bifurcation | None]:
-    """The stations on both sides of a change of the event sequence, and the bifurcation there.
-
-    The bracket is halved until its ends differ by rounding. None where the change is none of friction (the pressure
-    meeting 0).
-    """
-    low, high = 0.0, 1.0
-    left, right = chord.a, chord.b
-    for _ in range(halvings):
-        middle = 0.5 * (low + high)
-        station = chord.at(middle)
-        if station is None:
-            break
-        if differ(station.orbit.seen.events, chord.a.orbit.seen.events):
-            high, right = middle, station
-        else:
-            low, left = middle, station
-    events = left.orbit.seen.events, right.orbit.seen.events
-    if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
-        return left, right, None
-    near = tuple(s.shooting.map.margins(s.orbit.section, s.orbit.values, 0, s.orbit.period) for s in (left, right))
-    kind = kind_of_change(*events, (near[0], near[1]))
-    residual = border_residual(kind, (near[0], near[1]))
-    at = left if left.orbit.residual <= right.orbit.residual else right
-    return left, right, Bifurcation(kind, at, max(residual, at.orbit.residual))
 
 
 def with_branch(found: Bifurcation, branch: int) -> Bifurcation:

@@ -6,8 +6,8 @@ are worked out on this protocol alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -55,14 +55,17 @@ class Margins:
     """How far a motion is from the changes of its event sequence, each relative to a natural size; inf where none.
 
     grazing : smallest |slip speed| at an extremum within slip
-    arrival : smallest | |lambda| - r Ts | where slip ends, and whether stick's margin grows there
+    arrival : r Ts - |lambda| where slip ends, the one nearest to 0, negative where slip goes on the other way
+    arrival_grows : whether stick's margin grows there
     stick : smallest margin r Ts - |lambda| at a minimum within stick
+    slopes : derivatives of these by the state (n,) and the free parameters (P,), by name; only where they are known
     """
 
     grazing: float
     arrival: float
     arrival_grows: bool
     stick: float
+    slopes: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
 
 class ParameterMap(Protocol):
@@ -95,7 +98,7 @@ class ParameterMap(Protocol):
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """What is seen on that way."""
 
-    def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """How far that way is from another event sequence."""
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, event_border, smooth_bifurcations, station_at
+from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, smooth_bifurcations, station_at
+from tcc_sim.studies.border_location import event_border
 from tcc_sim.studies.continuation import point_at
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import Floats
@@ -24,10 +25,10 @@ def between(a: Station, b: Station, climbing: bool = True) -> list[Bifurcation]:
     out: list[Bifurcation] = []
     for _ in range(6):
         left, right, found = event_border(chord)
-        out += smooth_bifurcations(Chord(chord.a, left))
+        out += smooth_bifurcations(Chord(chord.a, left, climbing))
         if found is not None:
             out.append(found)
-        chord = Chord(right, b)
+        chord = Chord(right, b, climbing)
         if not differ(right.orbit.seen.events, b.orbit.seen.events):
             break
     return out + smooth_bifurcations(chord)

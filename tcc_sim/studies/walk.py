@@ -213,7 +213,7 @@ class Walk:
             stride = Stride(length=beside, smallest=1e-10)
             start = point_at(here.point.z, found, tangent)
             try:
-                moved = advance(shooting, start, None, stride)
+                moved = advance(shooting, start, None, stride, False)
                 if moved is None:
                     continue
                 new = station_at(shooting, moved[0])
