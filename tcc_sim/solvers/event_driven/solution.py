@@ -54,7 +54,7 @@ def solve(problem: Problem) -> Trajectory:
     if problem.cycles is None:
         rest = problem.end - problem.start - whole * cycle
         rest = rest if rest > 1e-12 * cycle else 0.0
-    limit = _event_limit(terms, cycle)
+    limit = event_limit(terms, cycle)
     rtol = SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol
     times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
@@ -152,7 +152,7 @@ def constant_law(terms: Terms) -> Terms:
                           pulsation=None if load is None else (ratio * load[0], *load[1:]))
 
 
-def _event_limit(terms: Terms, cycle: float) -> int:
+def event_limit(terms: Terms, cycle: float) -> int:
     """Most events of one engine cycle: 1000, and 40 for each natural or excitation period in it."""
     fastest: Any = math.sqrt(terms.linear[3] / terms.linear[1])
     if terms.pulsation is not None:
