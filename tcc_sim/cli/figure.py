@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tcc_sim.errors import InputError, RecordingError, require
 
 if TYPE_CHECKING:
-    from tcc_sim.paper.figures import Manner
+    from tcc_sim.paper.manner import Manner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import replaceable
     from tcc_sim.paper.catalogue import FIGURES
     from tcc_sim.paper.drawings import draw
-    from tcc_sim.paper.figures import Manner, check_manner
+    from tcc_sim.paper.manner import Manner, check_manner
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]

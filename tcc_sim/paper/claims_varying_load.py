@@ -20,7 +20,7 @@ from tcc_sim.paper.evidence import (
     sticks,
     with_kinetic,
 )
-from tcc_sim.paper.figures import first_half
+from tcc_sim.paper.settled_histories import first_half
 
 AXIS = np.round(np.arange(0.05, 0.5001, 0.005), 6)
 LOW, HIGH = AXIS <= 0.29, (AXIS >= 0.31) & (AXIS <= 0.45)

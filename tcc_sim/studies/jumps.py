@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from tcc_sim.studies.bifurcations import Bifurcation
@@ -60,7 +61,7 @@ def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, bas
     size = max((s.height for s in seen), default=0.0)
     width = abs(seen[-1].value - seen[0].value) if seen else 0.0
     out = []
-    for a, b in zip(seen, seen[1:]):
+    for a, b in pairwise(seen):
         if not abs(b.height - a.height) > least * size:
             continue
         cause, found = _cause(a, b, branches, size, width, base)
