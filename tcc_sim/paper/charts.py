@@ -50,7 +50,7 @@ def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     y = np.unique(np.concatenate([y, cuts]))
     units = UNITS[row.over], UNITS[row.second]
     plan = Plan(cycles=100 if manner.quick else 150, discard=50)
-    grid = sweep_grid(system, row.over, x * units[0], row.second, y * units[1], plan, jobs=manner.jobs,
+    grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan, jobs=manner.jobs,
                       progress=manner.progress)
     windows = (Window(row.span[0] * units[0], row.span[1] * units[0]),
                Window(row.second_span[0] * units[1], row.second_span[1] * units[1]))

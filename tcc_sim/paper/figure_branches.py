@@ -52,11 +52,11 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
     is `between`, `max_slip_speed` before and after, `cause`, and the number of its `bifurcation`.
     """
     curve = sweeps[0].curve
-    of = DrivelineMap(curve.system, (curve.over,))
+    of = DrivelineMap(curve.system, (curve.key,))
     found = [seen_in(sweep) for sweep in sweeps]
     window = Window(min(curve.values), max(curve.values))
     with counted(progress) as tick:
-        branches = survey(of, window, curve.over, [s for row in found for s in row], tick)
+        branches = survey(of, window, curve.key, [s for row in found for s in row], tick)
     bifurcations = [f for branch in branches for f in branch.bifurcations]
     shown: dict[str, Any] = {"branches": [b.as_json() for b in branches],
                              "bifurcations": [f.as_json() for f in bifurcations]}
