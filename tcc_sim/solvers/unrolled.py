@@ -96,7 +96,8 @@ class Memory:
         self.builder = builder
         self.start = builder.bitcast(array.data, REAL.as_pointer())
         self.strides = cgutils.unpack_tuple(builder, array.strides)
-        self.length = kind.shape[-1] if hasattr(kind, "shape") else 0
+        self.shape = getattr(kind, "shape", (0,))
+        self.length = self.shape[-1]
         self.known: dict[Any, Name] = {}
 
     def _place(self, key: tuple[int, ...]) -> Any:

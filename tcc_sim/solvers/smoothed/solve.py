@@ -95,7 +95,7 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
         return int(kernel.integrate(
             problem.start_cycle + done, batch, rest, limit, limits, given, problem.system.pressure.frequency_ratio,
             waves, tables, memory.state, memory.control, memory.drive, memory.work, memory.counters, memory.output,
-            cycles[done:], samples[done * problem.samples_per_cycle:], problem.samples_per_cycle, moves, angle))
+            cycles[done:], samples[done * problem.samples_per_cycle:], problem.samples_per_cycle, moves, angle, None))
 
     variant = problem.flywheel_angle, terms.pulsation is None, terms.stribeck is None
     if variant not in _compiled:
