@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import System
-from tcc_sim.paper.evidence import JUMP
+from tcc_sim.paper.evidence import JUMP, LAST, LATER
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
@@ -18,7 +20,7 @@ from tcc_sim.studies.jumps import jumps_of
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.survey import Seen, station_of, survey
 from tcc_sim.studies.sweep import Sweep
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import State, Status
 
 STICK_BORDER = "stick_border"
 CREEP = 3.0
@@ -27,15 +29,24 @@ SMOOTH_ENDS = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 
 
 def seen_in(sweep: Sweep) -> list[Seen]:
-    """The motions of a sweep; one whose section does not repeat yet counts as one without a period."""
-    out = []
-    for value, record in zip(sweep.curve.values, sweep.records):
-        if record is None or record["max_slip_speed"] is None:
-            continue
-        settled = record.get("settled", True)
-        out.append(Seen(value, np.array(record["final"]), record["final_cycle"], record["period"] if settled else 0,
-                        max(abs(record["max_slip_speed"]), 0.0)))
-    return out
+    """The motions of a sweep; what has not settled within its cycles goes on for LATER more, as the claims have it."""
+    return [seen for k in range(len(sweep.curve.values)) if (seen := _seen(sweep, k)) is not None]
+
+
+def _seen(sweep: Sweep, k: int) -> Seen | None:
+    """One motion of a sweep, settled where it settles at all."""
+    value, record = sweep.curve.values[k], sweep.records[k]
+    if record is None or record["max_slip_speed"] is None:
+        return None
+    if record.get("settled", True):
+        return Seen(value, np.array(record["final"]), record["final_cycle"], record["period"], record["max_slip_speed"])
+    system, first = sweep.curve.at(k), record["final_cycle"]
+    run = solve(system, cycles=LATER, start_cycle=first, state=State(*record["final"]))
+    if run.status is not Status.DONE or run.cycles is None:
+        return None
+    found, final = summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first + LATER - LAST), run.final
+    return Seen(value, np.array([final.slip_speed, final.plate_angle, final.plate_speed]), first + LATER,
+                found.period if found.settled else 0, found.max_slip_speed)
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict[str, Any]]:
@@ -62,7 +73,7 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
                              "bifurcations": [f.as_json() for f in bifurcations]}
     out = []
     for sweep, row in zip(sweeps, found):
-        forward = row if row == sorted(row, key=lambda s: s.value) else sorted(row, key=lambda s: s.value)
+        forward = sorted(row, key=lambda s: s.value)
         jumps = []
         for jump in jumps_of(forward, branches, JUMP, of.forcing_period):
             entry = jump.as_json(bifurcations)

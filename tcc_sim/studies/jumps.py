@@ -84,7 +84,7 @@ def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: flo
         if reached and other is not None and other.branch == place.branch and abs(last - other.point) <= 1:
             return STEEP, None
         if not reached:
-            found = _nearest(branch, last, size, width)
+            found = nearest_bifurcation(branch, last, size, width)
             if found is not None:
                 ends.append(found)
     if ends:
@@ -119,7 +119,7 @@ def _walk(branch: Branch, place: Place, goal: float) -> tuple[int, bool]:
         at = following
 
 
-def _nearest(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
+def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
     """The bifurcation of a branch nearest to the pieces about one of its points; None where none is near."""
     about = branch.stations[max(point - 1, 0):point + 2]
     values, heights = [s.value for s in about], [s.orbit.seen.largest for s in about]
