@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which figures, in which manner, and where they go."""
-    parser.add_argument("figure", metavar="N|all", help="number of a figure in the paper, 2 to 18, or all of them; 19 and 20 are charts of "
-                        "the bifurcations behind Figs. 4 and 14")
+    parser.add_argument("figure", metavar="N|all",
+                        help="number of a figure in the paper, 2 to 18, or all of them; 19 and 20 are charts of the "
+                        "bifurcations behind Figs. 4 and 14")
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
                         help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
     parser.add_argument("--quick", action="store_true", help="a quarter of the values")

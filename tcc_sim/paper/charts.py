@@ -14,14 +14,14 @@ import numpy as np
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
-from tcc_sim.paper.figure_branches import counted, creeps, seen_in
+from tcc_sim.paper.figure_branches import creeps
 from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
+from tcc_sim.paper.seen_motions import seen_in, surveyed
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.simulation import Plan
-from tcc_sim.studies.survey import survey
 from tcc_sim.studies.sweep import sweep_grid
 from tcc_sim.studies.two_parameters import Curve, bifurcation_curve, border_curve
 
@@ -55,18 +55,14 @@ def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     windows = (Window(row.span[0] * units[0], row.span[1] * units[0]),
                Window(row.second_span[0] * units[1], row.second_span[1] * units[1]))
     curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), windows)
-    with counted(manner.progress) as tick:
-        for cut in cuts:
-            sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
-            of = DrivelineMap(sweep.curve.system, (row.over,))
-            both = DrivelineMap(system, (row.over, row.second))
-            for branch in survey(of, windows[0], row.over, seen_in(sweep), tick):
-                for found in branch.bifurcations:
-                    curve = _followed(found, both, windows, float(cut) * units[1], curves)
-                    if curve is not None:
-                        curves.append({"kind": curve.kind, "period": branch.period,
-                                       "creep": creeps(found, sweep.curve.system), "value": list(curve.values),
-                                       "second": list(curve.second), "ended": list(curve.ended)})
+    both = DrivelineMap(system, (row.over, row.second))
+    for cut in cuts:
+        sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
+        for branch in surveyed(sweep.curve, seen_in(sweep), manner.progress):
+            for found in branch.bifurcations:
+                curve = _followed(found, both, windows, float(cut) * units[1], curves)
+                if curve is not None:
+                    curves.append(_as_json(curve, found.station.orbit.period, creeps(found, sweep.curve.system)))
     records = [sweep.records for sweep in grid.sweeps]
     return {"axis": NAMES[row.over], "x": x.tolist(), "unit": units[0], "over": row.over,
             "second_axis": NAMES[row.second], "y": y.tolist(), "second_unit": units[1], "second_over": row.second,
@@ -88,6 +84,13 @@ def _followed(found: Bifurcation, of: DrivelineMap, windows: tuple[Window, Windo
             if distance(at, points) < PASSED:
                 return None
     return bifurcation_curve(found, of, windows, second)
+
+
+def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
+    """A curve as JSON values."""
+    words = "pure stick ends, by (10)" if curve.kind == "stick_border" else f"{curve.kind}, period {period}".replace("_", " ")
+    return {"label": words, "kind": curve.kind, "period": period, "creep": creep, "value": list(curve.values),
+            "second": list(curve.second), "ended": list(curve.ended)}
 
 
 def distance(at: Floats, line: Floats) -> float:
@@ -123,6 +126,5 @@ def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, 
                 continue
             curve = border_curve(margin, windows, windows[0].value(float(at[0])), second)
             if curve is not None:
-                out.append({"kind": curve.kind, "period": 1, "creep": False, "value": list(curve.values),
-                            "second": list(curve.second), "ended": list(curve.ended)})
+                out.append(_as_json(curve, 1, False))
     return out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import System, Value
+from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.paper.seen_motions import LAST, LATER, seen_in, surveyed
 from tcc_sim.solvers import solve
 from tcc_sim.studies.point import Plan, solve_point
+from tcc_sim.studies.stretches import Stretch, stretch_of, stretches_of
 from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
 from tcc_sim.trajectory import State, Status, Trajectory
 
@@ -27,10 +30,6 @@ BISECTIONS = 8
 """Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
 CYCLES, DISCARD = 150, 50
 """The paper's rule."""
-LATER = 500
-"""Further cycles for a motion that the paper's rule leaves before its section repeats."""
-LAST = 100
-"""Cycles at the end of a long run in which its period is looked for."""
 STEADY = 3000
 """Cycles from (13) after which the motion of Fig. 2 is taken for its steady state."""
 
@@ -57,11 +56,13 @@ class Evidence:
     rtol : tolerance of the smoothed engine
     jobs : threads; None takes all cores
     progress : show a bar for every sweep on a terminal
+    known : stable stretches of branches, which no tolerance changes, for several to share
     """
 
     rtol: float
     jobs: int | None = None
     progress: bool = False
+    known: dict[str, list[Stretch]] = field(default_factory=dict)
     _kept: dict[str, Any] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
 
@@ -78,6 +79,38 @@ class Evidence:
                                  progress=self.progress)
             self._kept.update({names[k]: sweep for k, sweep in zip(missing, found)})
         return [self._kept[name] for name in names]
+
+    def stretches(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Stretch]:
+        """The stable stretches of the branches through the motions of cold starts and of sweeps up and down.
+
+        Their parameter is omega/omega_n or mu_k/mu_s. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
+        """
+        name = json.dumps([sorted(row.items()), axis.tolist(), over])
+        if name not in self.known:
+            sweeps = [self.curves([row], axis, over=over, direction=d)[0] for d in ("cold", "up", "down")]
+            branches = surveyed(sweeps[0].curve, [s for sweep in sweeps for s in seen_in(sweep)], self.progress)
+            unit = OMEGA_N if over == FREQUENCY else STATIC
+            values = sweeps[0].curve.values
+            self.known[name] = stretches_of(branches, min(values), max(values), unit)
+        return self.known[name]
+
+    def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
+        """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
+        among, sweep = self.stretches(row, axis, over=over), self.curves([row], axis, over=over)[0]
+        base, size = common_cycles(sweep.curve.system), float(np.nanmax(sweep.column("max_slip_speed")))
+        unit = OMEGA_N if over == FREQUENCY else STATIC
+        at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen_in(sweep)}
+        return [at.get(value) for value in sweep.curve.values]
+
+    def told(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[str]:
+        """Every stretch in words: what it is, where it begins and ends, and from where on (13) leads to it."""
+        out = []
+        on = self.reached(row, axis, over=over)
+        for k, stretch in enumerate(self.stretches(row, axis, over=over)):
+            at = [float(x) for x, found in zip(axis, on) if found == k]
+            out.append(f"{stretch}; " + (f"(13) leads to it at {len(at)} of {len(axis)} values, {min(at):g} to {max(at):g}"
+                                         if at else "(13) leads to it nowhere"))
+        return out
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
         """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
@@ -207,5 +240,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
+__all__ = ["CONFIRMED", "DEPENDS", "LATER", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
            "steep", "sticks", "with_kinetic"]
