@@ -15,7 +15,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.studies import differences
 from tcc_sim.studies.maps import Floats, Image, Margins, Observation, Values
-from tcc_sim.trajectory import State, Trajectory
+from tcc_sim.trajectory import State, Trajectory, event_sequence
 
 RTOL = 1e-12
 SCALES = (10.0, 0.1, 10.0)
@@ -76,7 +76,7 @@ class DrivelineMap:
         assert kept is not None
         heights = np.maximum(kept.highest, -kept.lowest)
         return Observation(float(heights.max()), float(kept.stick_time.sum()) / (cycles * solved.cycle),
-                           differences.event_sequence(moves.before, moves.after, int(solved.state[0])),
+                           event_sequence(moves.before, moves.after, int(solved.state[0])),
                            tuple(heights.tolist()))
 
     def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:

@@ -7,13 +7,14 @@ from typing import Any
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
 from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.key_derivatives import LOG_FREQUENCY
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_step import fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import NODES, Tables
 from tcc_sim.solvers.smoothed.limits import Limits
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.state import SERIES, Place
-from tcc_sim.solvers.smoothed.tangent_series import LANES, STRETCH
+from tcc_sim.solvers.smoothed.tangent_series import LANES
 from tcc_sim.solvers.smoothed.tangent_step import carry_collocation, carry_series, end_collocation, look_at
 from tcc_sim.solvers.terms import Terms
 
@@ -77,7 +78,7 @@ def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, s
         group = tangent.groups[i]
         for lane in range(LANES):
             group.peak[lane] = sign * (slip_change(group, lane, order, at, series, shared)
-                                       - group.by[STRETCH, lane] * at * slope)
+                                       - group.by[LOG_FREQUENCY, lane] * at * slope)
 
 
 @fast
@@ -130,9 +131,9 @@ def carry(tangent: Any, method: int, place: Place, friction: Friction, order: in
                                   polynomial.value_and_slope(rows, ANGLE, degree, x)[1],
                                   polynomial.value_and_slope(rows, SPEED, degree, x)[1])
             for lane in range(LANES):
-                now[0, lane] -= by[STRETCH, lane] * x * slip
-                now[1, lane] -= by[STRETCH, lane] * x * angle
-                now[2, lane] -= by[STRETCH, lane] * x * speed
+                now[0, lane] -= by[LOG_FREQUENCY, lane] * x * slip
+                now[1, lane] -= by[LOG_FREQUENCY, lane] * x * angle
+                now[2, lane] -= by[LOG_FREQUENCY, lane] * x * speed
 
 
 __all__ = ["carry"]

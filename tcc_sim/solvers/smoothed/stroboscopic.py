@@ -13,16 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.parameters import System
 from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
 from tcc_sim.solvers.smoothed import collocation_tables, kernel
-from tcc_sim.solvers.smoothed import tangent_series as tangents
 from tcc_sim.solvers.smoothed.limits import limits_of
 from tcc_sim.solvers.smoothed.solve import STATUSES
 from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, DONE, STATE, WORK
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.smoothed.tangent_series import CHANGES, LANES, NUMBERS, SHARED, Tangent
+from tcc_sim.solvers.smoothed.tangent_series import CHANGES, LANES, SHARED, Tangent
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
@@ -77,48 +77,15 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
     return prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles)
 
 
-def numbers_of(system: System, key: str) -> dict[int, float]:
-    """What the numbers of `tangent_series` change by per unit of a scene key."""
-    f, e, p, clutch = system.friction, system.engine, system.pressure, system.clutch
-    ratio, per_pressure = system.friction_ratio, system.torque_per_pressure
-    mean, swing = system.saturation_mean, system.saturation_amplitude
-    torque = 1.0 if e.harmonic else 0.0
-    load = 1.0 if p.harmonic else 0.0
-
-    def of_load(factor: float) -> dict[int, float]:
-        return {tangents.MEAN_LOAD: mean * factor, tangents.LOAD_AMPLITUDE: swing * factor}
-
-    table: dict[str, dict[int, float]] = {
-        "driveline.flywheel_inertia": {tangents.FLYWHEEL_INERTIA: 1.0}, "driveline.plate_inertia": {tangents.PLATE_INERTIA: 1.0},
-        "driveline.damping": {tangents.DAMPING: 1.0}, "driveline.stiffness": {tangents.STIFFNESS: 1.0},
-        "friction.static_coefficient": {tangents.EXCESS: ratio / f.static_coefficient},
-        "friction.kinetic_coefficient": {tangents.EXCESS: -ratio / f.kinetic_coefficient,
-                                         **of_load(1.0 / f.kinetic_coefficient)},
-        "friction.decay": {tangents.DECAY: 1.0}, "friction.smoothing": {tangents.SIGMA: 1.0},
-        "clutch.area": of_load(1.0 / clutch.area), "clutch.radius": of_load(1.0 / clutch.radius),
-        "engine.mean_torque": {tangents.MEAN_TORQUE: 1.0}, "engine.torque_amplitude": {tangents.TORQUE_AMPLITUDE: torque},
-        "engine.frequency": {tangents.STRETCH: 1.0 / e.frequency},
-        "pressure.mean": {tangents.MEAN_LOAD: per_pressure},
-        "pressure.amplitude": {tangents.LOAD_AMPLITUDE: load * per_pressure},
-        "pressure.phase": {tangents.LOAD_PHASE: load},
-    }
-    if key == "pressure.frequency_ratio" and swing == 0.0:
-        return {}
-    if key not in table:
-        if key not in DEFAULTS:
-            raise unknown_key(key, DEFAULTS)
-        raise InputError(f"{key} is no number by which the stroboscopic map has a derivative")
-    return {number: change for number, change in table[key].items() if change != 0.0}
-
-
-def terms_for(system: System, present: frozenset[int]) -> Terms:
-    """The scene's terms, and those that only have a derivative."""
+def terms_for(system: System, changes: Floats) -> Terms:
+    """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
     terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-    if tangents.TORQUE_AMPLITUDE in present and terms.torque is None:
+    changed = changes.any(axis=1)
+    if changed[TORQUE_AMPLITUDE] and terms.torque is None:
         terms = terms._replace(torque=(0.0, omega))
-    if tangents.LOAD_AMPLITUDE in present and terms.pulsation is None:
+    if changed[LOAD_AMPLITUDE] and terms.pulsation is None:
         terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
-    if tangents.EXCESS in present and terms.stribeck is None:
+    if changed[EXCESS_RATIO] and terms.stribeck is None:
         terms = terms._replace(stribeck=(0.0, system.friction.decay))
     return terms
 
@@ -127,8 +94,8 @@ class Prepared:
     """A system with keys, ready to be evaluated at many states."""
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
-        changes = [numbers_of(system, key) for key in keys]
-        terms = terms_for(system, frozenset(n for change in changes for n in change))
+        changes = key_derivatives(system, keys)
+        terms = terms_for(system, changes)
         self.period, self.count = system.cycle, 3 + len(keys)
         self.ratio = system.pressure.frequency_ratio
         self.limits = limits_of(terms, terms_of(system), self.period, rtol)
@@ -138,11 +105,11 @@ class Prepared:
         self.tables = collocation_tables.tables(terms.linear, tuple(self.waves["rate"].tolist()), load_rate, top, levels)
         self.torque = collocation_tables.response(terms.linear, top, levels).torque
         self.terms = terms._replace(torque=None, harmonics=None)
-        self.by = np.zeros((math.ceil(self.count / LANES), NUMBERS, LANES))
-        for k, change in enumerate(changes, 3):
-            for number, size in change.items():
-                self.by[k // LANES, number, k % LANES] = size
-        self.forced = [sum(1 << lane for lane in range(LANES) if self.by[g, :, lane].any()) for g in range(len(self.by))]
+        groups = math.ceil(self.count / LANES)
+        lanes = np.zeros((len(NUMBERS), groups * LANES))
+        lanes[:, 3:self.count] = changes
+        self.by = np.ascontiguousarray(lanes.reshape(len(NUMBERS), groups, LANES).transpose(1, 0, 2))
+        self.forced = self.by.any(axis=1) @ (1 << np.arange(LANES))
 
     def over(self, state: Floats, start: float, end: float) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""

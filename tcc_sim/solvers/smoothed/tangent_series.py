@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.solvers.key_derivatives import NUMBERS
 from tcc_sim.solvers.series import (
     COLUMNS,
     FRICTION_ORDER_MAXIMUM,
@@ -35,25 +36,20 @@ from tcc_sim.solvers.unrolled import unrolled
 
 LANES = 4
 
-(MEAN_TORQUE, TORQUE_AMPLITUDE, MEAN_LOAD, LOAD_AMPLITUDE, LOAD_PHASE, STRETCH, FLYWHEEL_INERTIA, PLATE_INERTIA, DAMPING,
- STIFFNESS, SIGMA, EXCESS, DECAY) = range(13)
-"""Numbers that may change: Tm, Tp, Tsm, Tsp (N m), psi (rad), log omega, I1, I2, C23, K23, sigma, mu_s/mu_k - 1, alpha."""
-NUMBERS = 13
-
 LAW, STIFFNESS_OF_LAW, RISING, FALLEN, TORQUE, LOADED, SCRATCH = range(7)
 """Rows of coefficients: mubar; Ts mubar'; (1 + E) (1 - T^2); F T with E = (r - 1) F; what Te and Ts change by; room."""
 
 ON_FLYWHEEL, ON_CLUTCH, ON_PLATE = range(3)
 """Changes of torque: on the flywheel, of friction, on the plate."""
 
-CHANGES = np.dtype([("now", np.float64, (3, LANES)), ("by", np.float64, (NUMBERS, LANES)), ("forced", np.int64),
+CHANGES = np.dtype([("now", np.float64, (3, LANES)), ("by", np.float64, (len(NUMBERS), LANES)), ("forced", np.int64),
                     ("rows", np.float64, (3, COLUMNS, LANES)), ("torques", np.float64, (3, COLUMNS, LANES)),
                     ("nodes", np.float64, (LANES, NODES)), ("applied", np.float64, (LANES, NODES)),
                     ("peak", np.float64, LANES)])
 """Four lanes of changes.
 
 now : of slip speed, plate angle, plate speed
-by : of the scene's numbers; `forced` is 1 where one of them is not 0
+by : of the numbers of `key_derivatives`; `forced` has a bit for every lane in which one of them is not 0
 rows, torques : over a series step, coefficients of the changes of the state, and of the torques ON_...
 nodes, applied : at the nodes of a collocation step, change of slip speed, and torque on flywheel and plate together
 peak : of the largest |slip speed| of the cycle

@@ -8,6 +8,21 @@ from typing import Any
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.key_derivatives import (
+    DAMPING,
+    DECAY,
+    EXCESS_RATIO,
+    FLYWHEEL_INERTIA,
+    LOAD_AMPLITUDE,
+    LOAD_PHASE,
+    LOG_FREQUENCY,
+    MEAN_LOAD,
+    MEAN_TORQUE,
+    PLATE_INERTIA,
+    SMOOTHING,
+    STIFFNESS,
+    TORQUE_AMPLITUDE,
+)
 from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, add_sine
 from tcc_sim.solvers.smoothed.collocation_tables import (
     DEGREE,
@@ -24,29 +39,16 @@ from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.stages import eliminate_rows, evaluate_law
 from tcc_sim.solvers.smoothed.state import LAYER, Place
 from tcc_sim.solvers.smoothed.tangent_series import (
-    DAMPING,
-    DECAY,
-    EXCESS,
     FALLEN,
-    FLYWHEEL_INERTIA,
     LANES,
     LAW,
-    LOAD_AMPLITUDE,
-    LOAD_PHASE,
     LOADED,
-    MEAN_LOAD,
-    MEAN_TORQUE,
     ON_CLUTCH,
     ON_FLYWHEEL,
     ON_PLATE,
-    PLATE_INERTIA,
     RISING,
     SCRATCH,
-    SIGMA,
-    STIFFNESS,
-    STRETCH,
     TORQUE,
-    TORQUE_AMPLITUDE,
     expand_changes,
     expand_friction,
 )
@@ -73,7 +75,7 @@ def change_excitation(group: Any, lane: int, count: int, unit: float, loaded: bo
     """The rows TORQUE and LOADED: coefficients of what Te and Ts change by, at constant time from the step's start."""
     by = group.by
     for k in range(count):
-        series[TORQUE, k] = by[STRETCH, lane] * k * rows[ENGINE, k]
+        series[TORQUE, k] = by[LOG_FREQUENCY, lane] * k * rows[ENGINE, k]
         series[LOADED, k] = 0.0
     series[TORQUE, 0] += by[MEAN_TORQUE, lane]
     if by[TORQUE_AMPLITUDE, lane] != 0.0:
@@ -82,9 +84,9 @@ def change_excitation(group: Any, lane: int, count: int, unit: float, loaded: bo
     if loaded:
         series[LOADED, 0] = by[MEAN_LOAD, lane]
         if pulsation is not None:
-            if by[STRETCH, lane] != 0.0:
+            if by[LOG_FREQUENCY, lane] != 0.0:
                 for k in range(1, count):
-                    series[LOADED, k] = by[STRETCH, lane] * k * rows[LOAD, k]
+                    series[LOADED, k] = by[LOG_FREQUENCY, lane] * k * rows[LOAD, k]
             share, turned = by[LOAD_AMPLITUDE, lane], by[LOAD_PHASE, lane] * pulsation[0]
             if share != 0.0 or turned != 0.0:
                 add_sine(series, LOADED, count, share * drive.load_sine + turned * drive.load_cosine,
@@ -97,14 +99,14 @@ def change_law(group: Any, lane: int, count: int, sign: float, rows: Any, stribe
     by = group.by
     for k in range(count):
         series[SCRATCH, k] = 0.0
-    if by[SIGMA, lane] != 0.0:
+    if by[SMOOTHING, lane] != 0.0:
         for k in range(count):
             for j in range(k + 1):
-                series[SCRATCH, k] += by[SIGMA, lane] * series[RISING, j] * rows[SLIP, k - j]
+                series[SCRATCH, k] += by[SMOOTHING, lane] * series[RISING, j] * rows[SLIP, k - j]
     if stribeck is not None:
-        if by[EXCESS, lane] != 0.0:
+        if by[EXCESS_RATIO, lane] != 0.0:
             for k in range(count):
-                series[SCRATCH, k] += by[EXCESS, lane] * series[FALLEN, k]
+                series[SCRATCH, k] += by[EXCESS_RATIO, lane] * series[FALLEN, k]
         if by[DECAY, lane] != 0.0:
             share = -by[DECAY, lane] * stribeck[0] * sign
             for k in range(count):
@@ -179,25 +181,25 @@ def change_at_nodes(group: Any, lane: int, h: float, level: int, sign: float, lo
         if by[TORQUE_AMPLITUDE, lane] != 0.0:
             angle = waves[0].rate * s
             torque += by[TORQUE_AMPLITUDE, lane] * (waves[0].sine * math.cos(angle) + waves[0].cosine * math.sin(angle))
-        if by[STRETCH, lane] != 0.0:
+        if by[LOG_FREQUENCY, lane] != 0.0:
             for i in range(waves.shape[0]):
                 angle = waves[i].rate * s
-                torque += by[STRETCH, lane] * angle * waves[i].amplitude * (
+                torque += by[LOG_FREQUENCY, lane] * angle * waves[i].amplitude * (
                     waves[i].cosine * math.cos(angle) - waves[i].sine * math.sin(angle))
         if loaded:
             load = by[MEAN_LOAD, lane]
             if pulsation is not None:
                 sine = drive.load_sine * turn.cosine[n] + drive.load_cosine * turn.sine[n]
                 cosine = drive.load_cosine * turn.cosine[n] - drive.load_sine * turn.sine[n]
-                turned = by[LOAD_PHASE, lane] + by[STRETCH, lane] * pulsation[1] * s
+                turned = by[LOAD_PHASE, lane] + by[LOG_FREQUENCY, lane] * pulsation[1] * s
                 load += by[LOAD_AMPLITUDE, lane] * sine + turned * pulsation[0] * cosine
         v, law, rising, change = work.slip[n], work.law[n], work.slope[n], 0.0
         if stribeck is not None:
             factor = math.exp(-stribeck[1] * sign * v)
             fallen = law * factor / (1.0 + stribeck[0] * factor)
             rising += stribeck[1] * sign * stribeck[0] * fallen
-            change += by[EXCESS, lane] * fallen - by[DECAY, lane] * stribeck[0] * sign * v * fallen
-        change += by[SIGMA, lane] * rising * v / limits.sigma
+            change += by[EXCESS_RATIO, lane] * fallen - by[DECAY, lane] * stribeck[0] * sign * v * fallen
+        change += by[SMOOTHING, lane] * rising * v / limits.sigma
         plate_speed = polynomial.value(rows, SPEED, DEGREE, C[n])
         plate = polynomial.value_and_slope(rows, SPEED, DEGREE, C[n])[1] / h
         slip = polynomial.value_and_slope(rows, SLIP, DEGREE, C[n])[1] / h
