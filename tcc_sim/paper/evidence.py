@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -17,8 +18,10 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.seen_motions import LAST, LATER, seen_in, surveyed
 from tcc_sim.solvers import solve
+from tcc_sim.studies.attractors import find_attractors, halton
+from tcc_sim.studies.driveline_motion import DrivelineMotion
 from tcc_sim.studies.point import Plan, solve_point
-from tcc_sim.studies.stretches import Stretch, stretch_of, stretches_of
+from tcc_sim.studies.stretches import End, Stretch, stretch_of, stretches_of
 from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
 from tcc_sim.trajectory import State, Status, Trajectory
 
@@ -30,6 +33,9 @@ BISECTIONS = 8
 """Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
 CYCLES, DISCARD = 150, 50
 """The paper's rule."""
+SEEDS = 24
+LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
+"""Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
 STEADY = 3000
 """Cycles from (13) after which the motion of Fig. 2 is taken for its steady state."""
 
@@ -111,6 +117,25 @@ class Evidence:
             out.append(f"{stretch}; " + (f"(13) leads to it at {len(at)} of {len(axis)} values, {min(at):g} to {max(at):g}"
                                          if at else "(13) leads to it nowhere"))
         return out
+
+    def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[End]:
+        """Where a stable motion ends in a jump, whatever was started from, in order."""
+        found = {end.value: end for s in self.stretches(row, axis, over=over) for end in (s.low, s.high) if end.jumps}
+        return [found[value] for value in sorted(found)]
+
+    def heights(self, row: Values, axis: Floats) -> list[list[float]]:
+        """For every frequency ratio the largest slip speed of every stable motion known, that from (13) among them."""
+        among = self.stretches(row, axis)
+        cold = self.curves([row], axis)[0].column("max_slip_speed")
+        return [[float(c), *(h for s in among if math.isfinite(h := s.height(float(x))))] for x, c in zip(axis, cold)]
+
+    def attractors(self, row: Values) -> list[tuple[int, float]]:
+        """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
+        system = paper_system(row)
+        i = system.initial
+        spread = LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3)
+        found = find_attractors(DrivelineMotion(system), [np.array([i.slip_speed, i.plate_angle, i.plate_speed]), *spread])
+        return sorted((a.period, a.largest) for a in found)
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
         """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
@@ -225,6 +250,34 @@ def slips_at(sweep: Sweep) -> Floats:
     return slipping
 
 
+def words_of(ends: Sequence[End]) -> list[str]:
+    """Ends in words."""
+    return [str(end) for end in ends]
+
+
+def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any, *,
+                   worst: bool = False) -> tuple[float, float]:
+    """The part of the places at which one curve is the lowest of all (the highest), where any slips.
+
+    Parameters
+    ----------
+    found : per curve and place the largest slip speeds of all stable motions there
+
+    Returns
+    -------
+    The part at which it is so whichever motion there is on every curve, and at which it is so for some.
+    """
+    sign = -1.0 if worst else 1.0
+    every, some, moving = [], [], []
+    for row in zip(*found):
+        own, others = [sign * h for h in row[curve]], [[sign * h for h in r] for k, r in enumerate(row) if k != curve]
+        every.append(max(own) <= min(min(r) for r in others) + 0.05)
+        some.append(min(own) <= min(max(r) for r in others) + 0.05)
+        moving.append(max(max(r) for r in row) > 0.1)
+    among = np.asarray(where) & np.array(moving)
+    return share_where(np.array(every), among), share_where(np.array(some), among)
+
+
 def share_where(condition: Any, among: Any) -> float:
     """The part of the cases `among` in which `condition` holds; 1 where there are none."""
     return float(condition[among].mean()) if among.any() else 1.0
@@ -240,5 +293,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "LATER", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
-           "steep", "sticks", "with_kinetic"]
+__all__ = ["CONFIRMED", "DEPENDS", "LATER", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "ordered_shares", "share_where",
+           "slips_at", "steep", "sticks", "with_kinetic", "words_of"]
