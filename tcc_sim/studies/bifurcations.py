@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.studies.continuation import Heights, Point, correct, point_at
+from tcc_sim.studies.continuation import FLAT, Plane, Point, correct, point_at
 from tcc_sim.studies.event_borders import border_residual, differ, kind_of_change
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import Orbit, orbit_at
@@ -88,7 +88,8 @@ class Chord:
 
     a: Station
     b: Station
-    heights: Heights | None = None
+    climbing: bool = True
+    """Whether the heights are coordinates of the arclength, as they were on the way from a to b."""
 
     def at(self, part: float) -> Station | None:
         """The station at `part` (0 to 1) of the chord; None where the corrector fails."""
@@ -98,12 +99,10 @@ class Chord:
         if part in (0.0, 1.0) or length == 0.0:
             return self.b if part == 1.0 else self.a
         guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
-        extra = None
-        if self.heights is not None:
-            low, high = (np.array(s.orbit.seen.heights) / self.a.shooting.map.height_scale for s in (self.a, self.b))
-            guess = p.z + part * chord
-            extra = self.heights, (high - low) / length, low + part * (high - low)
-        found = correct(self.a.shooting, guess, chord / length, extra)
+        plane, low, high = FLAT, p.found.heights, q.found.heights
+        if self.climbing and len(low) and len(low) == len(high):
+            guess, plane = p.z + part * chord, Plane((high - low) / length, low + part * (high - low))
+        found = correct(self.a.shooting, guess, chord / length, plane)
         if found is None:
             return None
         tangent = found.tangent if float(found.tangent @ (p.tangent + q.tangent)) > 0.0 else -found.tangent

@@ -12,6 +12,7 @@ from tcc_sim.model.equations import interface_torque
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.smoothed.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.studies import differences
 from tcc_sim.studies.maps import Floats, Image, Margins, Observation, Values
@@ -25,9 +26,8 @@ DENSE = 2000
 EXACTLY_STUCK = 1e-12
 """Slip speed, rad/s, below which the set-valued law is taken to stick."""
 
-DERIVATIVES: dict[str, Callable[..., Any]] = {"smoothed": differences.stroboscopic_map,
-                                              "set_valued": differences.stroboscopic_map}
-"""Where the map with its derivatives comes from, per friction law."""
+DERIVATIVES: dict[str, Callable[..., Any]] = {"set_valued": differences.stroboscopic_map}
+"""Where the map with its derivatives comes from, for the law that has no step of its own here."""
 
 
 class DrivelineMap:
@@ -52,7 +52,10 @@ class DrivelineMap:
         if self.forcing_period == 0:
             raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
                              "a ratio of whole numbers up to 1000")
+        self.divisible = not self.piecewise
         self._made: tuple[Values, System] | None = None
+        self._prepared: tuple[Values, Prepared] | None = None
+        self._last: tuple[Any, Stroboscopic] | None = None
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -60,17 +63,23 @@ class DrivelineMap:
             self._made = values, replace(self.system, dict(zip(self.keys, values)))
         return self._made[1]
 
-    def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
-        """The section point `cycles` cycles on, with derivatives by the state and by the free keys."""
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
+        """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
+        if self.divisible:
+            found = self._passed(x, values, first, cycles)
+            climb = np.hstack([found.heights_by_state, found.heights_by_parameter])
+            return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), climb)
         system = self.system_at(values)
-        found = DERIVATIVES[system.friction.law](system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
+        exact = DERIVATIVES[system.friction.law](system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
                                                  parameters=self.keys)
-        if not np.isfinite(found.state).all():
+        if not np.isfinite(exact.state).all():
             raise ArithmeticError("the state is not finite")
-        return Image(found.state, found.derivative, found.by_parameter)
+        return Image(exact.state, exact.derivative, exact.by_parameter)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
+        if self.divisible:
+            return self._seen(self._passed(x, values, first, cycles), cycles)
         solved = self.solved(x, values, first, cycles)
         kept, moves = solved.cycles, solved.transitions
         assert kept is not None
@@ -78,6 +87,27 @@ class DrivelineMap:
         return Observation(float(heights.max()), float(kept.stick_time.sum()) / (cycles * solved.cycle),
                            event_sequence(moves.before, moves.after, int(solved.state[0])),
                            tuple(heights.tolist()))
+
+    def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Stroboscopic:
+        """The smoothed motion with all there is to know of it; the last one is kept for who asks again."""
+        asked = x.tobytes(), values, first, cycles
+        if self._last is None or self._last[0] != asked:
+            if self._prepared is None or self._prepared[0] != values:
+                self._prepared = values, Prepared(self.system_at(values), self.keys, RTOL)
+            end = first + cycles
+            end = round(end) if abs(end - round(end)) < 1e-9 else end
+            found = self._prepared[1].over(x, first, end)
+            if not np.isfinite(found.state).all():
+                raise ArithmeticError("the state is not finite")
+            self._last = asked, found
+        return self._last[1]
+
+    def _seen(self, found: Stroboscopic, cycles: float) -> Observation:
+        """What is seen of a smoothed motion."""
+        assert self._prepared is not None
+        heights = found.heights.tolist()
+        return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
+                           tuple(heights))
 
     def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
         """The trajectory itself."""

@@ -17,19 +17,6 @@ Values = tuple[float, ...]
 """Values of the free parameters, in the order of the map's keys."""
 
 
-class Image(NamedTuple):
-    """What some cycles make of a state, and its derivatives.
-
-    value : (n,) state after them
-    jacobian : (n, n) derivative with respect to the state before them
-    by_parameter : (n, P) derivative with respect to the free parameters
-    """
-
-    value: Floats
-    jacobian: Floats
-    by_parameter: Floats
-
-
 class Observation(NamedTuple):
     """What is seen on the way of some cycles.
 
@@ -43,6 +30,23 @@ class Observation(NamedTuple):
     stick_fraction: float
     events: str
     heights: tuple[float, ...] = ()
+
+
+class Image(NamedTuple):
+    """What some cycles make of a state, and its derivatives.
+
+    value : (n,) state after them
+    jacobian : (n, n) derivative with respect to the state before them
+    by_parameter : (n, P) derivative with respect to the free parameters
+    seen : what is seen on the way, where the map knows it at once
+    climb : (N, n + P) derivatives of the N heights seen, by the state and the free parameters
+    """
+
+    value: Floats
+    jacobian: Floats
+    by_parameter: Floats
+    seen: Observation | None = None
+    climb: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,7 @@ class ParameterMap(Protocol):
     height_scale : natural size of `Observation.largest` and of the heights
     forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
     piecewise : whether the event sequence changes the map (set-valued friction)
+    divisible : whether `first` and `cycles` of `evaluate` may be parts of cycles
 
     `evaluate` and `observe` raise ArithmeticError where the system cannot be solved and ValueError outside its range.
     """
@@ -77,8 +82,9 @@ class ParameterMap(Protocol):
     height_scale: float
     forcing_period: int
     piecewise: bool
+    divisible: bool
 
-    def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state after `cycles` cycles from `x` at the start of cycle `first`, with derivatives."""
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eig
 
 from tcc_sim.studies.maps import FAILURES, Floats, Observation, ParameterMap, Values
 from tcc_sim.studies.shooting import Linearised, Shooting
@@ -61,21 +62,40 @@ class Orbit:
         out: dict[str, Any] = {"value": self.values[0]}
         out.update(zip(("slip_speed", "plate_angle", "plate_speed"), map(float, self.section)))
         out.update(max_slip_speed=self.seen.largest, stick_fraction=self.seen.stick_fraction, stable=self.stable,
-                   multipliers=[[float(m.real), float(m.imag)] for m in self.multipliers], events=self.seen.events)
+                   multipliers=[[float(m.real), float(m.imag)] for m in self.multipliers], events=self.seen.events,
+                   residual=self.residual)
         return out
 
 
-def multipliers_of(monodromy: Floats) -> NDArray[np.complex128]:
-    """Eigenvalues of the monodromy matrix, largest modulus first; the positive imaginary part first in a pair."""
-    found = np.linalg.eigvals(monodromy).astype(np.complex128)
-    return found[np.lexsort((-found.imag, -np.abs(found)))]
+def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
+    """Floquet multipliers, largest modulus first; the positive imaginary part first in a pair.
+
+    Of several segments, given in order, they are the finite eigenvalues of the pencil whose rows are x_(k+1) = M_k x_k
+    and M_m x_m = lambda x_1: the product of the M_k, which may grow and shrink by many orders, is never formed.
+    """
+    m, n = len(blocks), len(blocks[0])
+    if m == 1:
+        values = np.linalg.eigvals(blocks[0])
+    else:
+        left, right = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
+        for k, block in enumerate(blocks):
+            rows = slice(k * n, k * n + n)
+            left[rows, rows] = block
+            if k + 1 < m:
+                left[rows, (k + 1) * n:(k + 2) * n] = -np.eye(n)
+        right[(m - 1) * n:, :n] = np.eye(n)
+        top, bottom = eig(left, right, right=False, homogeneous_eigvals=True)
+        finite = np.argsort(-np.abs(bottom))[:n]
+        values = top[finite] / bottom[finite]
+    out: NDArray[np.complex128] = values.astype(np.complex128)
+    return out[np.lexsort((-out.imag, -np.abs(out)))]
 
 
 def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
     """The orbit of a solution `z` with its linearisation."""
     nodes, values = shooting.nodes(z), shooting.values(z)
-    return Orbit(shooting.period, values, nodes, multipliers_of(found.monodromy),
-                 shooting.map.observe(nodes[0], values, 0, shooting.period), float(np.abs(found.residual).max()))
+    seen = found.seen if found.seen is not None else shooting.map.observe(nodes[0], values, 0, shooting.period)
+    return Orbit(shooting.period, values, nodes, multipliers_of(*found.blocks), seen, float(np.abs(found.residual).max()))
 
 
 def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iterations: int = ITERATIONS) -> Floats | None:

@@ -15,6 +15,7 @@ class TextbookMap:
     height_scale = 1.0
     forcing_period = 1
     piecewise = False
+    divisible = False
 
     def __init__(self, step: Step, dimension: int) -> None:
         self.step, self.dimension = step, dimension
