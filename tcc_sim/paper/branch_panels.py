@@ -103,7 +103,7 @@ def legend_of(axis: Any, curves: Sequence[Data], beyond: int) -> None:
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
     handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump of the sweep, with its cause")
-    axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.5)
+    axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
 
 
 def paint_chart(drawn: Any, data: Data) -> None:

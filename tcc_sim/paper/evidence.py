@@ -22,6 +22,7 @@ from tcc_sim.studies.attractors import find_attractors, halton
 from tcc_sim.studies.driveline_motion import DrivelineMotion
 from tcc_sim.studies.point import Plan, solve_point
 from tcc_sim.studies.stretches import End, Stretch, stretch_of, stretches_of
+from tcc_sim.studies.survey import size_of
 from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
 from tcc_sim.trajectory import State, Status, Trajectory
 
@@ -103,9 +104,9 @@ class Evidence:
     def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
         """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
         among, sweep = self.stretches(row, axis, over=over), self.curves([row], axis, over=over)[0]
-        base, size = common_cycles(sweep.curve.system), float(np.nanmax(sweep.column("max_slip_speed")))
-        unit = OMEGA_N if over == FREQUENCY else STATIC
-        at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen_in(sweep)}
+        unit, seen = OMEGA_N if over == FREQUENCY else STATIC, seen_in(sweep)
+        base, size = common_cycles(sweep.curve.system), size_of(seen)
+        at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
     def told(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.branches import Branch
-from tcc_sim.studies.survey import Place, Seen, place_of
+from tcc_sim.studies.survey import Place, Seen, place_of, size_of
 
 BASIN, STEEP, APERIODIC = "basin_boundary", "steep", "aperiodic"
 """Causes that are no bifurcation of the branches: both motions go on, and the start is on the other side of the boundary
@@ -55,10 +55,10 @@ def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, bas
     ----------
     seen : its motions in order of the parameter
     branches : as `survey` found them
-    least : smallest change of the largest size between neighbours that counts, relative to the largest of all
+    least : smallest change of the largest size between neighbours that counts, relative to the largest of those with a period
     base : cycles after which the excitation repeats
     """
-    size = max((s.height for s in seen), default=0.0)
+    size = size_of(seen)
     width = abs(seen[-1].value - seen[0].value) if seen else 0.0
     out = []
     for a, b in pairwise(seen):

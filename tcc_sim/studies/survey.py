@@ -26,6 +26,8 @@ SAME = 0.01
 """Difference of two largest sizes, relative to the largest of the sweep, up to which they belong to one motion."""
 BESIDE = 0.3
 """How far a motion may be off the chord between two points of its branch, relative to how much that chord climbs."""
+NOTHING = 1e-3
+"""Part of the largest size of a sweep below which that of its periodic motions is no measure."""
 MET = 1e-5
 """Distance, relative to the range, at which a branch ends in a doubling."""
 
@@ -68,7 +70,7 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
     """
     out: list[Branch] = [] if into is None else into
     course = Course(name, most=MOST_POINTS, tick=tick)
-    size = max((s.height for s in seen), default=0.0)
+    size = size_of(seen)
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= LONGEST * of.forcing_period}
     while left and len(out) < MOST_BRANCHES:
         left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
@@ -81,6 +83,13 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
             follow(first, course, "start", len(out), keep=out)
     _doubled(out, course)
     return out
+
+
+def size_of(seen: Sequence[Seen]) -> float:
+    """The largest size of those motions of a sweep that have a period; of all where those are next to nothing."""
+    most = max((s.height for s in seen), default=0.0)
+    periodic = max((s.height for s in seen if s.period), default=0.0)
+    return periodic if periodic > NOTHING * most else most
 
 
 def station_of(of: ParameterMap, window: Window, seen: Seen) -> Station | None:
