@@ -189,6 +189,9 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
 )}
 """Every figure with numbers in it, by its number in the paper."""
 
+AT_036_085: dict[str, Value] = {**_kinetic(0.85), "engine.frequency": 0.36 * OMEGA_N}
+"""Where period one and a large period two coexist behind Fig. 6."""
+
 CHARTS: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(19, r"Where motions of Fig. 4 begin and end: $\omega$ and $\mu_k$", rf"{CONSTANT}; shaded: period from "
                 "the initial state (13)", "chart", (Series("", {}),), count=91, second="friction.kinetic_coefficient",
