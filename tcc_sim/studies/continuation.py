@@ -20,6 +20,8 @@ from tcc_sim.studies.shooting import Linearised
 
 TOLERANCE = 1e-9
 ITERATIONS = 8
+LARGEST_LEFT = 5e-9
+"""Residual above which no point is accepted."""
 SQUARED = 1e-5
 """A Newton step below this leaves an error of its square; the residual before it then decides too."""
 
@@ -95,7 +97,7 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
         if not length < 10.0:
             return None
         z = z + step
-        if length <= tolerance or (length <= SQUARED and left <= equations.rounding):
+        if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
             climb = found.climb @ tangent if climbs else plane.weights
             return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb)

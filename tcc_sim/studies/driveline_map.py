@@ -66,15 +66,25 @@ class DrivelineMap:
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
         if self.divisible:
-            found = self._passed(x, values, first, cycles)
-            climb = np.hstack([found.heights_by_state, found.heights_by_parameter])
-            return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), climb)
+            return self._image(self._passed(x, values, first, cycles), cycles)
         system = self.system_at(values)
         exact = DERIVATIVES[system.friction.law](system, self._settled(x), cycles, start_cycle=first, rtol=RTOL,
                                                  parameters=self.keys)
         if not np.isfinite(exact.state).all():
             raise ArithmeticError("the state is not finite")
         return Image(exact.state, exact.derivative, exact.by_parameter)
+
+    def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
+                      cycles: Sequence[float]) -> list[Image]:
+        """`evaluate` for several starts."""
+        if not self.divisible:
+            return [self.evaluate(*each) for each in zip(states, [values] * len(states), firsts, cycles)]
+        return [self._image(found, count) for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
+
+    def _image(self, found: Stroboscopic, cycles: float) -> Image:
+        """A smoothed motion as the map's image."""
+        climb = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
+        return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), climb)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
@@ -92,15 +102,18 @@ class DrivelineMap:
         """The smoothed motion with all there is to know of it; the last one is kept for who asks again."""
         asked = x.tobytes(), values, first, cycles
         if self._last is None or self._last[0] != asked:
-            if self._prepared is None or self._prepared[0] != values:
-                self._prepared = values, Prepared(self.system_at(values), self.keys, RTOL)
-            end = first + cycles
-            end = round(end) if abs(end - round(end)) < 1e-9 else end
-            found = self._prepared[1].over(x, first, end)
-            if not np.isfinite(found.state).all():
-                raise ArithmeticError("the state is not finite")
-            self._last = asked, found
+            self._last = asked, self._each(x[None], values, [first], [cycles])[0]
         return self._last[1]
+
+    def _each(self, states: Floats, values: Values, firsts: Sequence[float],
+              cycles: Sequence[float]) -> list[Stroboscopic]:
+        """Smoothed motions from several starts."""
+        if self._prepared is None or self._prepared[0] != values:
+            self._prepared = values, Prepared(self.system_at(values), self.keys, RTOL)
+        found = self._prepared[1].each(states, firsts, [first + count for first, count in zip(firsts, cycles)])
+        if not all(np.isfinite(part.state).all() for part in found):
+            raise ArithmeticError("the state is not finite")
+        return found
 
     def _seen(self, found: Stroboscopic, cycles: float) -> Observation:
         """What is seen of a smoothed motion."""

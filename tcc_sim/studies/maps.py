@@ -6,6 +6,7 @@ are worked out on this protocol alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -86,6 +87,10 @@ class ParameterMap(Protocol):
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state after `cycles` cycles from `x` at the start of cycle `first`, with derivatives."""
+
+    def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
+                      cycles: Sequence[float]) -> list[Image]:
+        """`evaluate` for several states (m, n), each with its start and its length."""
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """What is seen on that way."""

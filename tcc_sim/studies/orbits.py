@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 
 from tcc_sim.studies.maps import FAILURES, Floats, Observation, ParameterMap, Values
-from tcc_sim.studies.shooting import Linearised, Shooting
+from tcc_sim.studies.shooting import Linearised, Shooting, product_of
 
 TOLERANCE = 1e-10
 """Last Newton step, in natural sizes, at which an orbit counts as found."""
@@ -25,6 +25,8 @@ ITERATIONS = 25
 SAME = 1e-6
 """Distance, in natural sizes, below which two orbits are the same."""
 LARGEST_STEP = 2.0
+LOST = 1e-8
+"""Reciprocal of a multiplier that the pencil has lost digits of; the product gives it, as it is the largest there."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,11 @@ def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
         right[(m - 1) * n:, :n] = np.eye(n)
         top, bottom = eig(left, right, right=False, homogeneous_eigvals=True)
         finite = np.argsort(-np.abs(bottom))[:n]
-        values = top[finite] / bottom[finite]
+        large = np.abs(bottom[finite]) < LOST * np.abs(top[finite])
+        values = np.where(large, 0.0, top[finite] / np.where(large, 1.0, bottom[finite]))
+        if large.any():
+            whole = np.linalg.eigvals(product_of(np.array(blocks)))
+            values[large] = whole[np.argsort(-np.abs(whole))][:int(large.sum())]
     out: NDArray[np.complex128] = values.astype(np.complex128)
     return out[np.lexsort((-out.imag, -np.abs(out)))]
 

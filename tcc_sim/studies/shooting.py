@@ -118,10 +118,9 @@ class Shooting:
         widths = np.array([w.width(float(u)) for w, u in zip(self.windows, z[size:])])
         residual, jacobian = np.empty(size), np.zeros((size, size + len(widths)))
         blocks, climbs, seen = np.empty((count, n, n)), [], []
-        first = 0.0 if count > 1 else 0
-        for k, cycles in enumerate(self.segments):
-            image = self.map.evaluate(nodes[k], values, first, cycles)
-            first += cycles
+        starts = [sum(self.segments[:k]) for k in range(count)]
+        images = self.map.evaluate_each(nodes, values, starts, self.segments)
+        for k, image in enumerate(images):
             rows, following = slice(k * n, k * n + n), (k + 1) % count
             residual[rows] = (image.value - nodes[following]) / scales
             blocks[k] = image.jacobian * scales / scales[:, None]
@@ -134,7 +133,7 @@ class Shooting:
                 climb[:, size:] = image.climb[:, n:] * widths
                 climbs.append(climb)
                 seen.append(image.seen)
-        monodromy = image.jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
+        monodromy = images[0].jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
         if len(seen) < count:
             return Linearised(residual, jacobian, monodromy, blocks)
         heights = np.array([h for part in seen for h in part.heights]) / self.map.height_scale

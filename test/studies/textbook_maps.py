@@ -32,6 +32,9 @@ class TextbookMap:
             raise ArithmeticError("not finite")
         return Image(x, jacobian, by_parameter)
 
+    def evaluate_each(self, states, values: Values, firsts, cycles) -> list[Image]:
+        return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]
+
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         largest = float(np.abs(x).max())
         return Observation(largest, 0.0, "", (largest,) * cycles)

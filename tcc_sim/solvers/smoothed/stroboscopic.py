@@ -7,6 +7,7 @@ that is a little different, its steps being the same.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -17,21 +18,15 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
-from tcc_sim.solvers.smoothed import collocation_tables, kernel
+from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.limits import limits_of
 from tcc_sim.solvers.smoothed.solve import STATUSES
 from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, DONE, STATE, WORK
-from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
+from tcc_sim.solvers.smoothed.tangent_march import MOVES, PART, march
 from tcc_sim.solvers.smoothed.tangent_series import CHANGES, LANES, SHARED, Tangent
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
-
-STEPS_PER_CYCLE = 20_000
-MOVES_PER_CYCLE = 64
-NOT_SETTLED = 1e300
-"""Rate since which stick counts as left at the start, 1/s. A change off the slow manifold, which the start may have though
-the state is on it, decays over some series steps before collocation steps over stick."""
 
 
 class Stroboscopic(NamedTuple):
@@ -113,45 +108,70 @@ class Prepared:
 
     def over(self, state: Floats, start: float, end: float) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
-        first, last = math.floor(start), math.floor(end)
-        tail, cycles = (end - last) * self.period, last - first
-        known: Any = np.zeros(1, STATE)[0]
-        control: Any = np.zeros(1, CONTROL)[0]
-        output: Any = np.zeros(1, OUTPUT)[0]
-        drive, work, counters, shared = (np.zeros(1, kind)[0] for kind in (DRIVE, WORK, COUNTERS, SHARED))
-        groups = np.zeros(len(self.by), CHANGES)
-        v, angle, speed = map(float, state)
-        known["slip_speed"], known["plate_angle"], known["plate_speed"] = v, angle, speed
-        known["tau"] = (start - first) * self.period
-        control["patience"], control["calm"], control["released"] = PATIENCE, CALM, NOT_SETTLED
-        control["slip_now"], control["speed_now"] = abs(v), abs(speed)
-        output["mode"] = 0 if abs(v) <= self.limits.stick_speed else (1 if v > 0.0 else -1)
-        output["highest"] = output["lowest"] = v
-        shared["peak"] = -1.0
-        groups["by"], groups["forced"] = self.by, self.forced
-        for k in range(3):
-            groups["now"][0, k, k] = 1.0
-        kept, moves = np.zeros(cycles + 2, CYCLE), np.empty(MOVES_PER_CYCLE * (cycles + 1), MOVE)
-        tangent = Tangent(groups, shared, self.torque, np.zeros((cycles + 1, len(groups), LANES)))
-        status = kernel.integrate(first, cycles, tail, STEPS_PER_CYCLE * (cycles + 1), self.limits, self.terms, self.ratio,
-                                  self.waves, self.tables, known, control, drive, work, counters, output, kept,
-                                  np.empty((0, 3)), 0, moves, None, tangent)
-        if status != DONE:
-            raise NumericalFailure(f"smoothed: {STATUSES[status].value} at phase {start:g} of the engine cycle")
-        filled = moves[:int(output["moves"])]
-        heights = np.maximum(kept["highest"], -kept["lowest"])[:cycles + 1]
-        stick = float(kept["stick_time"][:cycles].sum())
-        if tail > 0.0:
-            heights[cycles] = max(float(output["highest"]), -float(output["lowest"]))
-            tangent.peaks[cycles] = groups["peak"]
-            stick += float(output["stick_time"])
-        whole = cycles + (1 if tail > 0.0 else 0)
-        by = groups["now"].transpose(1, 0, 2).reshape(3, -1)
-        peaks = tangent.peaks[:whole].reshape(whole, -1)
-        end_state = np.array([known["slip_speed"], known["plate_angle"], known["plate_speed"]])
-        mode = int(output["mode"])
-        return Stroboscopic(end_state, by[:, :3], by[:, 3:self.count], event_sequence(filled["before"], filled["after"], mode),
-                            heights[:whole], peaks[:, :3], peaks[:, 3:self.count], stick)
+        return self.each(state[None], [start], [end])[0]
+
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
+        """`over` for several starts, states (m, 3), by one compiled call."""
+        parts = np.zeros(len(states), PART)
+        firsts, lasts = np.floor(starts), np.floor(ends)
+        parts["first"], parts["cycles"] = firsts, lasts - firsts
+        parts["tau"], parts["tail"] = (starts - firsts) * self.period, (ends - lasts) * self.period
+        parts["state"] = states
+        most = int(parts["cycles"].max()) + 1
+        groups, count = len(self.by), len(parts)
+        tangents, heights = np.empty((count, groups, 3, LANES)), np.empty((count, most))
+        climbs = np.empty((count, most, groups, LANES))
+        room = room_of(groups, most)
+        room.tangent.groups["by"], room.tangent.groups["forced"] = self.by, self.forced
+        tangent = room.tangent._replace(torque=self.torque)
+        march(parts, self.limits, self.terms, self.ratio, self.waves, self.tables, tangent, room.state, room.control,
+              room.drive, room.work, room.counters, room.output, room.cycles, room.moves, NO_SAMPLES, tangents, heights,
+              climbs)
+        failed = np.flatnonzero(parts["status"] != DONE)
+        if len(failed):
+            k = int(failed[0])
+            raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of the "
+                                   "engine cycle")
+        by = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1)
+        peaks = climbs.reshape(count, most, -1)
+        out = []
+        for k, part in enumerate(parts):
+            whole = int(part["cycles"]) + (1 if part["tail"] > 0.0 else 0)
+            moves = int(part["moves"])
+            events = event_sequence(part["before"][:moves], part["after"][:moves], int(part["mode"]))
+            out.append(Stroboscopic(part["state"], by[k, :, :3], by[k, :, 3:self.count], events, heights[k, :whole],
+                                    peaks[k, :whole, :3], peaks[k, :whole, 3:self.count], float(part["stick_time"])))
+        return out
+
+
+class Room(NamedTuple):
+    """Work space of the compiled call, used again by every one of a thread."""
+
+    tangent: Tangent
+    state: Any
+    control: Any
+    drive: Any
+    work: Any
+    counters: Any
+    output: Any
+    cycles: Any
+    moves: Any
+
+
+NO_SAMPLES = np.empty((0, 3))
+_rooms = threading.local()
+
+
+def room_of(groups: int, most: int) -> Room:
+    """Work space for so many groups of lanes, and cycles in a part."""
+    known: dict[tuple[int, int], Room] = _rooms.__dict__.setdefault("known", {})
+    if (groups, most) not in known:
+        state, control, drive, work, counters, output, shared = (
+            np.zeros(1, kind)[0] for kind in (STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT, SHARED))
+        tangent = Tangent(np.zeros(groups, CHANGES), shared, np.empty((0, 0, 0)), np.zeros((most, groups, LANES)))
+        known[groups, most] = Room(tangent, state, control, drive, work, counters, output, np.zeros(most + 1, CYCLE),
+                                   np.zeros(MOVES, MOVE))
+    return known[groups, most]
 
 
 @lru_cache(maxsize=16)
