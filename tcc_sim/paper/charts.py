@@ -17,7 +17,7 @@ from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
 from tcc_sim.paper.figure_branches import creeps
 from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
 from tcc_sim.paper.seen_motions import seen_in, surveyed
-from tcc_sim.studies.bifurcations import Bifurcation
+from tcc_sim.studies.bifurcations import Bifurcation, chandrupatla
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.shooting import Window
@@ -118,13 +118,13 @@ def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, 
         values = [windows[0].value(u) for u in np.linspace(0.0, 1.0, count)]
         margins = np.array([margin(v, second) for v in values])
         for k in np.flatnonzero(margins[1:] * margins[:-1] < 0.0):
-            share = margins[k] / (margins[k] - margins[k + 1])
-            at = np.array([windows[0].scaled(values[k] + share * (values[k + 1] - values[k])), part])
+            root = chandrupatla(lambda v, second=second: margin(v, second), values[k], values[k + 1])  # type: ignore[misc]
+            at = np.array([windows[0].scaled(root), part])
             known = [np.array([[windows[0].scaled(a), windows[1].scaled(b)] for a, b in zip(c["value"], c["second"])])
                      for c in out]
             if any(distance(at, line) < PASSED for line in known):
                 continue
-            curve = border_curve(margin, windows, windows[0].value(float(at[0])), second)
+            curve = border_curve(margin, windows, root, second)
             if curve is not None:
                 out.append(_as_json(curve, 1, False))
     return out
