@@ -31,6 +31,8 @@ NEAR = 0.02
 
 
 AXIS = np.round(np.arange(0.05, 0.5001, 0.003), 6)
+NAMED = AXIS[(AXIS >= 0.14) & (AXIS <= 0.36)]
+"""The ratios about those at which the text names peaks."""
 
 
 def smooth_when_equal(evidence: Evidence) -> Finding:
@@ -43,7 +45,7 @@ def smooth_when_equal(evidence: Evidence) -> Finding:
 
 def super_harmonic_jumps(evidence: Evidence) -> Finding:
     """Fig. 4: jumps at the super-harmonic peaks."""
-    ends = {f"{r:g}": evidence.ends(with_kinetic(r), AXIS) for r in FRICTION_RATIOS[1:]}
+    ends = {f"{r:g}": evidence.ends(with_kinetic(r), NAMED) for r in FRICTION_RATIOS[1:]}
     named = {f"{m:.3f}": min((e.value for found in ends.values() for e in found), key=lambda x: abs(x - m),
                              default=float("nan"))
              for m in SUPER_HARMONICS}

@@ -83,7 +83,7 @@ def test_labels_are_moved_apart_in_order() -> None:
     placed = spread([0.1, 0.1, 0.11, 0.5, 0.999], 0.05, 0.0, 1.0)
     assert placed == sorted(placed)
     assert np.diff(placed).min() >= 0.05 * (1.0 - 1e-6)
-    assert 0.0 <= placed[0]
+    assert placed[0] >= 0.0
     assert placed[-1] <= 1.0 + 1e-9
     assert spread([0.2, 0.8], 0.05, 0.0, 1.0) == [0.2, 0.8]
     assert spread([], 0.05, 0.0, 1.0) == []
