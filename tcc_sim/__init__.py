@@ -27,7 +27,8 @@ __version__ = "0.1.0"
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.studies.simulation",
            "sweep": "tcc_sim.studies.sweep", "sweep_grid": "tcc_sim.studies.sweep", "analyse": "tcc_sim.replay.replay",
-           "continuation": "tcc_sim.studies.motions", "basins": "tcc_sim.studies.basin_rows", "plot": "tcc_sim.views.plots"}
+           "continuation": "tcc_sim.studies.motions", "basins": "tcc_sim.studies.basin_rows",
+           "plot": "tcc_sim.views.plots"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "continuation", "load_scene", "plot",

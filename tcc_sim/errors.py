@@ -48,7 +48,8 @@ class MissingPackage(TccError, ImportError):
     """An optional package is not installed; the sentence names the extra that brings it."""
 
 
-EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"), "distributed": ("distributed", "cluster")}
+EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),
+          "distributed": ("distributed", "cluster")}
 """Optional packages by the name of their module: name for pip, and the extra that brings it."""
 
 
@@ -62,7 +63,8 @@ def require(module: str, what: str) -> None:
     """
     if importlib.util.find_spec(module) is None:
         package, extra = EXTRAS[module]
-        raise MissingPackage(f"{what} needs {package}, which is not installed; pip install 'tcc_sim[{extra}]' brings it")
+        raise MissingPackage(f"{what} needs {package}, which is not installed; "
+                             f"pip install 'tcc_sim[{extra}]' brings it")
 
 
 class SweepInterrupted(KeyboardInterrupt):

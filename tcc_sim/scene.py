@@ -321,5 +321,6 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
     return values
 
 
-__all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene", "parse_assignments",
+__all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene",
+           "parse_assignments",
            "parse_scene"]

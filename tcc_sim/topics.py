@@ -77,8 +77,8 @@ TOPICS: tuple[Topic, ...] = (
           "which inputs a command holds and which the fallback, from the state with this stamp on; said at every "
           "change", "events", latched=True),
     Topic("joint_states", JOINT_STATE, "", "out", (),
-          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel and "
-          "friction torque on the plate (N m); stamp: simulation time", "plate",
+          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel "
+          "and friction torque on the plate (N m); stamp: simulation time", "plate",
           fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
                   "friction_torque")),
     Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", _PRESSURE,

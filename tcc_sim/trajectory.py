@@ -24,7 +24,6 @@ class Status(Enum):
     STEP_LIMIT = "stopped: the number of steps passed its limit before the end time"
     STEP_TOO_SMALL = "stopped: the step fell below the resolution of time"
     NOT_FINITE = "stopped: the state is no longer finite"
-    NO_CONVERGENCE = "stopped: the implicit equations did not converge at the smallest step"
     EVENT_LIMIT = "stopped: stick and slip alternate faster than the event limit (chattering)"
     REFUSED = "not started: the solver cannot do this case"
 
@@ -156,7 +155,8 @@ class Trajectory:
         """This trajectory, or NumericalFailure with the sentence of its status."""
         if self.status is not Status.DONE:
             reached = f" at t = {self.t[-1]:.6g} s" if len(self.t) else ""
-            raise NumericalFailure(f"{self.solver}: {self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
+            raise NumericalFailure(f"{self.solver}: "
+                                   f"{self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
         return self
 
 

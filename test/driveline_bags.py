@@ -22,8 +22,8 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
     where the scene's own input applies.
 
     After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while
-    running. A list given as `said` gets (row, text) of every scene said again, one given as `sources` (row, stamp, text)
-    of every change of what holds the inputs."""
+    running. A list given as `said` gets (row, text) of every scene said again, one given as `sources` (row, stamp,
+    text) of every change of what holds the inputs."""
     stepper, system, changes = Stepper(scene.system,
                                        1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
     rows, terms, text, general = [], stepper.terms, "", False

@@ -73,7 +73,8 @@ def test_a_part_imports_only_from_parts_before_it(path: Path) -> None:
         package, *rest = imported.split(".")
         if package == "tcc_sim" and rest != ["__version__"]:
             assert rest[0] in ORDER, f"{path}:{line} imports {imported}, a part that ORDER does not know"
-            assert ORDER.index(rest[0]) <= ORDER.index(own), f"{path}:{line}: {own} imports {imported}, which comes after it"
+            later = ORDER.index(rest[0]) > ORDER.index(own)
+            assert not later, f"{path}:{line}: {own} imports {imported}, which comes after it"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

@@ -17,7 +17,8 @@ EXAMPLES = sorted(".".join(path.relative_to(PACKAGE.parent).with_suffix("").part
 
 def test_the_package_shows_its_public_names():
     assert dir(tcc_sim) == sorted(tcc_sim.__all__)
-    assert {"load_scene", "solve", "simulate", "sweep", "analyse", "plot", "Scene", "System", "Trajectory", "__version__"
+    assert {"load_scene", "solve", "simulate", "sweep", "analyse", "plot", "Scene", "System", "Trajectory",
+            "__version__"
             } <= set(dir(tcc_sim))
     assert len(dir(tcc_sim)) <= 14
     for name in NAMES:

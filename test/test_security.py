@@ -118,7 +118,8 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
     assert sorted(path.name for path in (tmp_path / "saved").iterdir()) == ["metadata.yaml", "saved_0.mcap"]
 
 
-def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_otherwise(
+        monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     found = isolated_environment()

@@ -60,38 +60,3 @@ class Control:
     def controlled(self) -> bool:
         """Whether a pressure or a target was recorded."""
         return bool(len(self.target.t) or len(self.command.t) or len(self.applied.t))
-
-
-class CycleMeans:
-    """The mean slip speed of whole engine cycles from samples as they come, by the trapezoidal rule.
-
-    Parameters
-    ----------
-    cycle : engine cycle, s; cycle n starts at t = n cycle
-    """
-
-    def __init__(self, cycle: float) -> None:
-        self._cycle = cycle
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget the samples at hand: time has started again, or there is a gap."""
-        self._t, self._v = np.empty(0), np.empty(0)
-
-    def feed(self, t: Floats, slip_speed: Floats) -> tuple[Floats, Floats]:
-        """Take the next samples, (n,) arrays in s and rad/s; ends and means of the cycles that they complete."""
-        t, v = np.concatenate([self._t, t]), np.concatenate([self._v, slip_speed])
-        slack = 1e-9
-        first, last = int(np.ceil(t[0] / self._cycle - slack)), int(np.floor(t[-1] / self._cycle + slack))
-        if last <= first:
-            self._t, self._v = t, v
-            return np.empty(0), np.empty(0)
-        ends = np.arange(first, last + 1, dtype=np.float64) * self._cycle
-        area = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-        left = np.clip(np.searchsorted(t, ends, side="right") - 1, 0, len(t) - 2)
-        part = np.clip(ends - t[left], 0.0, None)
-        slope = (v[left + 1] - v[left]) / (t[left + 1] - t[left])
-        means: Floats = np.diff(area[left] + part * (v[left] + 0.5 * part * slope)) / self._cycle
-        keep = max(int(np.searchsorted(t, ends[-1] + slack * self._cycle, side="right")) - 1, 0)
-        self._t, self._v = t[keep:].copy(), v[keep:].copy()
-        return ends[1:], means

@@ -106,7 +106,8 @@ def integrals_of_arcs(run: Trajectory) -> Floats:
     excess, decay = terms.stribeck if terms.stribeck is not None else (0.0, 0.0)
     left, right, mode = _pieces(run)
     h = right - left
-    ends = [_end(run, terms, at, np.where(mode == FREE, 1, mode), after) for at, after in ((left, True), (right, False))]
+    ends = [_end(run, terms, at, np.where(mode == FREE, 1, mode), after)
+            for at, after in ((left, True), (right, False))]
     held = changes.time[(changes.before != FREE) & (changes.after != FREE)]
     (p, dp), (q, dq) = ((np.where(np.isin(at, held), 0.0, v), h * a) for (v, a), at in zip(ends, (left, right)))
     total = np.zeros(3)

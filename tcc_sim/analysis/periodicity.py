@@ -232,8 +232,8 @@ def _scaled(cycles: Cycles) -> Floats:
 
 
 def _sizes(cycles: Cycles, points: Floats | None = None) -> Floats:
-    """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the largest
-    angle on the section.
+    """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the
+    largest angle on the section.
     """
     points = cycles.section if points is None else points
     speed = max(_largest(cycles.highest), _largest(cycles.lowest), _largest(points[:, [0, 2]]))

@@ -32,15 +32,16 @@ class Summary:
     stick_fraction : time in stick over time, 0 to 1
     regime : stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick
     cycles, discarded : engine cycles observed, and those of them dropped at the start
-    settled : whether the section repeats within the tolerance; a period that is not settled is that of the limit to which
-        the section decays
+    settled : whether the section repeats within the tolerance; a period that is not settled is that of the limit to
+        which the section decays
     section_change : largest change over the last period, relative to the size of the motion
     solver : name of the solver
     elapsed_s : s of computing time
 
     Examples
     --------
-    >>> found = Summary(62.1, -0.01, 2, [(0.1, 0.5), (0.12, 0.4)], 0.73, "stick-slip", 150, 50, True, 1e-9, "smoothed", 0.1)
+    >>> found = Summary(62.1, -0.01, 2, [(0.1, 0.5), (0.12, 0.4)], 0.73, "stick-slip", 150, 50, True, 1e-9, "smoothed",
+    ...                 0.1)
     >>> found
     <Summary by smoothed: 150 cycles, period 2, settled, stick-slip; largest |slip speed| 62.1 rad/s>
     >>> found.columns()["stick_fraction"]

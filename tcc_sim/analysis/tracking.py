@@ -12,7 +12,6 @@ from tcc_sim.trajectory import Floats
 
 SETTLED = 0.02
 """Part of the step, or of the target where that is larger, within which the cycle mean counts as settled."""
-_SLACK = 1e-9
 
 
 @dataclass(frozen=True)
@@ -60,40 +59,3 @@ def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracki
         rms_error=float(np.sqrt(np.mean(kept * kept))) if len(kept) else math.nan,
         largest_error=float(np.abs(kept).max()) if len(kept) else math.nan,
         overshoot=max(float(beyond.max()), 0.0), settling_time=settled * cycle if settled < len(error) else math.nan)
-
-
-class CycleMeans:
-    """Means of a signal over whole engine cycles, from samples as they come (trapezoidal rule); cycle n starts at
-    t = n cycle.
-    """
-
-    def __init__(self, cycle: float) -> None:
-        self._cycle = cycle
-        self._parts: list[Floats] = []
-        self._t = self._v = np.empty(0)
-        self._next: int | None = None
-
-    def interrupt(self) -> None:
-        """A gap: the cycles that it touches have no mean."""
-        self._t = self._v = np.empty(0)
-
-    def feed(self, t: Floats, v: Floats) -> None:
-        """Take the next samples, (n,) arrays: s, and the signal."""
-        t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
-        first, last = math.ceil(t[0] / self._cycle - _SLACK), math.floor(t[-1] / self._cycle + _SLACK)
-        self._t, self._v = t, v
-        if last <= first or last - first > len(t):
-            return
-        ends = np.clip(np.arange(first, last + 1) * self._cycle, t[0], t[-1])
-        area = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-        left = np.clip(np.searchsorted(t, ends, side="right") - 1, 0, len(t) - 2)
-        part, slope = ends - t[left], (v[left + 1] - v[left]) / (t[left + 1] - t[left])
-        if self._next is not None and first > self._next:
-            self._parts.append(np.full(min(first - self._next, len(t)), math.nan))
-        self._parts.append(np.diff(area[left] + part * (v[left] + 0.5 * part * slope)) / self._cycle)
-        self._next = last
-        self._t, self._v = t[left[-1]:].copy(), v[left[-1]:].copy()
-
-    def means(self) -> Floats:
-        """(n,) array of the cycle means, NaN where a gap was."""
-        return np.concatenate(self._parts) if self._parts else np.empty(0)

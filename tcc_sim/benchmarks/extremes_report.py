@@ -59,17 +59,17 @@ def markdown(found: Record, picture: str) -> str:
     """The report: criteria, summary, what was refused or fell short, and the worst errors."""
     lines = [
         "# Stiff and extreme cases", "", f"![error charts and extreme cases]({picture})", "",
-        f"{len(found['cases'])} runs: {len(found['cases']) // len(ENGINES)} scenes with each of {', '.join(map(_code, ENGINES))} "
-        "(1 ms ticks). mu_s/mu_k 1 to 4, sigma 50 to 1e9 s/rad, Tsp/Tsm 0 to 1.5 (the pressure clamped at 0), omega 1 to "
-        "5000 rad/s, mean pressure 0 to 10 MPa, C23 0 to critical, I2 down to 1e-6 kg m^2, initial slip 0 to 1e4 rad/s, "
-        "near-grazing undamped stick, and combinations.", "",
-        "Bounded: sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1), since friction and damper only take energy. Power: engine "
-        "work less losses and stored energy in each cycle, relative to the largest of work and energy; its quadrature is good "
-        "to about 1e-5; `fixed_step` is interpolated between its sub-steps, which shows where slip stops within one. "
-        "Error: state after at most 60 rad of the natural "
-        "frequency, relative to each signal's maximum, against SciPy (LSODA for the smoothed law, DOP853 from event to event "
-        "for the set-valued one). Above sigma = 1e5 s/rad the smoothed law is held against the set-valued one, from which it "
-        "differs by about 1/sigma.", "",
+        f"{len(found['cases'])} runs: {len(found['cases']) // len(ENGINES)} scenes with each of "
+        f"{', '.join(map(_code, ENGINES))} (1 ms ticks). mu_s/mu_k 1 to 4, sigma 50 to 1e9 s/rad, Tsp/Tsm 0 to 1.5 "
+        "(the pressure clamped at 0), omega 1 to 5000 rad/s, mean pressure 0 to 10 MPa, C23 0 to critical, I2 down to "
+        "1e-6 kg m^2, initial slip 0 to 1e4 rad/s, near-grazing undamped stick, and combinations.", "",
+        "Bounded: sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1), since friction and damper only take energy. Power: "
+        "engine work less losses and stored energy in each cycle, relative to the largest of work and energy; its "
+        "quadrature is good to about 1e-5; `fixed_step` is interpolated between its sub-steps, which shows where slip "
+        "stops within one. Error: state after at most 60 rad of the natural "
+        "frequency, relative to each signal's maximum, against SciPy (LSODA for the smoothed law, DOP853 from event to "
+        "event for the set-valued one). Above sigma = 1e5 s/rad the smoothed law is held against the set-valued one, "
+        "from which it differs by about 1/sigma.", "",
         "| | " + " | ".join(map(_code, ENGINES)) + " |", "| --- |" + " ---: |" * len(ENGINES)]
     total = found["summary"]
     for name, show in _ROWS:

@@ -30,8 +30,6 @@ TIMEOUT = 60.0
 """Seconds that a peer may take for one run."""
 FINE = 256
 """Samples per engine cycle from which a peer's largest slip speeds are taken."""
-SINGLE = 1.2e-7
-"""XPPAUT stores and writes its results in single precision: no error of it below this means anything."""
 STICK = 1e-12
 
 
@@ -96,7 +94,8 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
     number = "{:.17g}".format
     load = number(system.saturation_mean)
     if p.amplitude > 0.0:
-        load += f"+{number(system.saturation_amplitude)}*sin({number(p.frequency_ratio * e.frequency)}*t+{number(p.phase)})"
+        rate = p.frequency_ratio * e.frequency
+        load += f"+{number(system.saturation_amplitude)}*sin({number(rate)}*t+{number(p.phase)})"
     excess = system.friction_ratio - 1.0
     falling = f"*(1+{number(excess)}*exp(-{number(f.decay)}*abs(v)))" if excess > 0.0 else ""
     step = system.cycle / per_cycle
@@ -104,12 +103,13 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
         f"ts={load}",
         f"tf=ts*tanh({number(f.smoothing)}*v){falling}",
         f"s={number(d.damping)}*w+{number(d.stiffness)}*q",
-        f"v'=({number(e.mean_torque)}+{number(e.torque_amplitude)}*sin({number(e.frequency)}*t)-tf)/{number(d.flywheel_inertia)}"
-        f"-(tf-s)/{number(d.plate_inertia)}",
+        f"v'=({number(e.mean_torque)}+{number(e.torque_amplitude)}*sin({number(e.frequency)}*t)-tf)"
+        f"/{number(d.flywheel_inertia)}-(tf-s)/{number(d.plate_inertia)}",
         "q'=w",
         f"w'=(tf-s)/{number(d.plate_inertia)}",
         f"init v={number(start.slip_speed)},q={number(start.plate_angle)},w={number(start.plate_speed)}",
-        f"@ total={number(step * (cycles * per_cycle))},dt={number(step)},meth={method},toler={tolerance:g},atoler={tolerance:g}",
+        f"@ total={number(step * (cycles * per_cycle))},dt={number(step)},meth={method},toler={tolerance:g},"
+        f"atoler={tolerance:g}",
         "@ maxstor=1000000,bounds=1e9,output=out.dat",
         "done", ""])
 

@@ -1,4 +1,4 @@
-"""precision.png and precision_section.png: error against run time, one column per scene, one row per error or only one."""
+"""precision.png and precision_section.png: error against run time, a column per scene, a row per error or one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ LOOKS: dict[str, Look] = {
     "solve_ivp LSODA": (ROSE, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
     "XPPAUT stiff": (SAND, "X", "-.", 0.9), "XPPAUT gear": (TEAL, "P", "-.", 0.9), "XPPAUT 2rb": (NAVY, "d", "-.", 0.9),
     "Siconos theta 1/2": (VIOLET, "h", "--", 0.9), "Siconos theta 1": (LIME, "p", "--", 0.9)}
-"""Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker with
-the same line."""
+"""Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
+with the same line."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
 """Looks for solvers that LOOKS does not know."""
 ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"),

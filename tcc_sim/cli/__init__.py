@@ -1,7 +1,7 @@
 """The command `tcc-sim`: one module per verb, imported when the verb is used.
 
-A verb module has `add_arguments(parser)` and `run(arguments) -> int`; `arguments.words` is the command line, for the JSON
-that says how it was made. Exit status: 0 done; 2 wrong input, one line on
+A verb module has `add_arguments(parser)` and `run(arguments) -> int`; `arguments.words` is the command line, for the
+JSON that says how it was made. Exit status: 0 done; 2 wrong input, one line on
 standard error and nothing written; 1 anything else; 130 interrupted.
 """
 

@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
     parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
                         help="an initial.* key and its evenly spaced values; give it twice")
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", help="scene key; the plane is worked out at every value")
+    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT",
+                        help="scene key; the plane is worked out at every value")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--cycles", metavar="N", type=int, default=600,
                         help="most engine cycles that a cell is followed (default 600)")
@@ -29,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
     parser.add_argument("--json", metavar="FILE", type=Path, help="attractors and fractions; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
-                        help="labels and cycles of every cell (.npz); until it is whole its rows are in FILE.part, from which "
+                        help="labels and cycles of every cell (.npz); until it is whole its rows are in FILE.part, "
+                             "from which "
                         "the same command goes on")
     add_plot(parser)
     parser.add_argument("--force", action="store_true", help="replace files that exist")

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
                         help="give the motions at exactly this value of the key, on every branch")
     parser.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
-                        help="follow the branches of doubled period too, DEPTH doublings deep (1 where it is not given)")
+                        help="follow the branches of doubled period too, DEPTH doublings deep (1 if not given)")
     parser.add_argument("--second", metavar="KEY=START:STOP",
                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key too")
     parser.add_argument("--limit", action="store_true",

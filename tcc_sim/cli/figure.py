@@ -27,10 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--law", choices=("smoothed", "set_valued"), default="smoothed",
                         help="friction law (7), as the paper, or (6) by the exact solver")
     parser.add_argument("--direction", choices=("cold", "up", "down"),
-                        help="how sweeps start every value: from the initial state, or from the neighbour below or above")
+                        help="how sweeps start every value: from the initial state, or from the neighbour below or "
+                             "above")
     parser.add_argument("--branches", action="store_true",
-                        help="draw the branches of periodic motions, stable or not, and say what each jump is; with all, "
-                        "where a figure has points on branches")
+                        help="draw the branches of periodic motions, stable or not, and say what each jump is; with "
+                             "all, where a figure has points on branches")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
     parser.add_argument("--force", action="store_true", help="replace figures that are there")
 
@@ -45,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
     except ValueError:
-        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(CHARTS)}, or all") from None
+        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(CHARTS)}, "
+                         "or all") from None
     if numbers[0] not in (*FIGURES, *CHARTS):
         raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(CHARTS)}, or all")
     stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}

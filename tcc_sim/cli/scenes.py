@@ -9,7 +9,8 @@ from tcc_sim.scene import bundled_scenes, load_scene
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which scene to show, if any."""
-    parser.add_argument("--show", metavar="NAME", help="print this scene (or a file) as a parameter file with every key")
+    parser.add_argument("--show", metavar="NAME",
+                        help="print this scene (or a file) as a parameter file with every key")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -31,14 +31,15 @@ def run(arguments: argparse.Namespace) -> int:
             total=arguments.duration, unit="s", desc="soak", disable=None, leave=False,
             bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:
         found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, lambda s: bar.update(s - bar.n))
-    print(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift {found['drift_s'] * 1e3:.1f} ms")
+    print(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift "
+          f"{found['drift_s'] * 1e3:.1f} ms")
     counted = "as many as" if found["count_is_honest"] else "which is not what"
-    print(f"{sum(found['messages'].values())} messages; {found['lost_messages']} joint_states are missing by the stamps, "
-          f"{counted} the recorder counted")
+    print(f"{sum(found['messages'].values())} messages; {found['lost_messages']} joint_states are missing by the "
+          f"stamps, {counted} the recorder counted")
     for name in ("driveline", "recorder"):
         node = found[name]
-        print(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB after the "
-              f"warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
+        print(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB "
+              f"after the warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
     for warning in found["warnings"]:
         print(f"warning: {warning}")
     if arguments.json is not None:

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     stability(folder / "stability", maps, records)
     for engine, total in found["summary"].items():
         ended = ", ".join(f"{name} {count}" for name, count in total["statuses"].items())
-        print(f"{engine}: {total['cases']} cases ({ended}), {total['not_finite']} not finite, {total['not_bounded']} past the "
-              f"energy bound, {total['past_iteration_bound']} past the iteration bound")
+        print(f"{engine}: {total['cases']} cases ({ended}), {total['not_finite']} not finite, {total['not_bounded']} "
+              f"past the energy bound, {total['past_iteration_bound']} past the iteration bound")
     print(f"{folder}/stability.png, .svg, .json, .md")
     return 0 if running.complete else 130

@@ -19,9 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cycles", metavar="N", type=int, default=150,
                         help="engine cycles solved per value (default 150)")
     parser.add_argument("--discard", metavar="N|auto", default=None,
-                        help="cycles dropped (default 50); auto drops those until the section has settled, and solves no more")
+                        help="cycles dropped (default 50); auto drops those until the section has settled, and solves "
+                             "no more")
     parser.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
-                        help="start every value from the scene's initial state, or go on from the neighbour's last state along "
+                        help="start every value from the scene's initial state, or go on from the neighbour's last "
+                             "state along "
                         "the first key, with the phases of torque and load")
     parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
     parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")

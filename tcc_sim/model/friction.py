@@ -7,6 +7,7 @@ The functions take plain floats or arrays and are compiled for the solvers from 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -58,23 +59,49 @@ def sliding(v: Any, sign: float, stribeck: Stribeck) -> Any:
 
 @lru_cache(maxsize=256)
 def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
-    """Slip speed (rad/s) and value of the maximum of the smoothed mubar (7), the root of the slope (20b).
+    """Slip speed (rad/s) and value of the first maximum of the smoothed mubar (7), the root of the slope (20b).
 
-    Where mu_k = mu_s the law has no maximum: (inf, 1). The peak lies below mu_s/mu_k and falls with it (Fig. 3).
+    The slope is below 0 where alpha sinh(2 sigma v) > 2 sigma (1 + exp(alpha v)/(r - 1)), which is compared in
+    logarithms: 1 - tanh^2 is lost in rounding before an exponential that dies down faster. Where mu_k = mu_s, or where
+    that exponential leaves nothing to fall from, the law has no maximum: (inf, 1). The peak lies below mu_s/mu_k and
+    falls with it (Fig. 3).
     """
     if stribeck is None:
         return math.inf, 1.0
-    if stribeck[1] == 0.0:
-        return math.inf, 1.0 + stribeck[0]
-    low, high = 0.0, 20.0 / sigma + (math.log(sigma + stribeck[1]) - math.log(stribeck[1])) / sigma
-    if smoothed_and_slope(high, sigma, stribeck)[1] > 0.0:
-        return math.inf, 1.0
+    excess, decay = stribeck
+    if decay == 0.0:
+        return math.inf, 1.0 + excess
+
+    def falls(v: float) -> bool:
+        """Whether mubar falls at v > 0."""
+        rising = math.log(4.0 * sigma / decay) + float(np.logaddexp(0.0, decay * v - math.log(excess)))
+        return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) > rising
+
+    def past_nearest(v: float) -> bool:
+        """Whether v lies behind the place where the two sides come nearest: cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
+        return decay * v - math.log(excess) >= float(np.logaddexp(2.0 * sigma * v, -2.0 * sigma * v)) - math.log(2.0)
+
+    high = 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
+    if not falls(high):
+        if decay <= 2.0 * sigma or excess <= 1.0:
+            return math.inf, 1.0
+        # It rises to 1 in the end; before that it falls only if it does so here.
+        high = _first(math.log(excess) / (decay - 2.0 * sigma), past_nearest)
+        if not falls(high):
+            return math.inf, 1.0
+    v = _first(high, falls)
+    return v, float(smoothed(v, sigma, stribeck))
+
+
+def _first(high: float, holds: Callable[[float], bool]) -> float:
+    """Where a condition sets in that holds at `high` and not near 0, to the last bit."""
+    low = 0.0
     while low < (middle := 0.5 * (low + high)) < high:
-        if smoothed_and_slope(middle, sigma, stribeck)[1] > 0.0:
-            low = middle
-        else:
+        if holds(middle):
             high = middle
-    return high, float(smoothed(high, sigma, stribeck))
+        else:
+            low = middle
+    return high
 
 
 def stick_speed(sigma: float, stribeck: Stribeck) -> float:

@@ -53,7 +53,8 @@ class Quantity:
             if isinstance(x, bool) or not isinstance(x, (int, float)):
                 raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
             if not (self.low <= x <= self.high) or (self.above and x == self.low):
-                raise InputError(f"{key} is {_float(x):g}{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
+                raise InputError(f"{key} is {_float(x):g}{' ' + self.unit if self.unit else ''}; it must be "
+                                 f"{self.interval()}")
 
 
 def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,
@@ -123,7 +124,8 @@ class Engine(Group):
     """
 
     source: str = quantity("harmonic", "where the engine torque comes from", choices=("harmonic", "topic"))
-    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: the "
+    fallback: str = quantity("mean",
+                             "with source topic, what applies until the first command and after a time-out: the "
                              "mean torque, or the scene's own harmonic torque at simulation time",
                              choices=("mean", "harmonic"))
     mean_torque: float = quantity(300.0, "mean engine torque Tm", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
@@ -141,7 +143,8 @@ class Engine(Group):
             raise InputError(f"engine.harmonic_phases has {len(self.harmonic_phases)} values; it must have as many as "
                              f"engine.harmonic_amplitudes, {len(self.harmonic_amplitudes)}")
         if len(self.harmonic_amplitudes) > 32:
-            raise InputError(f"engine.harmonic_amplitudes has {len(self.harmonic_amplitudes)} values; at most 32 are allowed")
+            raise InputError(f"engine.harmonic_amplitudes has {len(self.harmonic_amplitudes)} values; at most 32 are "
+                             "allowed")
 
     @property
     def harmonic(self) -> bool:
@@ -154,7 +157,8 @@ class Pressure(Group):
     """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
 
     source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
-    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: the "
+    fallback: str = quantity("mean",
+                             "with source topic, what applies until the first command and after a time-out: the "
                              "mean pressure, or the scene's own harmonic pressure at simulation time",
                              choices=("mean", "harmonic"))
     mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)

@@ -40,7 +40,8 @@ def interface_gain(system: System, omega: float) -> float:
     spring = complex(d.stiffness, d.damping * omega)
     stuck = spring - (d.flywheel_inertia + d.plate_inertia) * omega**2
     if stuck == 0.0:
-        raise InputError(f"engine.frequency excites the undamped stuck resonance, {omega:g} rad/s: there is no steady state")
+        raise InputError(f"engine.frequency excites the undamped stuck resonance, {omega:g} rad/s: there is no steady "
+                         "state")
     return abs(spring - d.plate_inertia * omega**2) / abs(stuck)
 
 

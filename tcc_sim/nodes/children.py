@@ -33,7 +33,8 @@ def require_ros() -> None:
     """Raise MissingPackage where rclpy or a message package is not installed."""
     for name in ("rclpy", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rosgraph_msgs", "std_srvs"):
         if importlib.util.find_spec(name) is None:
-            raise MissingPackage(f"ROS 2 package {name} is not installed: source your ROS 2, or pip install 'tcc_sim[ros]'")
+            raise MissingPackage(f"ROS 2 package {name} is not installed: source your ROS 2, or pip install "
+                                 "'tcc_sim[ros]'")
 
 
 def isolated_environment() -> dict[str, str]:
@@ -91,7 +92,8 @@ class NodeProcess:
         status = self._process.poll()
         if status is not None:
             self._reader.join(timeout=1.0)
-            raise TccError(f"{self.name} ended with status {status}: {self.lines[-1] if self.lines else 'without a word'}")
+            raise TccError(f"{self.name} ended with status {status}: "
+                           f"{self.lines[-1] if self.lines else 'without a word'}")
 
     def stop(self) -> int:
         """End it as Ctrl-C would and give its status; it is killed where it takes longer than END_LIMIT."""
@@ -128,7 +130,8 @@ class Session:
         A node did not start; its own words are in the message.
     """
 
-    def __init__(self, recording: Path, driveline: dict[str, object], controller: dict[str, object] | None = None) -> None:
+    def __init__(self, recording: Path, driveline: dict[str, object],
+                 controller: dict[str, object] | None = None) -> None:
         require_ros()
         self.environment = isolated_environment()
         self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)

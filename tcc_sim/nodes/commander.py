@@ -18,7 +18,7 @@ from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import context, signals
 from tcc_sim.nodes.children import SENDING
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.process import run
@@ -42,7 +42,7 @@ def _send() -> int:
     torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
     signals.leave_to_ros()
-    node.get_logger().info(SENDING)
+    context.say(node, SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
     try:
@@ -58,4 +58,6 @@ def _send() -> int:
         # Publishing fails in the moment between a signal and the end of the loop.
         if rclpy.ok():
             raise
+    finally:
+        node.destroy_node()
     return 0

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from tcc_sim.analysis.control import CycleMeans, Event
+from tcc_sim.analysis.control import Event
+from tcc_sim.analysis.cycle_means import CycleMeans
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import CHANGES, COMMANDS, LATCHED, states

@@ -17,14 +17,14 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import parameters, signals
+from tcc_sim.nodes import context, parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import RealTimeLoop
@@ -67,8 +67,8 @@ class DrivelineNode(Node):
             The scene cannot be computed in real time on this machine.
         """
         self.loop.start()
-        self.get_logger().info(f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
-                               f"{self.loop.plant.stepper.substeps} sub-steps a tick")
+        context.say(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
+                          f"{self.loop.plant.stepper.substeps} sub-steps a tick")
 
     def housekeeping(self) -> None:
         """Diagnostics when they are due, throttled warnings, and the failure of the loop if there was one."""
@@ -77,9 +77,9 @@ class DrivelineNode(Node):
         self.loop.outputs.tell_unsent()
         if self.loop.clock_started.is_set() and not self._announced and self.context.ok():
             self._announced = True
-            self.get_logger().info(CLOCK_STARTED)
+            context.say(self, CLOCK_STARTED)
             for sentence in self.loop.refused_wishes:
-                self.get_logger().warning(sentence)
+                context.warn(self, sentence)
         for command in self.loop.commands:
             self.warn(command.name, command.refused, f"{command.refusal} ({command.refused} refused so far)")
         if self.loop.failure is not None:
@@ -91,7 +91,7 @@ class DrivelineNode(Node):
         now = time.monotonic()
         if count > before and now - when >= 1.0:
             self._warned[what] = count, now
-            self.get_logger().warning(sentence)
+            context.warn(self, sentence)
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy everything."""
@@ -111,8 +111,8 @@ class DrivelineNode(Node):
             return parameters.accepted()
         plant = self.loop.plant
         if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
-            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is still "
-                                                 "being compiled; ask again in a moment"))
+            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is "
+                                                 "still being compiled; ask again in a moment"))
         text = after.text()
         outcome = self.loop.request(lambda: self._take(after, text))
         return parameters.accepted() if outcome else parameters.refused(InputError(outcome.why))
@@ -169,8 +169,7 @@ class DrivelineNode(Node):
 
 def spin(node: DrivelineNode) -> None:
     """Answer requests and keep house until the context ends; a request that makes no sense does not end it."""
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
+    executor = context.executor_of(node)
     senseless = 0
     while node.context.ok():
         try:

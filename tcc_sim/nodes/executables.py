@@ -52,4 +52,9 @@ def _run(name: str) -> int:
         sys.stderr.write(f"{name}_node: {error}\n")
         signals.give_back()
         return 1
-    return signals.end(import_module(f"tcc_sim.nodes.{name}").main())
+    status = 1
+    try:
+        status = import_module(f"tcc_sim.nodes.{name}").main()
+    except Exception:
+        sys.excepthook(*sys.exc_info())
+    return signals.end(status)

@@ -25,8 +25,7 @@ from tcc_sim.nodes.inputs import Command
 from tcc_sim.nodes.outputs import Outputs
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.plant import Plant
-from tcc_sim.nodes.scheduling import prepare_thread
-from tcc_sim.nodes.signals import COMPILER
+from tcc_sim.nodes.scheduling import attend, prepare_thread
 from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic
@@ -93,7 +92,7 @@ class RealTimeLoop:
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
-        self._compiler = threading.Thread(target=self.plant.warm_up_general, name=COMPILER, daemon=True)
+        self._compiler = threading.Thread(target=self.plant.warm_up_general, name="compiler", daemon=True)
         engine, pressure = topic("engine_torque"), topic("actuation_pressure")
         self.engine_command = Command(node, engine) if engine.wanted(scene.value) else None
         self.pressure_command = (Command(node, pressure, self.plant.check_pressure)
@@ -122,6 +121,9 @@ class RealTimeLoop:
         self.plant.warm_up()
         self._thread.start()
         self._compiler.start()
+        priority = self.scene.operation.thread_priority
+        if priority:
+            attend(priority, (self._thread.native_id, self._compiler.native_id))
 
     def stop(self) -> None:
         """End the thread; returns when it has ended, at most after one sleep slice."""
@@ -129,6 +131,8 @@ class RealTimeLoop:
         self._wake.set()
         if self.running:
             self._thread.join(timeout=1.0)
+            if self.scene.operation.thread_priority:
+                attend(0)
 
     @property
     def running(self) -> bool:

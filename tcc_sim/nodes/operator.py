@@ -16,7 +16,6 @@ import rclpy
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
@@ -24,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.nodes.context import executor_of
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.nodes.subscriptions import poll, subscribe
@@ -53,8 +53,7 @@ class Operator:
                                            start_parameter_services=False)
         except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+        self._executor = executor_of(self._node)
         self._driveline = self._node.resolve_topic_name("driveline")
 
     def close(self) -> None:

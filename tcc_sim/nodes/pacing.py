@@ -12,6 +12,10 @@ CATCH_UP = 0.1
 """Real time, s, that a late loop makes good by ticks without a wait; beyond it the deadlines are moved."""
 SLICE = 0.05
 """Longest sleep, s, between two looks at whether to stop."""
+LEAD, LEAD_PART = 1e-4, 0.1
+"""Most real time, s and as a part of the period, that a sleep ends ahead of the deadline; the rest is waited for awake."""
+_LEAD_UP, _LEAD_DOWN = 3_000, 1_000
+"""Steps, ns, of the lead after a wake-up that was later or earlier than it: it follows the upper quartile."""
 
 
 class Pacer:
@@ -21,16 +25,20 @@ class Pacer:
     worth of ticks. Where it is later than that, the anchor moves to now: the ticks in between are missed in real time
     (never in simulated time) and counted.
 
+    A sleeper is woken some time after what it asked for. The sleep before a deadline ends ahead by as much as three of
+    four recent wake-ups were late, within LEAD, and what is left is waited for awake: a tick is never early.
+
     Parameters
     ----------
     period : real time between ticks, s
     kept : how many of the last latenesses are kept for `lateness`
     clock : monotonic time, ns
     sleep : sleeps for so many seconds
+    lead : most that a sleep ends ahead of the deadline, s; 0 sleeps until the deadline
     """
 
     def __init__(self, period: float, kept: int = 10_000, clock: Callable[[], int] = time.monotonic_ns,
-                 sleep: Callable[[float], object] = time.sleep) -> None:
+                 sleep: Callable[[float], object] = time.sleep, lead: float = LEAD) -> None:
         self.period_ns = period * 1e9
         self._clock, self._sleep = clock, sleep
         self.ticks = 0
@@ -39,6 +47,8 @@ class Pacer:
         self.lateness_max = 0.0
         self.drift = 0.0
         """Real time at the last tick since the last `anchor()`, beyond what the ticks since then stand for, s."""
+        self._most_lead = lead * 1e9
+        self._lead = 0.0
         self._recent = np.zeros(kept)
         self._anchor = self._first = 0.0
         self._since_anchor = self._since_first = 0
@@ -59,8 +69,11 @@ class Pacer:
         while now < deadline:
             if interrupted():
                 return False
-            self._sleep(min((deadline - now) * 1e-9, SLICE))
-            now = self._clock()
+            asked = deadline - now - self._lead
+            if asked > 0.0:
+                now = self._slept(now, asked)
+            else:
+                now = self._clock()
         self._since_anchor += 1
         lateness = (now - deadline) * 1e-9
         self._recent[self.ticks % len(self._recent)] = lateness
@@ -76,6 +89,17 @@ class Pacer:
             self._anchor = float(now)
             self._since_anchor = 0
         return True
+
+    def _slept(self, now: float, asked: float) -> int:
+        """Sleep for so many ns, or for a SLICE of them; the time after it."""
+        if asked > SLICE * 1e9:
+            self._sleep(SLICE)
+            return self._clock()
+        self._sleep(asked * 1e-9)
+        woken = self._clock()
+        later = self._lead + (_LEAD_UP if woken - now - asked > self._lead else -_LEAD_DOWN)
+        self._lead = min(max(later, 0.0), self._most_lead, LEAD_PART * self.period_ns)
+        return woken
 
     def latenesses(self) -> NDArray[np.float64]:
         """Lateness of the last ticks, s, in no order."""

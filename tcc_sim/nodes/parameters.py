@@ -52,7 +52,8 @@ def declare(node: Node) -> Scene:
     node.declare_parameter("scene", base.name, text)
     for name, value in [*values_of(scene.system), *_options(scene)]:
         _declare(node, name, value, ALL_QUANTITIES[name])
-    text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot be set")
+    text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot "
+                                           "be set")
     node.declare_parameter(TEXT, scene.text(), text, ignore_override=True)
     return scene
 
@@ -92,7 +93,8 @@ def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
     values = {p.name: p.value for p in parameters if p.name in KNOWN_KEYS}
     after = scene.with_values(values)
     if (after.operation.real_time_factor == 0.0) != (scene.operation.real_time_factor == 0.0):
-        raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to or from 0")
+        raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to "
+                         "or from 0")
     return after
 
 

@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tcc_sim.errors import InputError, RecordingError, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import context, signals
 from tcc_sim.nodes.message_types import message_class, qos_fields
 from tcc_sim.nodes.process import run, unknown_parameters
 from tcc_sim.nodes.subscriptions import poll, subscribe
@@ -80,8 +79,7 @@ class Recorder:
             if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= most:
                 raise InputError(f"{name} is {value!r}; it must be a number from 0 to {most:g}")
         for name in unknown_parameters(node):
-            node.get_logger().warning(f"parameter {name} is unknown and has no effect; there are "
-                                      f"{', '.join(PARAMETERS)}")
+            context.warn(node, f"parameter {name} is unknown and has no effect; there are {', '.join(PARAMETERS)}")
         self.flush_period = float(period)
         self.fsync_period = float(sync)
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
@@ -98,8 +96,7 @@ class Recorder:
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
-        self._executor = SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(node)
+        self._executor = context.executor_of(node)
         self._told: dict[str, dict[str, int]] = {}
         self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
                              result=self._part_result)
@@ -164,7 +161,7 @@ class Recorder:
         try:
             self.bag.describe(cdr.read_string(data), log_ns=said_ns)
         except ValueError as error:
-            self.node.get_logger().warning(f"a scene is not understood: {one_line(str(error))}")
+            context.warn(self.node, f"a scene is not understood: {one_line(str(error))}")
 
     def look(self) -> None:
         """See who publishes: adapt to the quality of service offered, add topics by their type, tell of who is gone."""
@@ -175,7 +172,7 @@ class Recorder:
                 try:
                     self._add(topic, found[topic][0])
                 except InputError as error:
-                    self.node.get_logger().error(f"{topic} is not recorded: {error}")
+                    context.warn(self.node, f"{topic} is not recorded: {error}")
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
@@ -190,17 +187,17 @@ class Recorder:
                 now = {bytes(o.endpoint_gid) for o in offered}
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
-                    self.node.get_logger().warning(f"the publisher of {track.topic} is gone{left}; the recording goes on")
+                    context.warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording goes on")
                 track.publishers = now
 
     def _tell_of_silence(self, track: Track) -> None:
         """Say once that nothing more arrives, and once that it does again."""
         silent = track.messages > 0 and time.monotonic() - track.arrived > SILENCE
         if silent and not track.silence_told:
-            self.node.get_logger().warning(
-                f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording goes on")
+            context.warn(
+                self.node, f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording goes on")
         elif track.silence_told and not silent:
-            self.node.get_logger().info(f"{track.topic} is heard again")
+            context.say(self.node, f"{track.topic} is heard again")
         track.silence_told = silent
 
     def close(self) -> str:
@@ -274,14 +271,14 @@ def _default_name() -> str:
 
 def record() -> int:
     """Record until a signal; the exit status."""
-    signals.hold()
-    signals.leave_to_ros()
-    node = rclpy.create_node("recorder")
-    recorder = Recorder(node)
+    # A bag that was opened is closed in order: a signal waits until there is somebody to do that.
+    with signals.held():
+        signals.leave_to_ros()
+        node = rclpy.create_node("recorder")
+        recorder = Recorder(node)
     try:
         try:
-            signals.release()
-            node.get_logger().info(f"recording to {recorder.bag.directory}")
+            context.say(node, f"recording to {recorder.bag.directory}")
             recorder.spin()
         finally:
             summary = recorder.close()
@@ -293,6 +290,8 @@ def record() -> int:
         sys.stderr.write(f"recorder: {one_line(f'{recorder.bag.path} cannot be written: {reason}')}; "
                          "what is in it stays readable\n")
         return 1
+    finally:
+        node.destroy_node()
     return 0
 
 

@@ -9,6 +9,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
@@ -50,6 +51,26 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
         refused.append(f"lock_memory was not granted ({os.strerror(ctypes.get_errno())}): memory stays as it is; "
                        "it needs CAP_IPC_LOCK or a memlock limit")
     return refused
+
+
+def attend(priority: int, except_for: Sequence[int | None] = ()) -> None:
+    """Schedule every thread of this process one below its real-time thread, which has `priority`; 0 takes that back.
+
+    The real-time thread waits for whoever holds the interpreter or a lock of the middleware, and with them for every
+    other program of the machine that they have to wait for.
+
+    Parameters
+    ----------
+    priority : of the real-time thread
+    except_for : native ids of the threads that stay as they are
+    """
+    if sys.platform != "linux":
+        return
+    policy, level = (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, max(priority - 1, 1)) if priority else (os.SCHED_OTHER, 0)
+    for thread in map(int, os.listdir("/proc/self/task")):
+        if thread not in except_for:
+            with suppress(OSError):  # Without the right to it, or the thread has ended.
+                os.sched_setscheduler(thread, policy, os.sched_param(level))
 
 
 def release_memory() -> None:

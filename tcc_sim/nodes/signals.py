@@ -1,9 +1,9 @@
 """SIGINT and SIGTERM in the process of a node, from its first statement to its last. Loads nothing slow.
 
-A node's process takes the signals before it imports NumPy, Numba and rclpy. While it starts (imports, ROS 2, compiling)
-nothing is open that has to be saved, and a signal ends the process at once with status 0: the handler does where the
-interpreter runs, a thread that waits for the same signal does where the main thread is in a long call, such as LLVM's.
-Once `leave_to_ros` was called a signal shuts the context down, as in any ROS 2 node, and the node ends in order.
+A node's process blocks both in every thread before it imports NumPy, Numba and rclpy, and one thread waits for them.
+While the process starts (imports, ROS 2, compiling) nothing is open that has to be saved, and a signal ends it at once
+with status 0, also where the main thread is in a long call, such as LLVM's. Once `leave_to_ros` was called a signal
+shuts the ROS 2 context down, and the node ends in order; it does so between two `held` blocks, never within one.
 """
 
 from __future__ import annotations
@@ -12,15 +12,23 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
-COMPILER = "compiler"
-"""Name of a thread that may be in LLVM when the process ends."""
 ENDING = frozenset({signal.SIGINT, signal.SIGTERM})
-_taken = False
-_starting = False
+_STARTING, _RUNNING, _ENDING = "starting", "running", "ending"
+_phase = ""
+_turn = threading.Lock()
+"""Who has it reads or changes the phase."""
+_holding = threading.RLock()
+"""Who has it can rely on the context to stay as it is."""
 _before: dict[signal.Signals, Any] = {}
+_waiter: threading.Thread | None = None
+_wakes: list[Callable[[], None]] = []
+asked = threading.Event()
+"""Set when a signal has come since `leave_to_ros`."""
 
 
 def take() -> None:
@@ -28,74 +36,117 @@ def take() -> None:
 
     Only what starts a process calls it: an importer of the nodes keeps its own handlers.
     """
-    global _taken, _starting
-    if _taken or threading.current_thread() is not threading.main_thread():
+    global _phase, _waiter
+    if _phase or threading.current_thread() is not threading.main_thread():
         return
-    _taken = _starting = True
-    for number in ENDING:
-        _before[number] = signal.signal(number, _on_signal)
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    # The thread inherits the mask: the signals are delivered to the main thread.
-    hold()
-    threading.Thread(target=_watch, args=(reader,), name="signals", daemon=True).start()
-    release()
-
-
-def _on_signal(number: int, frame: FrameType | None) -> None:
-    """End at once while starting; later ROS 2 has its own handler before this one."""
-    if _starting:
-        os._exit(0)
-
-
-def _watch(reader: int) -> None:
-    """End at once on the first signal while starting, though the main thread is in a call that takes long."""
-    while (numbers := os.read(reader, 16)) and _starting:
-        if ENDING & set(numbers):
-            os._exit(0)
-
-
-def hold() -> None:
-    """Let SIGINT and SIGTERM wait."""
+    _phase = _STARTING
+    # Every thread from here on inherits the mask.
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    _waiter = threading.Thread(target=_wait, name="signals", daemon=True)
+    _waiter.start()
+    # A signal that is ignored would not be waited for either.
+    for number in ENDING:
+        _before[number] = signal.signal(number, _pass_on)
 
 
-def release() -> None:
-    """Take SIGINT and SIGTERM again, those that waited first."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+def _pass_on(number: int, frame: FrameType | None) -> None:
+    """Hand a signal that a thread without the mask has got to the one that waits."""
+    if _waiter is not None and _waiter.ident is not None:
+        signal.pthread_kill(_waiter.ident, number)
+
+
+def _wait() -> None:
+    """End the process at once while it starts; shut the context down while it runs; nothing while it ends."""
+    while True:
+        signal.sigwait(ENDING)
+        with _turn:
+            if not _phase:
+                return
+            if _phase == _STARTING:
+                os._exit(0)
+            running = _phase == _RUNNING
+        if running:
+            asked.set()
+            with _holding:
+                _shut_down()
+
+
+def _shut_down() -> None:
+    """Shut the context down, which leaves its nodes to those who have them, and wake who spins."""
+    import rclpy
+
+    handle = rclpy.get_default_context().handle
+    if handle is not None:
+        with handle:
+            if handle.ok():
+                handle.shutdown()
+    for wake in _wakes:
+        wake()
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Within it no signal shuts the context down, and in a command none is a KeyboardInterrupt; one that comes
+    meanwhile has its effect afterwards.
+    """
+    with _holding:
+        if _phase or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        handlers = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
+        came: list[signal.Signals] = []
+        for number in handlers:
+            signal.signal(number, lambda number, _: came.append(signal.Signals(number)))
+        try:
+            yield
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+    if came:
+        handlers[came[0]](came[0], None)
+
+
+def wakes(wake: Callable[[], None]) -> None:
+    """Have `wake` called when a signal has shut the context down."""
+    _wakes.append(wake)
 
 
 def leave_to_ros() -> None:
     """From now on a signal shuts the ROS 2 context down and the node ends in order; none is lost in between."""
-    global _starting
-    from rclpy.signals import SignalHandlerOptions, install_signal_handlers
-
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-    _starting = False
-    install_signal_handlers(SignalHandlerOptions.ALL)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    global _phase
+    with _turn:
+        if _phase == _STARTING:
+            _phase = _RUNNING
 
 
-def end(status: int) -> int:
-    """The last thing before the process ends with `status`, which it gives: signals change nothing any more.
+def end(status: int) -> NoReturn:
+    """The last thing that a node's process does: it ends here with `status`, and signals change nothing any more.
 
-    Where a thread still compiles it ends here: LLVM does not survive that the interpreter is taken down under it.
+    The interpreter is not taken down: that takes up to a second on a busy machine, saves nothing, and a thread that
+    still compiles would not survive it.
     """
-    for number in ENDING:
-        signal.signal(number, signal.SIG_IGN)
-    if any(thread.name == COMPILER for thread in threading.enumerate()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
-    return status
+    global _phase
+    with _turn:
+        _phase = _ENDING
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            status = status or 1
+    os._exit(status)
 
 
 def give_back() -> None:
-    """The handlers as they were before `take`, where there is no node to run after all."""
-    global _taken, _starting
-    _taken = _starting = False
-    signal.set_wakeup_fd(-1)
+    """The signals as they were before `take`, where there is no node to run after all."""
+    global _phase, _waiter
+    if _waiter is None or _waiter.ident is None:
+        return
+    with _turn:
+        _phase = ""
+    signal.pthread_kill(_waiter.ident, signal.SIGTERM)
+    _waiter.join()
+    _waiter = None
     for number, handler in _before.items():
         signal.signal(number, handler)
     _before.clear()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)

@@ -56,7 +56,8 @@ class Tuning:
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
                 raise InputError(f"{item.name} is {value!r}; it must be a number above 0")
         if not 1.0 <= self.cycle_steps <= 1e6:
-            raise InputError(f"step is {self.step:g} s; the engine cycle must hold 1 to 1e+06 of them, not {self.cycle_steps:g}")
+            raise InputError(f"step is {self.step:g} s; the engine cycle must hold 1 to 1e+06 of them, not "
+                             f"{self.cycle_steps:g}")
 
     @property
     def cycle_steps(self) -> float:

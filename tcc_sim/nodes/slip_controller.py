@@ -21,7 +21,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import context, signals
 from tcc_sim.nodes.process import run
 from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.slip_control import SlipController, Tuning
@@ -56,8 +56,8 @@ class SlipControllerNode(Node):
     def report(self) -> None:
         """Say what it controls, and with what belief of its plant."""
         tuning = self.controller.tuning
-        self.get_logger().info(
-            f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
+        context.say(
+            self, f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
             f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, "
             f"engine cycle {tuning.cycle_steps:.4g} states of {tuning.step:g} s, "
             f"at most {tuning.pressure_limit:g} Pa")
@@ -83,7 +83,10 @@ def main(args: list[str] | None = None) -> int:
 def _spin() -> int:
     """Build the node and spin it."""
     node = SlipControllerNode()
-    signals.leave_to_ros()
-    node.report()
-    rclpy.spin(node)
+    try:
+        signals.leave_to_ros()
+        node.report()
+        rclpy.spin(node, context.executor_of(node))
+    finally:
+        node.destroy_node()
     return 0

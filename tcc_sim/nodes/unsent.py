@@ -1,4 +1,4 @@
-"""Messages that the driveline could not send, as it tells the recorder: no gap in the numbers of a publisher shows them."""
+"""Messages that the driveline could not send, as it tells the recorder: no gap in a publisher's numbers shows them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ MOST_TOPICS = 100
 
 def encoded(name: str, counts: Mapping[str, int]) -> bytes:
     """The counts of the node `name` since its start, by topic, as the message on `unsent_messages`."""
-    message = DiagnosticStatus(level=DiagnosticStatus.WARN, name=name, message=f"{sum(counts.values())} messages not sent",
+    message = DiagnosticStatus(level=DiagnosticStatus.WARN, name=name,
+                               message=f"{sum(counts.values())} messages not sent",
                                values=[KeyValue(key=topic, value=str(count)) for topic, count in counts.items()])
     data: bytes = serialize_message(message)
     return data

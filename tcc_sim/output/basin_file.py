@@ -13,7 +13,7 @@ from tcc_sim.studies.basins import Axis, Basins
 
 
 def write_basins(path: Path, found: Sequence[Basins], over: Axis | None) -> None:
-    """Write `labels` and `cycles`, (second, first) arrays, and the values of both axes; with `over` one more first axis.
+    """Write `labels` and `cycles`, (second, first) arrays, and the values of both axes; `over` adds a first axis.
 
     Labels: -1 undecided, -2 runaway, else an index into the attractors of the JSON.
     """

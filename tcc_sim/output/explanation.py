@@ -35,9 +35,9 @@ def explain(scene: Scene) -> dict[str, Any]:
     Returns
     -------
     A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type
-    of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s`, their `ratio`, and per sub-step of the first tick
-    `own_calls` and `general_calls` of sine, exponential and hyperbolic tangent (None where the real-time solver does
-    not apply: the set-valued law); `closed_forms`: pure slip and pure stick as `closed_forms` gives them.
+    of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s`, their `ratio`, and per sub-step of the first
+    tick `own_calls` and `general_calls` of sine, exponential and hyperbolic tangent (None where the real-time solver
+    does not apply: the set-valued law); `closed_forms`: pure slip and pure stick as `closed_forms` gives them.
     """
     terms = terms_of(scene.system)
     held, left_out = held_and_left_out(terms)

@@ -37,7 +37,8 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     """The figures of a steady state with their units."""
     if summary.period:
         period = f"{summary.period} engine cycle{'s' if summary.period > 1 else ''}"
-        period += ", settled" if summary.settled else f", still converging: it changes by {summary.section_change:.1e} of it"
+        period += (", settled" if summary.settled else
+                   f", still converging: it changes by {summary.section_change:.1e} of it")
     else:
         period = f"none up to {MAXIMUM_PERIOD} engine cycles, as far as can be told yet"
     out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,11 +44,6 @@ def draw(data: Data, stem: Path) -> None:
             # A tick label in mathematical typesetting takes ten times as long and looks the same.
             axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
-
-
-def draw_file(path: Path, stem: Path) -> None:
-    """Draw a figure again from its JSON file."""
-    draw(json.loads(path.read_text()), stem)
 
 
 def _caption(data: Data) -> str:

@@ -42,7 +42,8 @@ def figure_data(number: int, manner: Manner) -> dict[str, Any]:
     out: dict[str, Any] = {
         "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": manner.law,
         "quick": manner.quick,
-        "parameters": {key: value for key, value in values_of(figure_system(number, manner)) if key not in _varied(row)},
+        "parameters": {key: value for key, value in values_of(figure_system(number, manner))
+                       if key not in _varied(row)},
         "marks": list(row.marks), **KINDS[row.kind](row, manner)}
     out["seconds"] = time.perf_counter() - began
     return out

@@ -31,7 +31,8 @@ class Commands:
     def __init__(self, joint_states_topic: str) -> None:
         space = joint_states_topic.rpartition("/")[0]
         self._names = {f"{space}/{name}": name for name in COMMANDS}
-        self._waiting: dict[str, tuple[Stamps, Floats]] = {name: (np.empty(0, np.int64), np.empty(0)) for name in COMMANDS}
+        self._waiting: dict[str, tuple[Stamps, Floats]] = {
+            name: (np.empty(0, np.int64), np.empty(0)) for name in COMMANDS}
 
     def has_target(self, topics: Mapping[str, str]) -> bool:
         """Whether a recording with these topics holds what a slip controller was asked for."""

@@ -41,8 +41,8 @@ def written(commanded: Mapping[str, bool]) -> str:
 
 
 def input_sources(run: Run) -> list[InputSource]:
-    """What the driveline of a recording said, in the order in which it said it, each message once though a recorder that
-    subscribed again got what is latched again; reads the recording once.
+    """What the driveline of a recording said, in the order in which it said it, each message once though a recorder
+    that subscribed again got what is latched again; reads the recording once.
     """
     name = run.joint_states_topic.rpartition("/")[0] + "/input_source"
     found: dict[InputSource, None] = {}

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import MOST_STEPS, Control, CycleMeans, Event, Steps
+from tcc_sim.analysis.control import MOST_STEPS, Control, Event, Steps
+from tcc_sim.analysis.cycle_means import CycleMeans
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import Commands
 from tcc_sim.recording.scene_records import SceneRecord
+from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 
@@ -40,13 +44,15 @@ class ControlLog:
     Parameters
     ----------
     scene : the recording's first
-    scenes : all that it holds
+    scenes, places : all that it holds, and from which state on they hold
     cycle : engine cycle, s
     """
 
-    def __init__(self, scene: Scene, scenes: list[SceneRecord], cycle: float, commands: Commands) -> None:
-        self._scene, self._cycle, self._commands = scene, cycle, commands
-        self._said = sorted(scenes, key=lambda record: record.log_ns)[1:]
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], cycle: float,
+                 commands: Commands) -> None:
+        self._scene, self._scenes, self._cycle, self._commands = scene, scenes, cycle, commands
+        self._places = deque(place for place in places if place.number)
+        self._index = 0
         self._means = CycleMeans(cycle)
         self._run = -1
         self._kept: tuple[int, Control] | None = None
@@ -110,9 +116,10 @@ class ControlLog:
             fresh.signals["mean_slip"] = np.rint(ends * 1e9).astype(np.int64), means
 
     def _changes(self, batch: JointStates, fresh: Fresh) -> None:
-        """Parameters that were changed up to the end of a batch."""
-        while self._said and self._said[0].log_ns <= batch.sent_ns[-1]:
-            record = self._said.pop(0)
+        """Parameters that were changed up to the end of a batch; what a new run begins with is no event of it."""
+        while self._places and self._places[0].index < self._index + len(batch):
+            place = self._places.popleft()
+            record, row = self._scenes[place.number], max(place.index - self._index, 0)
             try:
                 scene = parse_scene(record.text, self._scene.name)
             except InputError:
@@ -122,7 +129,8 @@ class ControlLog:
                        for key, value in after.items() if value != before[key]]
             self._scene = scene
             if changed and record.first_stamp_ns:
-                fresh.events.append(Event(record.first_stamp_ns * 1e-9, ", ".join(changed)))
+                fresh.events.append(Event(int(batch.stamp_ns[row]) * 1e-9, ", ".join(changed)))
+        self._index += len(batch)
 
     def _fallbacks(self, end: float, fresh: Fresh) -> None:
         """Inputs that fell back since no command came for command_timeout."""

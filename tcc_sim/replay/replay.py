@@ -83,7 +83,8 @@ class Replay:
         found, ended = self.summary, "complete" if self.complete else "cut short"
         period = f"period {found.period}" if found.period else "no period"
         return (f"<Replay of {self.path.name}: {self.messages} messages, {self.lost_messages} lost, {ended}; "
-                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} rad/s>")
+                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} "
+                "rad/s>")
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""
@@ -196,7 +197,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     held = [(place.index, sources[place.number].commanded) for place in _places(run, sources, "inputs", progress)]
     verifier, pace = Verifier(run.scenes, places, own, run.size, held) if verify else None, Pace()
     commands = Commands(run.joint_states_topic)
-    control = ControlLog(own, run.scenes, cycle, commands)
+    control = ControlLog(own, run.scenes, places, cycle, commands)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         view = _view(stack, path.name, cycle, own, rrd, spawn, connect, commands.has_target(run.topics))

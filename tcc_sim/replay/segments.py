@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.cycle_means import MeansOfCycles
 from tcc_sim.analysis.cycles import default_discard
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
-from tcc_sim.analysis.tracking import CycleMeans, Tracking, tracking
+from tcc_sim.analysis.tracking import Tracking, tracking
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
@@ -86,7 +87,7 @@ class _Open:
     run: int | None
     start_ns: int
     end_ns: int = 0
-    means: CycleMeans | None = None
+    means: MeansOfCycles | None = None
     target: float = math.nan
 
 
@@ -151,7 +152,7 @@ class SegmentLog:
             self._run = batch.run
             self._open = self._opened(batch.began.value if fresh else "parameters", changes, int(batch.stamp_ns[row]))
         if self._target is not None and self._open is not None and self._open.means is None:
-            self._open.means, self._open.target = CycleMeans(self._open.stream.cycle), self._target
+            self._open.means, self._open.target = MeansOfCycles(self._open.stream.cycle), self._target
 
     def _use(self, record: SceneRecord) -> None:
         """Go on with another scene."""

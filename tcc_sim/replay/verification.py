@@ -72,7 +72,8 @@ class Verifier:
     trace.
 
     An input that a command held is the constant that the message says. One that fell back to the scene's harmonics
-    varies within the tick, so `sources` tells which it was. In a recording without them every input counts as commanded.
+    varies within the tick, so `sources` tells which it was. In a recording without them every input counts as
+    commanded.
 
     Parameters
     ----------

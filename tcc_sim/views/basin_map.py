@@ -47,7 +47,8 @@ def _map(axes: Any, found: Basins) -> None:
     colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
     norm = BoundaryNorm(np.arange(-2.5, max(count, 1)), len(colours))
     axes.grid(False)
-    axes.imshow(found.labels, origin="lower", aspect="auto", interpolation="nearest", cmap=ListedColormap(colours), norm=norm,
+    axes.imshow(found.labels, origin="lower", aspect="auto", interpolation="nearest", cmap=ListedColormap(colours),
+                norm=norm,
                 extent=(*_edges(first), *_edges(second)))
     axes.set(xlabel=_label(first.key), ylabel=_label(second.key))
     columns = [("initial.slip_speed", "initial.plate_angle", "initial.plate_speed").index(a.key) for a in found.plane]
@@ -57,12 +58,14 @@ def _map(axes: Any, found: Basins) -> None:
         x, y = attractor.section[:, columns].T
         style_of = {"marker": MARKERS[k % len(MARKERS)], "color": style.CYCLE[k % len(style.CYCLE)]}
         axes.plot(x, y, linestyle="", markersize=4.5 if attractor.period else 1.0, markeredgecolor="white",
-                  markeredgewidth=0.6 if attractor.period else 0.0, scalex=False, scaley=False, clip_on=True, **style_of)
+                  markeredgewidth=0.6 if attractor.period else 0.0, scalex=False, scaley=False, clip_on=True,
+                  **style_of)
         handles.append(Patch(facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
                              label=f"{named(attractor)} ({part:.3g} %)"))
     for label, (colour, name) in EXTRAS.items():
         if found.fraction(label) > 0.0:
-            handles.append(Patch(facecolor=colour, edgecolor=style.GREY, label=f"{name} ({100 * found.fraction(label):.3g} %)"))
+            handles.append(Patch(facecolor=colour, edgecolor=style.GREY,
+                                 label=f"{name} ({100 * found.fraction(label):.3g} %)"))
     axes.figure.legend(handles=handles, loc="outside upper left", ncols=1)
 
 

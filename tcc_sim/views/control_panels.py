@@ -54,7 +54,8 @@ def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.
         if labelled and len(events) <= MOST_LABELS:
             text = event.text if len(event.text) <= LONGEST_LABEL else event.text[:LONGEST_LABEL - 3] + "..."
             late = event.t > 0.5 * end
-            axis.annotate(text, (event.t / unit, 0.97 - 0.15 * (number % 3)), (-3.0 if late else 3.0, 0.0), fontsize=6.5,
+            axis.annotate(text, (event.t / unit, 0.97 - 0.15 * (number % 3)), (-3.0 if late else 3.0, 0.0),
+                          fontsize=6.5,
                           xycoords=("data", "axes fraction"), textcoords="offset points", va="top", color=style.RED,
                           ha="right" if late else "left", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
 

@@ -16,7 +16,8 @@ from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats, State, Trajectory, modes_of
 
 SAMPLES = 2000
-"""Points per engine cycle in a picture, at least: the friction torque passes its maximum within a thousandth of a cycle.
+"""Points per engine cycle in a picture, at least: the friction torque passes its maximum within a thousandth of a
+cycle.
 """
 SAME = 1e-3
 """A step solved again that ends farther from the next sample, relative to each signal's maximum, is interpolated."""

@@ -28,7 +28,8 @@ def check_picture(path: Path, width: str = "page") -> None:
         matplotlib is not installed.
     """
     if path.suffix not in style.SUFFIXES:
-        raise InputError(f"--plot {path} must end in {', '.join(list(style.SUFFIXES)[:-1])} or {list(style.SUFFIXES)[-1]}")
+        raise InputError(f"--plot {path} must end in {', '.join(list(style.SUFFIXES)[:-1])} or "
+                         f"{list(style.SUFFIXES)[-1]}")
     style.width_of(width)
     require("matplotlib", "a picture")
 
@@ -71,7 +72,8 @@ def plot(result: Any, file: str | Path, width: str = "page", *, title: str = "")
     if isinstance(values, Mapping) and "over" in values and "max_slip_speed" in values:
         draw = draw_grid if values.get("second_over") else draw_sweep
         return draw(path, values, style.width_of(width), title)
-    raise InputError(f"a {type(result).__name__} cannot be drawn; give a trajectory, or what simulate, analyse or sweep gave")
+    raise InputError(f"a {type(result).__name__} cannot be drawn; give a trajectory, or what simulate, analyse or "
+                     "sweep gave")
 
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,

@@ -47,7 +47,7 @@ MARGIN = 0.16
 class PhaseAxes:
     """The axes of the phase portrait: ends that are round numbers, in rad and rad/s, and what they are drawn with.
 
-    `scale` is the natural frequency omega_n, rad/s, by which the plate angle is multiplied so that both axes are speeds.
+    `scale` is the natural frequency omega_n, rad/s, by which the plate angle is multiplied so both axes are speeds.
     """
 
     angle: tuple[float, float]
@@ -114,7 +114,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = None) -> Any:
-    """The last cycles of torques, slip, lanes and plate on the left; phase portrait, maxima, events, summary on the right.
+    """The last cycles of torques, slip, lanes and plate on the left; portrait, maxima, events, summary on the right.
 
     Where a controller is tested, its target and the pressures over more cycles take the place of the plate.
     """
@@ -133,7 +133,8 @@ def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = N
         """A time series that follows the cursor, with the events marked in it."""
         legend = rrb.PlotLegend(visible=origin in ("torque", "control", "pressure"))
         contents = ["$origin/**", "/event/**"] if marked else "$origin/**"
-        return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent(cycles), plot_legend=legend, contents=contents)
+        return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent(cycles), plot_legend=legend,
+                                  contents=contents)
 
     plate = [history("plate", "Plate angle (rad)"), history("plate_speed", "Plate speed (rad/s)")]
     control = [history("control", "Target and cycle mean (rad/s)", CONTROL_CYCLES, marked=True),
@@ -151,7 +152,8 @@ def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = N
         rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)",
                            plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)),
         *([rrb.Horizontal(*plate)] if controlled else []),
-        rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"), rrb.TextLogView(origin="events", name="Events")),
+        rrb.Tabs(rrb.TextDocumentView(origin="summary", name="Summary"),
+                 rrb.TextLogView(origin="events", name="Events")),
         row_shares=[4, 3, *([2] if controlled else []), 2])
     return rrb.Blueprint(rrb.Horizontal(histories, figures, column_shares=[3, 2]),
                          rrb.TimePanel(timeline=ELAPSED, state="collapsed", play_state="following"),

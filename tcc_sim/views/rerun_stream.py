@@ -259,7 +259,8 @@ class RerunStream:
                 self._recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5,
                                                          interpolation_mode="StepAfter"), static=True)
         for path, (name, colour, marker, size) in MARKS.items():
-            self._recording.log(path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker, marker_sizes=size),
+            self._recording.log(path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker,
+                                                      marker_sizes=size),
                                 static=True)
         self._recording.log("state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
                                                            colors=[rgb(c) for c in STATE_COLOURS.values()]),

@@ -20,7 +20,8 @@ SUFFIXES: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Dat
 DOTS = 200
 """Resolution of a PNG, dots per inch."""
 
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442"
+BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, SKY, YELLOW = "#CC79A7", "#56B4E9", "#F0E442"
 INK, GREY, STICK = "#222222", "#8C8C8C", "#DDE7EE"
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, INK)
 """Line colours in order: Okabe and Ito's, which colour-blind readers tell apart."""
@@ -110,7 +111,7 @@ def _lay_out(drawn: Any) -> None:
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg, laid out once for both."""
-    # An engine lays out anew in every pass, and a picture with one is drawn twice, so it goes once it has done its work.
+    # An engine lays out anew in every pass, and a picture with one is drawn twice: it goes once its work is done.
     drawn.get_layout_engine().execute(drawn)
     drawn.set_layout_engine(None)
     raster = save(drawn, stem.with_name(stem.name + ".png"))

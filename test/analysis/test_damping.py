@@ -113,6 +113,7 @@ def test_the_slope_at_the_samples_is_that_of_20b_and_0_where_the_set_valued_law_
                   samples_per_cycle=100)
     slope = slope_of_friction(stuck)
     assert (slope[stuck.slip_speed == 0.0] == 0.0).all()
-    assert slope == pytest.approx(np.where(stuck.slip_speed == 0.0, 0.0, -360.0 * np.exp(-2.0 * np.abs(stuck.slip_speed))))
+    assert slope == pytest.approx(np.where(stuck.slip_speed == 0.0, 0.0,
+                                           -360.0 * np.exp(-2.0 * np.abs(stuck.slip_speed))))
     with pytest.raises(InputError, match="system"):
         slope_of_friction(with_field(run, system=None))

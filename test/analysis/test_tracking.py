@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.tracking import CycleMeans, tracking
+from tcc_sim.analysis.cycle_means import CycleMeans, MeansOfCycles
+from tcc_sim.analysis.tracking import tracking
 
 CYCLE = 0.05
 
@@ -48,7 +49,7 @@ def test_cycles_that_were_not_observed_do_not_count_as_settled():
 @pytest.mark.parametrize("size", [1, 7, 10**6])
 def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
     t = np.arange(3000) * 1e-3
-    means = CycleMeans(CYCLE * math.sqrt(2.0) / 1.3)
+    means = MeansOfCycles(CYCLE * math.sqrt(2.0) / 1.3)
     v = 5.0 + 3.0 * np.sin(2.0 * math.pi * t / (CYCLE * math.sqrt(2.0) / 1.3))
     for start in range(0, len(t), size):
         means.feed(t[start:start + size], v[start:start + size])
@@ -57,8 +58,16 @@ def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
 
 
 def test_a_gap_leaves_out_the_cycles_that_it_touches():
-    means = CycleMeans(0.1)
+    means = MeansOfCycles(0.1)
     means.feed(np.arange(0, 255) * 1e-3, np.full(255, 2.0))
     means.interrupt()
     means.feed(np.arange(430, 701) * 1e-3, np.full(271, 4.0))
     assert means.means() == pytest.approx([2.0, 2.0, math.nan, math.nan, math.nan, 4.0, 4.0], nan_ok=True)
+
+
+def test_a_leap_of_time_costs_no_memory_and_gives_no_mean():
+    means = CycleMeans(0.1)
+    assert len(means.feed(np.array([0.0, 0.05, 1e6]), np.full(3, 2.0))[0]) == 0
+    ends, found = means.feed(1e6 + np.arange(1, 400) * 1e-3, np.full(399, 2.0))
+    assert found == pytest.approx(2.0)
+    assert len(ends) in (2, 3)

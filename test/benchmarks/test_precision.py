@@ -12,7 +12,8 @@ from tcc_sim.benchmarks.references import Reference, disagreement, errors, refer
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.paper.catalogue import FIGURES, paper_system
-from tcc_sim.solvers import SOLVERS
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import SOLVERS, solve
 
 KEYS = {"scene", "reference", "results", "omitted"}
 RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
@@ -113,14 +114,15 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert "ms per 100 cycles" in said
     speed = found["sweep_speed"]
     engine = [row for row in speed["rows"] if row["solver"] == sweep_speed.ENGINE]
-    assert [row["kinetic_ratio"] for row in engine[::2]] == pytest.approx([1.0, 0.83, 0.75, 0.667])
+    assert [row["kinetic_ratio"] for row in engine[::4]] == pytest.approx([1.0, 0.83, 0.75, 0.667])
+    assert [row["stretch"] for row in engine] == ["transient", "transient", "attractor", "attractor"] * 4
     assert all(row["error"] <= sweep_speed.ERROR and row["cycles_per_second"] > 0.0 for row in speed["rows"])
     peer = [row for row in [*speed["rows"], *speed["omitted"]] if row["solver"] == sweep_speed.PEER]
-    assert len(peer) == 4
+    assert len(peer) == 8
     assert all("why" in row or row["setting"] in sweep_speed.LADDER for row in peer)
     assert (speed["sweep"]["points"], speed["sweep"]["cycles"]) == (8, 80)
-    assert "cycles a second and core at an error of at most 1e-06" in said
-    assert text.count("| 0.83 | 0.36 |") == 1
+    assert "cycles a second and core at a section error of at most 1e-06" in said
+    assert text.count("| 0.83 | 0.36 |") == 2  # from the initial state, and on the attractor
 
 
 def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
@@ -142,6 +144,14 @@ def test_the_steady_error_is_that_of_the_last_cycles():
     section, largest = np.zeros((201, 3)), np.full(200, 5.0)
     largest[:100], largest[150] = 80.0, 6.0
     assert steady_state.steady_error(section, largest, {"max_slip_speed": 4.0}) == pytest.approx(0.5)
+
+
+def test_the_attractor_is_reached_before_it_is_timed():
+    """The period-one motion of minimal with its known largest slip speed repeats from the settled state at once."""
+    system = sweep_speed.settled(load_scene("minimal").system)
+    cycles = solve(system, cycles=3, rtol=1e-11).cycles
+    assert cycles.section[3] == pytest.approx(cycles.section[0], rel=1e-9, abs=1e-9)
+    assert max(cycles.highest) == pytest.approx(22.17, abs=2e-3)
 
 
 def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():

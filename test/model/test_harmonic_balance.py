@@ -1,4 +1,4 @@
-"""The series (30) to (34) with their mean terms: against SciPy's integration, and where the printed ones cannot balance."""
+"""The series (30) to (34) with their mean terms: against SciPy's integration, and where the printed ones fail."""
 
 import math
 

@@ -56,8 +56,8 @@ def test_every_bundled_scene_is_a_parameter_file_of_the_node(environment: dict[s
     code = ("import sys, rclpy; from tcc_sim.nodes.driveline import DrivelineNode\n"
             "for file in sys.argv[1:]:\n"
             "    with rclpy.init(args=['--ros-args', '--params-file', file]):\n"
-            "        node = DrivelineNode(); print(node.get_parameter('scene_text').value.split('\\n', 1)[1]); print('@')\n"
-            "        node.destroy_node()\n")
+            "        node = DrivelineNode(); print(node.get_parameter('scene_text').value.split('\\n', 1)[1]); "
+            "print('@')\n        node.destroy_node()\n")
     files = bundled_scenes()
     ended = subprocess.run([sys.executable, "-c", code, *map(str, files.values())], env=environment,
                            capture_output=True,

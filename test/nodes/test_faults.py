@@ -28,8 +28,8 @@ from tcc_sim.scene import load_scene
 
 RATE = 1000
 LEASE = """<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="lease" is_default_profile="true"><rtps><builtin>
-<discovery_config><leaseDuration><sec>1</sec></leaseDuration><leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec>
+<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="lease" is_default_profile="true"><rtps>
+<builtin><discovery_config><leaseDuration><sec>1</sec></leaseDuration><leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec>
 </leaseAnnouncement></discovery_config></builtin></rtps></participant></profiles></dds>
 """
 """Fast DDS takes 20 s to find that a participant died without a word; one second will do here."""

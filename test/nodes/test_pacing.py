@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
-from tcc_sim.nodes.pacing import CATCH_UP, SLICE, Pacer
+from tcc_sim.nodes.pacing import CATCH_UP, LEAD, LEAD_PART, SLICE, Pacer
 
 START = 5_000_000_000
 
@@ -110,3 +112,52 @@ def test_the_last_latenesses_are_kept() -> None:
     middle, high = pacer.lateness()
     assert middle == pytest.approx(2e-6)
     assert 2e-6 < high <= pacer.lateness_max == pytest.approx(5e-6)
+
+
+class Sleepy(Clock):
+    """Wakes late by what the test says, and each look at it takes a microsecond."""
+
+    def __init__(self, late: Callable[[int], int]) -> None:
+        super().__init__()
+        self.late = late
+
+    def __call__(self) -> int:
+        self.now += 1_000
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        super().sleep(seconds)
+        self.now += self.late(len(self.slept))
+
+
+def latenesses(pacer: Pacer, clock: Clock, ticks: int) -> list[float]:
+    """Lateness of each tick, s, from the deadlines themselves."""
+    began, found = pacer._anchor, []
+    for tick in range(1, ticks + 1):
+        assert pacer.wait(never)
+        found.append((clock.now - began - tick * pacer.period_ns) * 1e-9)
+    return found
+
+
+def test_a_sleep_ends_ahead_by_what_wake_ups_are_late_and_no_tick_is_early() -> None:
+    clock = Sleepy(lambda count: 40_000 + 15_000 * (count % 4 == 0))
+    found = latenesses(Pacer(1e-3, clock=clock, sleep=clock.sleep), clock, 600)
+    assert min(found) >= 0.0
+    assert found[0] >= 40e-6
+    settled = sorted(found[100:])
+    assert settled[len(settled) // 2] < 3e-6
+    assert settled[-1] < 20e-6
+    plain = Sleepy(clock.late)
+    assert min(latenesses(Pacer(1e-3, clock=plain, sleep=plain.sleep, lead=0.0), plain, 600)) >= 40e-6
+
+
+@pytest.mark.parametrize("period", [1e-2, 1e-3, 2e-4])
+def test_the_lead_is_bounded(period: float) -> None:
+    clock = Sleepy(lambda count: round(0.3e9 * period) if count < 300 else 0)
+    pacer = Pacer(period, clock=clock, sleep=clock.sleep)
+    latenesses(pacer, clock, 301)
+    began = clock.now
+    pacer.anchor()
+    assert pacer.wait(never)
+    assert clock.slept[-1] >= period - min(LEAD, LEAD_PART * period) - 2e-6
+    assert clock.now - began <= period * 1e9 + 3_000

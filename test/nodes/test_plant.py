@@ -54,7 +54,8 @@ def test_what_takes_longer_than_its_own_time_is_refused_in_real_time_only() -> N
     found = plant(1e-6)
     found.check_pressure(pressure * (1.0 - 1e-9))
     with pytest.raises(InputError, match=r"a tick of 1 ms needs 501 sub-steps, 0.501 ms here, and may take 0.5 ms in "
-                                         "real time; offline, in lock-step and with real_time_factor 0 it may take longer"):
+                                         "real time; offline, in lock-step and with real_time_factor 0 it may take "
+                                         "longer"):
         found.check_pressure(pressure * (1.0 + 1e-9))
     plant(1e-6, real_time_factor=0.0).check_pressure(1e7)
     plant(1e-6, pacing="lockstep").check_pressure(1e7)

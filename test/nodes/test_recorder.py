@@ -235,7 +235,8 @@ def test_an_existing_output_is_refused(context, tmp_path):
         start(context, tmp_path)
 
 
-@pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")}, {"fsync_period": "often"},
+@pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")},
+                                        {"fsync_period": "often"},
                                         {"max_bag_duration": -1}, {"max_bag_duration": True}, {"max_bag_size": -5},
                                         {"max_bag_size": float("inf")}])
 def test_wrong_limits_are_refused_and_nothing_is_written(context, tmp_path, parameters):

@@ -1,4 +1,4 @@
-"""What the real-time thread asks of Linux: granted where there is the right to it, one sentence and no harm where not."""
+"""What the real-time thread asks of Linux: granted where there is the right to it, one sentence, no harm where not."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tcc_sim.nodes import scheduling
-from tcc_sim.nodes.scheduling import prepare_thread
+from tcc_sim.nodes.scheduling import attend, prepare_thread
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
 _PR_GET_TIMERSLACK = 30
@@ -81,3 +81,30 @@ def test_the_priority_is_fifo_where_it_is_granted() -> None:
                                                      os.sched_getparam(0).sched_priority))
     assert (policy, priority) == ((os.SCHED_OTHER, 0) if refused else (os.SCHED_FIFO, 7))
     assert len(refused) <= 1
+
+
+def test_the_other_threads_of_the_process_are_one_below_the_real_time_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever holds the interpreter or a lock of the middleware is what the real-time thread waits for."""
+    asked: dict[int, tuple[int, int]] = {}
+
+    def take(thread: int, policy: int, param: os.sched_param) -> None:
+        asked[thread] = policy, param.sched_priority
+        if thread == threading.get_native_id():
+            raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", take)
+    stop, other = threading.Event(), threading.Thread(target=lambda: stop.wait())
+    other.start()
+    try:
+        attend(50, (other.native_id,))
+        mine = threading.get_native_id()
+        assert asked[mine] == (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 49)
+        assert other.native_id not in asked
+        assert asked.keys() < set(map(int, os.listdir("/proc/self/task")))
+        attend(1)
+        assert set(asked.values()) == {(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 1)}
+        attend(0)
+        assert set(asked.values()) == {(os.SCHED_OTHER, 0)}
+    finally:
+        stop.set()
+        other.join()

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -94,6 +95,95 @@ def test_a_signal_while_it_compiles_ends_the_driveline_at_once(number: signal.Si
     ended_by(process, number)
 
 
+ASKED = """
+from tcc_sim.nodes import signals
+signals.take()
+import os, signal, sys, rclpy
+from tcc_sim.nodes import context
+from tcc_sim.nodes.executables import {module}_node
+whole, leave = context.executor_of, signals.leave_to_ros
+
+def ask():
+    os.kill(os.getpid(), signal.{number})
+    signals.asked.wait()
+    while rclpy.ok() and not signals._holding._is_owned():
+        pass
+
+def left():
+    leave()
+    ask()
+
+def wanted(node):
+    ask()
+    return whole(node)
+
+class Interrupted(context.SingleThreadedExecutor):
+    def __init__(self, **options):
+        ask()
+        assert rclpy.ok()
+        super().__init__(**options)
+
+if "{moment}" == "as it is told to":
+    signals.leave_to_ros = left
+elif "{moment}" == "before the executor":
+    context.executor_of = wanted
+else:
+    context.SingleThreadedExecutor = Interrupted
+sys.argv += ["--ros-args", *{words!r}]
+{module}_node()
+"""
+
+
+@pytest.mark.parametrize("moment", ["as it is told to", "before the executor", "within the executor"])
+@pytest.mark.parametrize(("module", "words"), [
+    ("driveline", ["-p", "scene:=minimal"]), ("recorder", ["-p", "output:=run"]), ("slip_controller", [])])
+def test_a_signal_at_the_moment_a_node_begins_to_spin_ends_it_in_order(module: str, words: list[str], moment: str,
+                                                                       tmp_path: Path) -> None:
+    """The context is invalid from exactly there on; an executor that is built by half says so when it is destroyed."""
+    code = ASKED.format(module=module, words=words, moment=moment,
+                        number="SIGTERM" if module == "recorder" else "SIGINT")
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False,
+                           cwd=tmp_path, env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
+                                              "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert ended.returncode == 0, ended.stderr
+    for sign in ("Traceback", "Exception", "Failed to publish"):
+        assert sign not in ended.stderr
+    assert (tmp_path / "run" / "metadata.yaml").exists() == (module == "recorder")
+
+
+def test_what_is_said_after_the_shutdown_goes_to_standard_error_alone(bench: Any,
+                                                                      capfd: pytest.CaptureFixture[str]) -> None:
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    from tcc_sim.nodes import context
+
+    node = rclpy.create_node("late", context=bench.context)
+    bench.context.handle.shutdown()
+    context.say(node, "first")
+    context.warn(node, "second")
+    with pytest.raises(ExternalShutdownException):
+        context.executor_of(node)
+    node.destroy_node()
+    assert capfd.readouterr().err == "[INFO] [late]: first\n[WARN] [late]: second\n"
+
+
+def test_ctrl_c_in_a_command_waits_for_what_must_be_whole() -> None:
+    from tcc_sim.nodes import signals
+
+    before = signal.getsignal(signal.SIGINT)
+    done = []
+
+    def hold() -> None:
+        with signals.held():
+            signal.raise_signal(signal.SIGINT)
+            done.append("whole")
+
+    with pytest.raises(KeyboardInterrupt):
+        hold()
+    assert (done, signal.getsignal(signal.SIGINT)) == (["whole"], before)
+
+
 @pytest.mark.parametrize("command", ["driveline_node", "slip_controller_node", "recorder_node"])
 def test_the_entry_points_take_the_signals_before_they_load_anything_slow(command: str) -> None:
     """What `ros2 run` and the path start: the console script imports a function and calls it."""
@@ -103,7 +193,7 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             "class Look:\n"
             "    def find_spec(self, name, path=None, target=None):\n"
             "        if name.split('.')[0] in ('numpy', 'numba', 'rclpy', 'yaml', 'scipy'):\n"
-            "            print(name, *(signal.getsignal(n).__name__ for n in (signal.SIGTERM, signal.SIGINT)))\n"
+            "            print(name, *sorted(n.name for n in signal.pthread_sigmask(signal.SIG_BLOCK, [])))\n"
             "            sys.stdout.flush()\n"
             "            os._exit(7)\n"
             "sys.meta_path.insert(0, Look())\n"
@@ -111,7 +201,7 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             f"{command}()\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 7, ended.stderr
-    assert ended.stdout.split()[1:] == ["_on_signal", "_on_signal"]
+    assert ended.stdout.split()[1:] == ["SIGINT", "SIGTERM"]  # One thread waits for them, and these hold in all others.
 
 
 @pytest.mark.parametrize("module", ["driveline", "recorder", "slip_controller"])

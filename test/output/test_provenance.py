@@ -37,7 +37,8 @@ def test_every_verb_that_writes_json_has_a_kind() -> None:
 
 
 def test_the_scene_comes_back_from_its_values() -> None:
-    scene = load_scene("chaos").with_values({"engine.harmonic_amplitudes": [3.0, 1.0], "engine.harmonic_phases": [0.0, 0.5],
+    scene = load_scene("chaos").with_values({"engine.harmonic_amplitudes": [3.0, 1.0],
+                                             "engine.harmonic_phases": [0.0, 0.5],
                                              "rate": 500.0, "publish_clock": True})
     values = json.loads(json.dumps(provenance.scene_values(scene)))
     again = load_scene("fig02").with_values(values)
@@ -67,7 +68,8 @@ def written(folder: Path, name: str, *words: object) -> tuple[dict[str, object],
 
 def test_simulate_and_analyse(folder: Path) -> None:
     found, command = written(folder, "simulate.json", "simulate", "fig02", "--set", "pressure.phase=1", "--cycles", 48,
-                             "--damping", "--lyapunov", "--json", folder / "simulate.json", "--out", folder / "run.mcap")
+                             "--damping", "--lyapunov", "--json", folder / "simulate.json", "--out",
+                             folder / "run.mcap")
     assert valid("simulate", found)["command"] == command
     assert found["scene"]["pressure.phase"] == 1.0  # type: ignore[index]
     found, _ = written(folder, "analyse.json", "analyse", folder / "run.mcap", "--json", folder / "analyse.json",
@@ -81,7 +83,8 @@ def test_a_run_shorter_than_a_cycle(folder: Path) -> None:
 
 
 def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
-    words = ("sweep", "minimal", "--over", "engine.frequency=100:120:3", "--cycles", 30, "--damping", "--out", folder / "s.jsonl",
+    words = ("sweep", "minimal", "--over", "engine.frequency=100:120:3", "--cycles", 30, "--damping", "--out",
+             folder / "s.jsonl",
              "--json", folder / "s.json")
     found, command = written(folder, "s.json", *words)
     valid("sweep", found)
@@ -105,7 +108,8 @@ def test_a_grid(folder: Path) -> None:
 
 
 def test_continue(folder: Path) -> None:
-    words = ("continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305", "--at", 301.5,
+    words = ("continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305", "--at",
+             301.5,
              "--second", "pressure.mean=2.9e5:3.1e5", "--json", folder / "branches.json")
     found, command = written(folder, "branches.json", *words)
     assert valid("continue", found)["command"] == command
@@ -117,7 +121,8 @@ def test_basins_and_the_file_of_their_rows(more: tuple[str, ...], folder: Path,
                                            monkeypatch: pytest.MonkeyPatch) -> None:
     part = folder / f"{len(more)}.npz.part"
     monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)
-    words = ("basins", "stick", "--plane", "initial.slip_speed=0:50:3", "--plane", "initial.plate_angle=0:0.1:2", "--boundary",
+    words = ("basins", "stick", "--plane", "initial.slip_speed=0:50:3", "--plane", "initial.plate_angle=0:0.1:2",
+             "--boundary",
              *more, "--json", folder / f"basins{len(more)}.json", "--out", folder / f"{len(more)}.npz")
     found, command = written(folder, f"basins{len(more)}.json", *words)
     assert valid("basins", found)["command"] == command

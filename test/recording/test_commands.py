@@ -43,7 +43,8 @@ def found(tmp_path_factory):
     for k, (stamp, *columns, pressure) in enumerate(ticked(scene, 1000, pressure=applied)):
         log = START + k * TICK
         if k in (0, 600):
-            writer.write(channels["target_slip_speed"], log - TICK // 4, log - TICK // 4, cdr.float64(20.0 if k == 0 else 5.0), k)
+            writer.write(channels["target_slip_speed"], log - TICK // 4, log - TICK // 4,
+                         cdr.float64(20.0 if k == 0 else 5.0), k)
         writer.write(channels["joint_states"], log, log, cdr.joint_state(stamp, *columns), k)
         writer.write(channels["applied_pressure"], log, log, cdr.fluid_pressure(stamp, pressure), k)
         if k in at:

@@ -122,3 +122,10 @@ def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_o
     found = Places([record(3 * TICK, 50)])
     found.feed(states(0, [500, 501], [1000, 1010]))
     assert found.places() == [Place(0, 0)]
+
+
+@pytest.mark.parametrize("steps", [[], [(50, -3600 * SECOND)], [(251, -200 * TICK)], [(120, -300 * TICK)]])
+def test_changed_parameters_are_drawn_where_they_came_into_force(tmp_path, steps):
+    found = verified(tmp_path, (), stepping(*steps))[2].control
+    assert [(round(event.t / (TICK * 1e-9)), event.text) for event in found.events] == [
+        (100, "engine.mean_torque = 250"), (250, "engine.mean_torque = 300, pressure.amplitude = 0")]

@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
-from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers import Status, fixed_step, solve
 from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT, Stepper, advance, march, substeps
 from tcc_sim.solvers.scalar import ITERATION_BOUND
 from tcc_sim.solvers.terms import general_terms, terms_of
@@ -104,29 +103,6 @@ def test_substeps_keep_the_root_unique_and_resolve_the_motion() -> None:
     assert "sub-steps" in refused.detail
 
 
-def test_power_balance_over_a_cycle() -> None:
-    # Engine work = friction and damper dissipation + change of kinetic and elastic energy.
-    system = load_scene("fig02").system
-    run = solve(system, cycles=3, solver="fixed_step", step=2e-4, samples_per_cycle=20_000).raise_for_status()
-    d = system.driveline
-    flywheel = run.slip_speed + run.plate_speed
-    power = run.engine_torque * flywheel - run.friction_torque * run.slip_speed - d.damping * run.plate_speed**2
-    work = trapezoid(power, run.t)
-    energy = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2 + d.stiffness
-                    * run.plate_angle**2)
-    assert work == pytest.approx(energy[-1] - energy[0], abs=2e-5 * energy.max())
-
-
-def test_odd_symmetry_without_mean_torque() -> None:
-    system = replace(load_scene("minimal").system, {"engine.mean_torque": 0.0, "initial.slip_speed": 20.0})
-    terms, n = terms_of(system), 10
-    one, other = np.array([20.0, 0.01, 1.0]), np.array([-20.0, -0.01, -1.0])
-    half = math.pi / 150.0
-    advance(one, 0.0, 1e-4, 30 * n, terms, None, None)
-    advance(other, half, 1e-4, 30 * n, terms, None, None)
-    assert one == pytest.approx(-other, rel=1e-9)
-
-
 def test_the_stepper_takes_the_ticks_of_solve() -> None:
     system = load_scene("fig02").system
     stepper = Stepper(system, 1e-3)
@@ -137,9 +113,32 @@ def test_the_stepper_takes_the_ticks_of_solve() -> None:
     run = solve(system, duration=0.05, solver="fixed_step", flywheel_angle=True)
     assert stepper.state.tolist() == pytest.approx([*(run.slip_speed[-1], run.plate_angle[-1], run.plate_speed[-1]),
                                                     run.final.flywheel_angle], rel=1e-12)
-    assert stepper.iterations_most <= stepper.iterations_bound
+    assert 1 < stepper.iterations_most == run.statistics.iterations_max <= stepper.iterations_bound
     stepper.reset(system)
     assert stepper.state.tolist() == [150.0, 0.0, 0.0, 0.0]
+
+
+def test_several_blocks_give_what_one_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = load_scene("fig02").system
+    options: dict[str, Any] = {"solver": "fixed_step", "duration": 3.4 * system.cycle, "samples_per_cycle": 50,
+                               "flywheel_angle": True}
+    whole = solve(system, **options)
+    ticks = math.ceil(3.4 * system.cycle / 1e-3)
+    for block in (1, 10, ticks - 1):  # One in a tick, ends within cycles, and a last block of one tick.
+        monkeypatch.setattr(fixed_step, "BATCH", block * substeps(terms_of(system), 1e-3))
+        parts = solve(system, **options)
+        assert parts.t.tolist() == whole.t.tolist()
+        assert parts.statistics.steps == whole.statistics.steps
+        assert parts.statistics.iterations == whole.statistics.iterations
+        assert parts.statistics.iterations_max == whole.statistics.iterations_max
+        for column in ("slip_speed", "plate_angle", "plate_speed"):
+            np.testing.assert_allclose(getattr(parts, column), getattr(whole, column), rtol=1e-12, atol=1e-12)
+        assert parts.final.flywheel_angle == whole.final.flywheel_angle
+        assert parts.cycles is not None
+        assert whole.cycles is not None
+        assert len(parts.cycles) == 3
+        for column in ("section", "highest", "lowest", "stick_time"):
+            np.testing.assert_allclose(getattr(parts.cycles, column), getattr(whole.cycles, column), rtol=1e-9, atol=1e-9)
 
 
 def test_samples_fall_on_section_points_and_on_the_end() -> None:

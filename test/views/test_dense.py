@@ -1,4 +1,4 @@
-"""Between samples a picture shows the motion itself: judged by SciPy at a tight tolerance and by arrays made by hand."""
+"""Between samples a picture shows the motion itself: judged by SciPy at a tight tolerance and by given arrays."""
 
 import math
 from dataclasses import replace
@@ -74,7 +74,8 @@ def test_the_friction_torque_between_ticks_has_no_spikes_in_stick(recorded):
 
 def test_commands_are_held_over_a_tick(tmp_path):
     scene = load_scene("commands")
-    rows = ticked(scene, 1200, torque=lambda k: 300.0 + 200.0 * math.sin(0.15 * k), pressure=lambda k: 2e5 + 100.0 * (k % 7))
+    rows = ticked(scene, 1200, torque=lambda k: 300.0 + 200.0 * math.sin(0.15 * k),
+                  pressure=lambda k: 2e5 + 100.0 * (k % 7))
     tail = replay(bag(tmp_path / "run", rows, scene), frequency=150.0).trajectory
     dense = between(tail)
     k = len(tail.t) - 20
@@ -92,7 +93,8 @@ def test_changed_parameters_and_gaps_are_not_drawn_as_if_solved(recorded):
     assert dense.slip_speed.max() < 1.02 * tail.slip_speed.max()
     assert dense.slip_speed.min() > tail.slip_speed.min() - 0.02 * tail.slip_speed.max()
     keep = np.r_[0:100, 140:len(tail.t)]
-    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque", "state")
+    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
+             "state")
     holed = between(replace(tail, **{name: getattr(tail, name)[keep] for name in names}))
     hole = (holed.t > tail.t[99] + 1e-9) & (holed.t < tail.t[140] - 1e-9)
     assert hole.any()

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 
-from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps
+from tcc_sim.analysis.control import Control, Event, Steps
+from tcc_sim.analysis.cycle_means import CycleMeans
 from tcc_sim.analysis.cycles import cycles_of
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
@@ -34,7 +35,8 @@ def drawn(monkeypatch):
 
     def look(figure, path):
         for axis in figure.axes:
-            lines = [(line.get_label(), np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.lines]
+            lines = [(line.get_label(), np.asarray(line.get_xdata()), np.asarray(line.get_ydata()))
+                     for line in axis.lines]
             found[axis.get_title(loc="left") or axis.get_title()] = {"lines": lines, "axis": axis}
         found["size"] = tuple(figure.get_size_inches())
         return plain(figure, path)
@@ -61,7 +63,8 @@ def test_a_recording_is_drawn_as_a_curve(recording, tmp_path, drawn):
 @pytest.mark.parametrize(("suffix", "starts"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
 def test_simulate_draws_its_last_cycles_in_every_format_and_always_the_same(suffix, starts, tmp_path, drawn):
     for name in "ab":
-        words = ["simulate", "minimal", "--cycles", "60", "--plot", str(tmp_path / f"{name}.{suffix}"), "--width", "column"]
+        words = ["simulate", "minimal", "--cycles", "60", "--plot", str(tmp_path / f"{name}.{suffix}"), "--width",
+                 "column"]
         assert main(words) == 0
     one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in "ab")
     assert one.startswith(starts)
@@ -80,7 +83,8 @@ def test_a_run_shorter_than_a_cycle_is_drawn(tmp_path, drawn):
 
 
 def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
-    words = ["sweep", "fig02", "--over", "engine.frequency=70:190:7", "--cycles", "100", "--json", str(tmp_path / "s.json")]
+    words = ["sweep", "fig02", "--over", "engine.frequency=70:190:7", "--cycles", "100", "--json",
+             str(tmp_path / "s.json")]
     assert main([*words, "--plot", str(tmp_path / "s.png")]) == 0
     values = json.loads((tmp_path / "s.json").read_text())
     shown = {x: y for name, xs, ys in drawn["(a) Maxima"]["lines"] if name in sweeps.REGIMES for x, y in zip(xs, ys)}
@@ -129,8 +133,10 @@ def test_what_cannot_be_a_picture_is_refused_first(words, says, tmp_path, monkey
     ("matplotlib", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot", "run.svg"]),
     ("matplotlib", ["analyse", "RUN", "--plot", "run.png"]), ("rerun", ["analyse", "RUN", "--rrd", "run.rrd"]),
     ("rerun", ["analyse", "RUN", "--spawn"]),
-    ("distributed", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--dask", "tcp://localhost:1", "--out", "x"])])
-def test_a_missing_extra_is_said_before_anything_is_computed_or_written(missing, words, recording, tmp_path, monkeypatch,
+    ("distributed", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--dask", "tcp://localhost:1", "--out",
+                     "x"])])
+def test_a_missing_extra_is_said_before_anything_is_computed_or_written(missing, words, recording, tmp_path,
+                                                                        monkeypatch,
                                                                         capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, missing, None)
@@ -158,10 +164,12 @@ def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
     run = solve(load_scene("fig02").system, cycles=30, samples_per_cycle=100)
     t = run.cycle * np.arange(1, 31)
     control = Control(t, np.full(30, 7.0), Steps(np.array([0.1]), np.array([20.0])),
-                      Steps(np.array([0.0, 0.5]), np.array([2e5, 3e5])), Steps(np.array([0.0, 0.51]), np.array([2e5, 3e5])),
+                      Steps(np.array([0.0, 0.5]), np.array([2e5, 3e5])),
+                      Steps(np.array([0.0, 0.51]), np.array([2e5, 3e5])),
                       (Event(0.3, "pressure falls back: no command for 0.5 s"), Event(0.7, "clutch.radius = 0.12")))
     for width in ("page", "column"):
-        overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "test", control=control, width=width)
+        overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "test", control=control,
+                 width=width)
         lines = drawn["(c) Cycle mean"]["lines"]
         assert [name for name, *_ in lines][:2] == ["cycle mean", "target"]
         assert [float(x[0]) for _, x, _ in lines[2:]] == [0.3, 0.7]

@@ -137,8 +137,10 @@ def test_the_phase_portrait_has_axes_in_its_units_and_nothing_is_clipped(tmp_pat
     assert all(left < x < right and top < y < bottom for x, y in inside)
 
 
-@pytest.mark.parametrize(("low", "high", "scale"), [((-0.03, 0.0), (0.24, 36.4), 387.3), ((0.1, -1e-4), (0.1, 1e-4), 387.3),
-                                                    ((-3.0, -150.0), (2.0, 151.0), 10.0), ((0.0, 0.0), (0.0, 0.0), 387.0)])
+@pytest.mark.parametrize(("low", "high", "scale"),
+                         [((-0.03, 0.0), (0.24, 36.4), 387.3), ((0.1, -1e-4), (0.1, 1e-4), 387.3),
+                          ((-3.0, -150.0), (2.0, 151.0), 10.0),
+                          ((0.0, 0.0), (0.0, 0.0), 387.0)])
 def test_axes_are_round_and_hold_the_motion(low, high, scale):
     low, high = np.array(low), np.array(high)
     axes = PhaseAxes.around(low, high, scale)

@@ -1,0 +1,165 @@
+"""What is kept of a step, alone: a motion that is one polynomial over three cycles, cut into steps at any places."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.polynomial import Chebyshev, Polynomial
+
+from tcc_sim.solvers import polynomial, step_output
+from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
+
+PERIOD, CYCLES, LAYER = 0.5, 3, 0.25
+END = PERIOD * CYCLES
+SWINGS = Chebyshev([0.05, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0], [0.0, END]).convert(kind=Polynomial)
+"""Slip speed that goes through the layer six times, both ways, and has six extremes inside."""
+MOTIONS = {SLIP: SWINGS, ANGLE: Polynomial([0.3, -1.0, 0.5, 2.0]), SPEED: Polynomial([-1.0, 1.0, 6.0]),
+           FLYWHEEL: Polynomial([2.0, 0.0, -1.0, 0.25])}
+PER_CYCLE = 7
+
+
+def about(p: Polynomial, at: float, unit: float) -> list[float]:
+    """Coefficients of p(at + unit x) in powers of x, from exact arithmetic."""
+    out = [Fraction(0)] * (p.degree() + 1)
+    for a in reversed(p.coef.tolist()):
+        out = [(out[k - 1] * Fraction(unit) if k else Fraction(0)) + out[k] * Fraction(at) for k in range(len(out))]
+        out[0] += Fraction(a)
+    return [float(x) for x in out]
+
+
+class Kept:
+    """What `record` has kept of a run of steps."""
+
+    def __init__(self, ends: list[float], unit: float = 0.1, *, motions: dict[int, Polynomial] = MOTIONS, mode: int = 0,
+                 per_cycle: int = PER_CYCLE, rooms: int = 40, angle: bool = True) -> None:
+        self.output: Any = np.zeros(1, step_output.OUTPUT)[0]
+        self.cycles, self.moves = np.zeros(CYCLES + 1, step_output.CYCLE), np.zeros(rooms, step_output.MOVE)
+        self.samples = np.full((CYCLES * per_cycle, 4 if angle else 3), np.nan)
+        start = float(motions[SLIP](0.0))
+        self.output["mode"], self.output["highest"], self.output["lowest"] = mode, start, start
+        rows, workspace = np.zeros((max(motions) + 2, polynomial.DEGREE_MAXIMUM + 3)), np.zeros(polynomial.WORKSPACE)
+        degree = max(p.degree() for p in motions.values())
+        begin, tau = 0.0, 0.0
+        for end in ends:
+            for row, p in motions.items():
+                rows[row] = 0.0
+                found = about(p, begin, unit)
+                rows[row, :len(found)] = found
+            x = (end - begin) / unit
+            cut = (PERIOD - tau) / unit
+            cut = x if abs(cut - x) < 1e-12 else cut
+            polynomial.to_bernstein(rows, SLIP, degree, x, workspace)
+            step_output.record(rows, degree, unit, x, cut, tau, begin, PERIOD, per_cycle, LAYER, self.output, self.cycles,
+                               self.samples, self.moves, True if angle else None, workspace)
+            begin, tau = end, end - PERIOD * self.output["cycle"]
+
+
+def cuts(seed: int, count: int) -> list[float]:
+    """Ends of steps at random places, the last at the end."""
+    return [*np.sort(np.random.default_rng(seed).uniform(0.0, END, count)).tolist(), END]
+
+
+def crossings() -> list[tuple[float, int]]:
+    """Where the slip speed of MOTIONS meets the edge of the layer, and the mode behind it, by the roots of a polynomial."""
+    at = sorted(float(root.real) for level in (LAYER, -LAYER) for root in (SWINGS - level).roots()
+                if abs(root.imag) < 1e-9 and 0.0 < root.real < END)
+    return [(t, int(np.sign(v)) * (abs(v) > LAYER)) for t, v in ((t, float(SWINGS(t + 1e-6))) for t in at)]
+
+
+EACH_CYCLE = [0.5, 1.0, 1.5]
+STEPS = pytest.mark.parametrize("ends", [EACH_CYCLE, [0.3, 0.7, 1.4, 1.5], cuts(1, 4), cuts(2, 12), cuts(3, 60)],
+                                ids=["a step a cycle", "steps across", "few", "some", "many"])
+
+
+@STEPS
+def test_samples_are_uniform_in_time_and_of_the_motion(ends: list[float]) -> None:
+    """Whatever steps they fall in; the one at the end of the last step belongs to the step after it."""
+    kept = Kept(ends)
+    t = np.arange(CYCLES * PER_CYCLE) * (PERIOD / PER_CYCLE)
+    assert kept.output["samples"] == len(t)
+    for column, row in enumerate((SLIP, ANGLE, SPEED, FLYWHEEL)):
+        assert kept.samples[:, column] == pytest.approx(MOTIONS[row](t), abs=1e-11)
+
+
+def test_theta1_is_kept_only_where_it_is_asked_for_and_nothing_is_without_samples() -> None:
+    assert Kept(EACH_CYCLE, angle=False).samples.shape == (CYCLES * PER_CYCLE, 3)
+    bare = Kept(EACH_CYCLE, per_cycle=0)
+    assert bare.output["samples"] == 0
+    assert bare.cycles["highest"].tolist() == Kept(EACH_CYCLE).cycles["highest"].tolist()
+
+
+@STEPS
+def test_cycles_start_with_the_state_and_hold_the_extremes_within_them(ends: list[float]) -> None:
+    kept = Kept(ends)
+    assert kept.output["cycle"] == CYCLES
+    turns = [float(root.real) for root in SWINGS.deriv().roots() if abs(root.imag) < 1e-9 and 0.0 < root.real < END]
+    assert len(turns) == 6
+    for n in range(CYCLES):
+        low, high = n * PERIOD, (n + 1) * PERIOD
+        values = SWINGS(np.array([low, high, *(t for t in turns if low < t < high)]))
+        assert kept.cycles["highest"][n] == pytest.approx(values.max(), abs=1e-11)
+        assert kept.cycles["lowest"][n] == pytest.approx(values.min(), abs=1e-11)
+        end = kept.cycles[n + 1]
+        for name, row in (("slip_speed", SLIP), ("plate_angle", ANGLE), ("plate_speed", SPEED)):
+            assert end[name] == pytest.approx(MOTIONS[row](high), abs=1e-11)
+
+
+@STEPS
+def test_transitions_are_the_edges_of_the_layer_with_the_mode_on_both_sides(ends: list[float]) -> None:
+    kept = Kept(ends, mode=-1)
+    count = int(kept.output["moves"])
+    expected = crossings()
+    assert {after for _, after in expected} == {-1, 0, 1}
+    assert kept.moves["time"][:count] == pytest.approx([t for t, _ in expected], abs=1e-10)
+    assert kept.moves["after"][:count].tolist() == [after for _, after in expected]
+    assert kept.moves["before"][:count].tolist() == [-1, *(after for _, after in expected[:-1])]
+    assert kept.output["mode"] == expected[-1][1]
+
+
+@STEPS
+def test_the_time_in_stick_of_each_cycle_is_what_the_layer_holds_of_it(ends: list[float]) -> None:
+    kept = Kept(ends, mode=-1)
+    edges = [(0.0, -1), *crossings(), (END, 2)]
+    for n in range(CYCLES):
+        low, high = n * PERIOD, (n + 1) * PERIOD
+        stuck = sum(max(min(end, high) - max(begin, low), 0.0)
+                    for (begin, mode), (end, _) in pairwise(edges) if mode == 0)
+        assert kept.cycles["stick_time"][n] == pytest.approx(stuck, abs=1e-10)
+
+
+def test_a_dip_into_the_layer_within_one_step_is_two_transitions_and_its_time() -> None:
+    """Both ends are far outside: what values at the ends would miss."""
+    dip = Polynomial([0.2, 0.0, 64.0])(Polynomial([-0.2, 1.0]))
+    for sign in (1, -1):
+        kept = Kept([0.4], motions={**MOTIONS, SLIP: sign * dip}, mode=sign)
+        width = 2.0 * np.sqrt(0.05 / 64.0)
+        assert kept.output["moves"] == 2
+        assert kept.moves["before"][:2].tolist() == [sign, 0]
+        assert kept.moves["after"][:2].tolist() == [0, sign]
+        assert kept.moves["time"][:2] == pytest.approx([0.2 - width / 2.0, 0.2 + width / 2.0], abs=1e-11)
+        assert kept.output["stick_time"] == pytest.approx(width, abs=1e-11)
+        assert (kept.output["lowest"] if sign > 0 else kept.output["highest"]) == pytest.approx(sign * 0.2, abs=1e-14)
+
+
+def test_a_graze_of_the_layer_is_no_transition() -> None:
+    miss = Polynomial([LAYER + 1e-9, 0.0, 64.0])(Polynomial([-0.2, 1.0]))
+    kept = Kept([0.4], motions={**MOTIONS, SLIP: miss}, mode=1)
+    assert (kept.output["moves"], kept.output["stick_time"], kept.output["mode"]) == (0, 0.0, 1)
+
+
+def test_stick_throughout_is_the_whole_time_on_both_sides_of_a_cycles_end() -> None:
+    kept = Kept([0.7, 1.2, END], motions={**MOTIONS, SLIP: Polynomial([0.1, 0.05])})
+    assert kept.cycles["stick_time"][:CYCLES] == pytest.approx([PERIOD] * CYCLES, abs=1e-14)
+    assert kept.output["moves"] == 0
+
+
+def test_transitions_beyond_their_room_are_left_out_and_the_rest_is_as_before() -> None:
+    whole, small = Kept(EACH_CYCLE, mode=-1), Kept(EACH_CYCLE, mode=-1, rooms=3)
+    assert small.output["moves"] == 3
+    assert small.moves.tolist() == whole.moves[:3].tolist()
+    assert small.cycles.tolist() == whole.cycles.tolist()
+    assert small.output["mode"] == whole.output["mode"]
