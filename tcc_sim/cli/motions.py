@@ -24,7 +24,7 @@ CELLS, QUICK_CELLS = 500, 60
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Work out branches, charts and basin, draw them, and write the page; nothing is written where it is interrupted."""
+    """Work out branches, charts and basin, and write the page and its pictures; nothing where it is interrupted."""
     folder = new_directory(arguments.out)
     if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
@@ -61,7 +61,8 @@ def _values(found: tuple[str, Any]) -> tuple[str, tuple[float, ...]]:
     return found[0], tuple(found[1])
 
 
-def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, Any]], found: Any, words: list[str]) -> None:
+def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, Any]], found: Any,
+           words: list[str]) -> None:
     """Pictures and JSON."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document

@@ -130,8 +130,8 @@ def paint_chart(drawn: Any, data: Data) -> None:
     met = sorted(set(shades.ravel().tolist()))
     handles = [Patch(facecolor=TINTS[k], edgecolor=style.GREY, linewidth=0.4, label=GRID[k]) for k in met]
     lines = dict(sorted(named.items()))
-    axis.figure.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="outside upper left", ncols=4,
-                       fontsize=6.8)
+    axis.figure.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="outside upper left",
+                       ncols=4, fontsize=6.8)
 
 
 def _shade(period: int | None, regime: str | None) -> int:

@@ -1,4 +1,4 @@
-"""Charts that the paper has not: where motions double, fold and stick in a plane of the engine frequency and a second key.
+"""Charts that the paper has not: where motions double, fold and stick in a plane of omega and a second key.
 
 Bifurcations are looked for along some rows of a grid of cold starts and followed in both keys; what a curve has passed
 already is not followed again.
@@ -7,6 +7,7 @@ already is not followed again.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,8 +51,8 @@ def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     y = np.unique(np.concatenate([y, cuts]))
     units = UNITS[row.over], UNITS[row.second]
     plan = Plan(cycles=100 if manner.quick else 150, discard=50)
-    grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan, jobs=manner.jobs,
-                      progress=manner.progress)
+    grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan,
+                      jobs=manner.jobs, progress=manner.progress)
     windows = (Window(row.span[0] * units[0], row.span[1] * units[0]),
                Window(row.second_span[0] * units[1], row.second_span[1] * units[1]))
     curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), windows)
@@ -88,7 +89,8 @@ def _followed(found: Bifurcation, of: DrivelineMap, windows: tuple[Window, Windo
 
 def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
     """A curve as JSON values."""
-    words = "pure stick ends, by (10)" if curve.kind == "stick_border" else f"{curve.kind}, period {period}".replace("_", " ")
+    words = f"{curve.kind}, period {period}".replace("_", " ")
+    words = "pure stick ends, by (10)" if curve.kind == "stick_border" else words
     return {"label": words, "kind": curve.kind, "period": period, "creep": creep, "value": list(curve.values),
             "second": list(curve.second), "ended": list(curve.ended)}
 
@@ -118,7 +120,7 @@ def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, 
         values = [windows[0].value(u) for u in np.linspace(0.0, 1.0, count)]
         margins = np.array([margin(v, second) for v in values])
         for k in np.flatnonzero(margins[1:] * margins[:-1] < 0.0):
-            root = chandrupatla(lambda v, second=second: margin(v, second), values[k], values[k + 1])  # type: ignore[misc]
+            root = chandrupatla(partial(margin, second=second), values[k], values[k + 1])
             at = np.array([windows[0].scaled(root), part])
             known = [np.array([[windows[0].scaled(a), windows[1].scaled(b)] for a, b in zip(c["value"], c["second"])])
                      for c in out]

@@ -115,8 +115,8 @@ class Evidence:
         on = self.reached(row, axis, over=over)
         for k, stretch in enumerate(self.stretches(row, axis, over=over)):
             at = [float(x) for x, found in zip(axis, on) if found == k]
-            out.append(f"{stretch}; " + (f"(13) leads to it at {len(at)} of {len(axis)} values, {min(at):g} to {max(at):g}"
-                                         if at else "(13) leads to it nowhere"))
+            where = f"at {len(at)} of {len(axis)} values, {min(at):g} to {max(at):g}" if at else "nowhere"
+            out.append(f"{stretch}; (13) leads to it {where}")
         return out
 
     def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[End]:
@@ -135,7 +135,8 @@ class Evidence:
         system = paper_system(row)
         i = system.initial
         spread = LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3)
-        found = find_attractors(DrivelineMotion(system), [np.array([i.slip_speed, i.plate_angle, i.plate_speed]), *spread])
+        own = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
+        found = find_attractors(DrivelineMotion(system), [own, *spread])
         return sorted((a.period, a.largest) for a in found)
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
@@ -294,5 +295,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "LATER", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "ordered_shares", "share_where",
-           "slips_at", "steep", "sticks", "with_kinetic", "words_of"]
+__all__ = ["CONFIRMED", "DEPENDS", "LATER", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "ordered_shares",
+           "share_where", "slips_at", "steep", "sticks", "with_kinetic", "words_of"]

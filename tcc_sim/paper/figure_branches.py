@@ -72,5 +72,7 @@ def orbit_behind(system: System, final: State, cycle: int, period: int, largest:
     omega = system.engine.frequency
     of = DrivelineMap(system, ("engine.frequency",))
     state = np.array([final.slip_speed, final.plate_angle, final.plate_speed])
-    station = station_of(of, Window(0.5 * omega, 1.5 * omega), Seen(omega, state, cycle, period, largest)) if period else None
+    if not period:
+        return None
+    station = station_of(of, Window(0.5 * omega, 1.5 * omega), Seen(omega, state, cycle, period, largest))
     return None if station is None else {"period": station.orbit.period, **station.orbit.as_json()}

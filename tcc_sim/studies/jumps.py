@@ -1,4 +1,4 @@
-"""Why a sweep jumps: the branch of the motion before it, or of that behind it, ends there, or the basins change hands."""
+"""Why a sweep jumps: the branch before it or that behind it ends there, or the basins change hands."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.survey import Place, Seen, place_of, size_of
 
 BASIN, STEEP, APERIODIC = "basin_boundary", "steep", "aperiodic"
-"""Causes that are no bifurcation of the branches: both motions go on, and the start is on the other side of the boundary
-of their basins; one motion all the way, which only changes steeply; a motion without a period on either side, whose end
-no branch tells."""
+"""Causes that are no bifurcation of the branches: both motions go on, and the start is on the other side of the
+boundary of their basins; one motion all the way, which only changes steeply; a motion without a period on either side,
+whose end no branch tells."""
 CLOSE = 0.05
 """How far a bifurcation may be from where stability ends, in parts of the range and of the largest size together."""
 
@@ -55,7 +55,7 @@ def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, bas
     ----------
     seen : its motions in order of the parameter
     branches : as `survey` found them
-    least : smallest change of the largest size between neighbours that counts, relative to the largest of those with a period
+    least : smallest change of the largest size between neighbours that counts, relative to the largest with a period
     base : cycles after which the excitation repeats
     """
     size = size_of(seen)

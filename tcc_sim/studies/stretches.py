@@ -1,4 +1,5 @@
-"""Where motions are stable: the stretches of branches between two bifurcations, and which one a motion of a sweep is on."""
+"""Where motions are stable: stretches of branches between two bifurcations, and which one a motion of a sweep is on.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +111,7 @@ def _end(branch: Branch, point: int, beyond: int, size: float, low: float, high:
 
 
 def _judged(end: End, own: Stretch, among: Sequence[Stretch], near: float) -> End:
-    """The end, which is no jump where motions of twice the period go on stably from it, or those that this one doubled."""
+    """The end, no jump where motions of twice the period go on stably from it, or those that this one doubled."""
     if end.kind != "period_doubling":
         return end
     goes_on = any(s.period in (2 * own.period, own.period // 2) and s is not own

@@ -125,7 +125,7 @@ def place_of(seen: Seen, branches: Sequence[Branch], size: float, base: int = 1)
 
 
 def _crossed(branch: Branch, value: float) -> list[tuple[int, tuple[Station, Station, float]]]:
-    """The pieces of a branch across a value of the parameter: number of the first point, both, and the part of the way."""
+    """The pieces of a branch across a value: number of the first point, both points, and the part of the way."""
     out = []
     for k, (a, b) in enumerate(pairwise(branch.stations)):
         if min(a.value, b.value) <= value <= max(a.value, b.value):
@@ -163,7 +163,8 @@ def _doubled(branches: list[Branch], course: Course) -> None:
     """Append the branch of every period doubling in which none of the others ends."""
     for number, parent in enumerate(list(branches)):
         for found in parent.bifurcations:
-            if found.kind != "period_doubling" or parent.period > LONGEST * found.station.shooting.map.forcing_period // 2:
+            most = LONGEST * found.station.shooting.map.forcing_period // 2
+            if found.kind != "period_doubling" or parent.period > most:
                 continue
             window = found.station.shooting.windows[0]
             ends = [window.scaled(s.value) for b in branches if b.period == 2 * parent.period

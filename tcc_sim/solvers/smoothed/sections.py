@@ -26,8 +26,8 @@ def integrate_each(first: int, count: int, step_limit: int, limits: Limits, term
                    cycles: Any, samples: Any, moves: Any, sections: Any) -> None:
     """`integrate` for every state, by itself; `sections` (m, count + 1, 3) is filled as far as each was solved."""
     for k in range(sections.shape[0]):
-        integrate(first, count, 0.0, step_limit, limits, terms, ratio, waves, tables, states[k], controls[k], drive, work,
-                  counters[k], outputs[k], cycles, samples, 0, moves, None, None)
+        integrate(first, count, 0.0, step_limit, limits, terms, ratio, waves, tables, states[k], controls[k], drive,
+                  work, counters[k], outputs[k], cycles, samples, 0, moves, None, None)
         for i in range(1, outputs[k].cycle + 1):
             sections[k, i, 0] = cycles[i].slip_speed
             sections[k, i, 1] = cycles[i].plate_angle
