@@ -195,7 +195,8 @@ AT_036_085: dict[str, Value] = {**_kinetic(0.85), "engine.frequency": 0.36 * OME
 CHARTS: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(19, r"Where motions of Fig. 4 begin and end: $\omega$ and $\mu_k$", rf"{CONSTANT}; shaded: period from "
                 "the initial state (13)", "chart", (Series("", {}),), span=(0.12, 0.5), count=96,
-                second="friction.kinetic_coefficient", second_span=(0.55, 0.995), second_count=61, cuts=(0.6, 0.667, 0.75, 0.83, 0.92)),
+                second="friction.kinetic_coefficient", second_span=(0.55, 0.995), second_count=61,
+                cuts=(0.6, 0.667, 0.75, 0.83, 0.92)),
     PaperFigure(20, rf"Where motions of Fig. 14 begin and end: $\omega$ and $\psi$, {FALLING_SLOPE}",
                 rf"{QUARTER}, $\omega_f = \omega$; shaded: period from the initial state (13)", "chart",
                 (Series("", _pressure(kinetic=0.75)),), span=(0.12, 0.5), count=96, second="pressure.phase",

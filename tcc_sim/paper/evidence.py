@@ -28,6 +28,9 @@ from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+SMOOTHING = "friction.smoothing"
+UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
+"""Values of the keys at 1 on their normalised axes; the other keys have none."""
 JUMP = 0.08
 """Least size of a jump, as a part of the largest value of its curve."""
 BISECTIONS = 8
@@ -75,9 +78,9 @@ class Evidence:
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
-        """A sweep for every row of scene keys, over omega/omega_n or mu_k/mu_s."""
-        scaled = axis * (OMEGA_N if over == FREQUENCY else STATIC)
-        key = tuple(float(x) for x in (scaled if over == FREQUENCY else np.minimum(scaled, STATIC)))
+        """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
+        scaled = axis * UNITS.get(over, 1.0)
+        key = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
         names = [json.dumps([sorted(row.items()), key, over, direction, lyapunov, damping]) for row in rows]
         missing = [k for k, name in enumerate(names) if name not in self._kept]
         if missing:
@@ -90,13 +93,13 @@ class Evidence:
     def stretches(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Stretch]:
         """The stable stretches of the branches through the motions of cold starts and of sweeps up and down.
 
-        Their parameter is omega/omega_n or mu_k/mu_s. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
+        Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
         """
         name = json.dumps([sorted(row.items()), axis.tolist(), over])
         if name not in self.known:
             sweeps = [self.curves([row], axis, over=over, direction=d)[0] for d in ("cold", "up", "down")]
             branches = surveyed(sweeps[0].curve, [s for sweep in sweeps for s in seen_in(sweep)], self.progress)
-            unit = OMEGA_N if over == FREQUENCY else STATIC
+            unit = UNITS.get(over, 1.0)
             values = sweeps[0].curve.values
             self.known[name] = stretches_of(branches, min(values), max(values), unit)
         return self.known[name]
@@ -104,7 +107,7 @@ class Evidence:
     def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
         """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
         among, sweep = self.stretches(row, axis, over=over), self.curves([row], axis, over=over)[0]
-        unit, seen = OMEGA_N if over == FREQUENCY else STATIC, seen_in(sweep)
+        unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
         base, size = common_cycles(sweep.curve.system), size_of(seen)
         at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
