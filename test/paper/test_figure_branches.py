@@ -18,6 +18,7 @@ from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_branches import creeps, motions_behind
+from tcc_sim.paper.histories import orbit_words
 from tcc_sim.paper.manner import Manner
 from tcc_sim.paper.motions_page import motions_page
 from tcc_sim.studies.attractors import Attractor
@@ -77,6 +78,12 @@ def test_the_distance_from_a_line() -> None:
     assert charts.distance(np.array([2.0, 1.0]), line) == pytest.approx(1.0)
     assert charts.distance(np.array([-3.0, -4.0]), line) == pytest.approx(5.0)
     assert charts.distance(np.array([3.0, 4.0]), line[:1]) == pytest.approx(5.0)
+
+
+def test_a_panel_says_what_its_orbit_is() -> None:
+    assert orbit_words({"period": 2}) == ""
+    orbit = {"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]}
+    assert orbit_words({"period": 2, "orbit": orbit}) == ", stable: largest Floquet multiplier 0.5"
 
 
 def test_labels_are_moved_apart_in_order() -> None:
