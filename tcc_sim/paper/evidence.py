@@ -119,7 +119,7 @@ class Evidence:
         for k, stretch in enumerate(self.stretches(row, axis, over=over)):
             at = [float(x) for x, found in zip(axis, on) if found == k]
             where = f"at {len(at)} of {len(axis)} values, {min(at):g} to {max(at):g}" if at else "nowhere"
-            out.append(f"{stretch}; (13) leads to it {where}")
+            out.append(f"{stretch}; within {CYCLES + LATER} cycles (13) leads to it {where}")
         return out
 
     def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[End]:

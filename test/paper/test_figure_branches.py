@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.model.closed_form import constant_load_limits
@@ -21,6 +23,7 @@ from tcc_sim.paper.figure_branches import creeps, motions_behind
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.paper.manner import Manner
 from tcc_sim.paper.motions_page import motions_page
+from tcc_sim.studies import basin_rows
 from tcc_sim.studies.attractors import Attractor
 from tcc_sim.studies.basins import Axis, Basins
 from tcc_sim.studies.shooting import Window
@@ -140,10 +143,42 @@ def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
     assert top_of([curve]) == (pytest.approx(1.12 * 40.0), 1)
 
 
-def test_the_page_says_what_was_found() -> None:
+def given_basins() -> Basins:
     orbit = Attractor(2, np.zeros((2, 3)), np.zeros(2, np.int64), np.array([0.25 + 0.0j]), 49.2, 0.1)
     plane = Axis("initial.slip_speed", (0.0, 60.0)), Axis("initial.plate_angle", (0.0, 0.1))
-    found = Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0)
+    return Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0)
+
+
+def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    pytest.importorskip("matplotlib")
+    data = {6: given_figure(6, "orbit", [given_curve()]), 19: given_chart(), 20: given_chart()}
+    monkeypatch.setattr(figures, "figure_data", lambda number, manner: data[number])
+    monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
+    folder = tmp_path / "motions"
+    assert main(["motions", "--quick", "--out", str(folder)]) == 0
+    page = (folder / "motions.md").read_text()
+    pictures = re.findall(r"\((pictures/[a-z_]+\.png)\)", page)
+    assert len(pictures) == 4
+    for picture in pictures:
+        assert (folder / picture).read_bytes().startswith(b"\x89PNG")
+    for name in ("motions_branches", "motions_chart_mu_k", "motions_chart_psi"):
+        assert valid("figure", json.loads((folder / f"{name}.json").read_text()))["curves"]
+    assert valid("basins", json.loads((folder / "motions_basins.json").read_text()))["attractors"]
+    assert main(["motions", "--quick", "--out", str(folder)]) == 2
+    assert main(["motions", "--jobs", "0", "--out", str(tmp_path / "other")]) == 2
+
+
+def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    def interrupted(number: int, manner: Manner) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(figures, "figure_data", interrupted)
+    assert main(["motions", "--out", str(tmp_path / "motions")]) == 130
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_says_what_was_found() -> None:
+    found = given_basins()
     branches = given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])
     page = motions_page(branches, {19: given_chart(), 20: given_chart()}, found)
     assert page.startswith("# Periodic motions\n")
