@@ -59,7 +59,7 @@ def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
-        for branch in surveyed(sweep.curve, seen_in(sweep), manner.progress):
+        for branch in surveyed(sweep.curve, seen_in(sweep), manner.progress, LONGEST):
             for found in branch.bifurcations:
                 curve = _followed(found, both, windows, float(cut) * units[1], curves)
                 if curve is not None:

@@ -38,6 +38,8 @@ BISECTIONS = 8
 CYCLES, DISCARD = 150, 50
 """The paper's rule."""
 SEEDS = 24
+LONGEST = 2
+"""Longest period, in those of the excitation, whose branches are followed."""
 LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
 """Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
 STEADY = 3000
@@ -98,7 +100,8 @@ class Evidence:
         name = json.dumps([sorted(row.items()), axis.tolist(), over])
         if name not in self.known:
             sweeps = [self.curves([row], axis, over=over, direction=d)[0] for d in ("cold", "up", "down")]
-            branches = surveyed(sweeps[0].curve, [s for sweep in sweeps for s in seen_in(sweep)], self.progress)
+            branches = surveyed(sweeps[0].curve, [s for sweep in sweeps for s in seen_in(sweep)], self.progress,
+                                LONGEST)
             unit = UNITS.get(over, 1.0)
             values = sweeps[0].curve.values
             self.known[name] = stretches_of(branches, min(values), max(values), unit)

@@ -13,7 +13,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import Seen, survey
+from tcc_sim.studies.survey import LONGEST, Seen, survey
 from tcc_sim.studies.sweep import Curve, Sweep
 from tcc_sim.trajectory import State, Status
 
@@ -44,16 +44,18 @@ def _seen(sweep: Sweep, k: int) -> Seen | None:
                 found.period if found.settled else 0, found.max_slip_speed)
 
 
-def surveyed(curve: Curve, seen: Sequence[Seen], progress: bool = False) -> list[Branch]:
+def surveyed(curve: Curve, seen: Sequence[Seen], progress: bool = False, longest: int = LONGEST) -> list[Branch]:
     """The branches through motions along a curve, over the range of its values.
 
     Parameters
     ----------
     progress : show a count of points on a terminal
+    longest : period followed, in periods of the excitation
     """
     of = DrivelineMap(curve.system, (curve.key,))
     with counted(progress) as tick:
-        return survey(of, Window(min(curve.values), max(curve.values)), curve.key, seen, tick)
+        return survey(of, Window(min(curve.values), max(curve.values)), curve.key, seen, tick,
+                      longest=longest)
 
 
 @contextmanager

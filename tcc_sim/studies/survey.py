@@ -58,7 +58,8 @@ class Place:
 
 
 def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
-           tick: Callable[[Station], None] | None = None, into: list[Branch] | None = None) -> list[Branch]:
+           tick: Callable[[Station], None] | None = None, into: list[Branch] | None = None,
+           longest: int = LONGEST) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and those that its doublings beget.
 
     Parameters
@@ -67,11 +68,12 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
     seen : motions along the sweep, in order; the longest run of one period that lies on no branch is followed first
     tick : called with every point
     into : takes the branches as they are found
+    longest : period followed, in periods of the excitation
     """
     out: list[Branch] = [] if into is None else into
     course = Course(name, most=MOST_POINTS, tick=tick)
     size = size_of(seen)
-    left = {k: s for k, s in enumerate(seen) if 0 < s.period <= LONGEST * of.forcing_period}
+    left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest * of.forcing_period}
     while left and len(out) < MOST_BRANCHES:
         left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
         run = _longest_run(left)
@@ -81,7 +83,7 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
         first = station_of(of, window, left.pop(middle))
         if first is not None and not any(_holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
-    _doubled(out, course)
+    _doubled(out, course, longest)
     return out
 
 
@@ -159,11 +161,11 @@ def _holds(branch: Branch, found: Station) -> bool:
     return False
 
 
-def _doubled(branches: list[Branch], course: Course) -> None:
+def _doubled(branches: list[Branch], course: Course, longest: int) -> None:
     """Append the branch of every period doubling in which none of the others ends."""
     for number, parent in enumerate(list(branches)):
         for found in parent.bifurcations:
-            most = LONGEST * found.station.shooting.map.forcing_period // 2
+            most = longest * found.station.shooting.map.forcing_period // 2
             if found.kind != "period_doubling" or parent.period > most:
                 continue
             window = found.station.shooting.windows[0]
