@@ -17,7 +17,7 @@ CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period",
           "adding_sliding": "adding"}
 """What stands at a jump; the other kinds are named as they are."""
 UNSTABLE = (0, (3, 1.5))
-NARROWEST = 0.016
+NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
 COLOURS = {("period_doubling", 1): style.BLUE, ("period_doubling", 2): style.SKY, ("fold", 1): style.RED,
            ("fold", 2): style.ORANGE, ("stick_border", 1): style.INK}

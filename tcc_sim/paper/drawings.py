@@ -179,12 +179,14 @@ def _paint_branches(drawn: Any, data: Data) -> None:
         right.margins(y=0.08)
         for axis in (left, right):
             axis.locator_params(axis="y", nbins=4)
+            axis.locator_params(axis="x", nbins=6)
+            axis.tick_params(labelbottom=k == len(curves) - 1)
             _marks(axis, data)
     for axis in rows[-1]:
         axis.set_xlabel(AXES[data["axis"]])
     for axis, title in zip(rows[0], ("(a) maximum slip speed", "(b) orbit diagrams")):
-        axis.annotate(title, (0.0, 1.0), (0.0, 46.0), xycoords="axes fraction", textcoords="offset points", fontsize=8.5,
-                      fontweight="bold")
+        axis.annotate(title, (0.0, 1.0), (0.0, 62.0), xycoords="axes fraction", textcoords="offset points",
+                      fontsize=8.5, fontweight="bold")
     panels.legend_of(drawn.add_subplot(grid[-1, :]), curves, beyond)
 
 
