@@ -111,7 +111,8 @@ def paint_chart(drawn: Any, data: Data) -> None:
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
-    axis = drawn.subplots()
+    axis, below = drawn.subplots(2, 1, height_ratios=(1.0, 0.13))
+    below.set_axis_off()
     axis.grid(False)
     x, y = np.array(data["x"]), np.array(data["y"])
     shades = np.array([[_shade(p, r) for p, r in zip(*rows)] for rows in zip(data["period"], data["regime"])])
@@ -130,8 +131,9 @@ def paint_chart(drawn: Any, data: Data) -> None:
     met = sorted(set(shades.ravel().tolist()))
     handles = [Patch(facecolor=TINTS[k], edgecolor=style.GREY, linewidth=0.4, label=GRID[k]) for k in met]
     lines = dict(sorted(named.items()))
-    axis.figure.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="outside upper left",
-                       ncols=4, fontsize=6.8)
+    shown = below.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="center", ncols=4,
+                         fontsize=6.8)
+    shown.set_in_layout(False)
 
 
 def _shade(period: int | None, regime: str | None) -> int:
