@@ -162,7 +162,7 @@ class Trajectory:
 
 def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
     """-1, 0, 1 for negative slip, stick and positive slip."""
-    return np.where(np.abs(slip_speed) <= stick_speed, 0, np.sign(slip_speed)).astype(np.int8)
+    return np.subtract(slip_speed > stick_speed, slip_speed < -stick_speed, dtype=np.int8)
 
 
 def event_sequence(before: NDArray[Any], after: NDArray[Any], only: int) -> str:

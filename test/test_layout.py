@@ -24,9 +24,9 @@ ROS = ["nodes"]
 DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {
-    "numba": ["solvers.compiled", "solvers.kernel_cache", "solvers.unrolled"], "llvmlite": ["solvers.unrolled"],
-    "scipy": ["solvers", "analysis", "studies", "benchmarks"], "distributed": ["studies.cluster"],
-    "dask": ["studies.cluster"],
+    "numba": ["solvers.compiled", "solvers.kernel_cache", "solvers.linked", "solvers.unrolled"],
+    "llvmlite": ["solvers.unrolled"], "scipy": ["solvers", "analysis", "studies", "benchmarks"],
+    "distributed": ["studies.cluster"], "dask": ["studies.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["scene", "recording", "messages"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,

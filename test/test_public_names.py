@@ -57,3 +57,20 @@ def test_results_say_what_they_are_in_a_line_or_two():
     columns = run.columns()
     assert list(columns)[:2] == ["t", "slip_speed"]
     assert {len(column) for column in columns.values()} == {2001}
+
+
+def test_results_cannot_be_changed_by_accident():
+    """Every dataclass of the analyses, and what a solve gives."""
+    import dataclasses
+    import importlib
+    import pkgutil
+
+    import tcc_sim.analysis
+
+    names = [f"tcc_sim.analysis.{module.name}" for module in pkgutil.iter_modules(tcc_sim.analysis.__path__)]
+    found = {value for name in (*names, "tcc_sim.trajectory") for value in vars(importlib.import_module(name)).values()
+             if isinstance(value, type) and dataclasses.is_dataclass(value)}
+    found = {kind for kind in found if kind.__module__ in names or kind.__module__ == "tcc_sim.trajectory"}
+    assert len(found) > 5
+    collecting = {"RunCycles"}
+    assert {kind.__name__ for kind in found if not kind.__dataclass_params__.frozen} == collecting

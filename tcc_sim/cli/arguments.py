@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, require
 from tcc_sim.output.files import check_name, replaceable
 
 
@@ -74,6 +74,19 @@ def new_directory(path: Path) -> Path:
     if not path.absolute().parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.absolute().parent}")
     return path
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """--jobs and --dask of the verbs whose work is many equal parts."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+    where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
+
+
+def check_workers(arguments: argparse.Namespace) -> None:
+    """Raise MissingPackage before anything is computed where --dask needs what is not installed."""
+    if arguments.dask is not None:
+        require("distributed", "--dask")
 
 
 def add_plot(parser: argparse.ArgumentParser) -> None:

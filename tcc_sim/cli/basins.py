@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import BasinsInterrupted, InputError, require
+from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
+from tcc_sim.errors import BasinsInterrupted, InputError
 
 if TYPE_CHECKING:
     from tcc_sim.studies.basins import Axis, Basins
@@ -25,9 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cycles", metavar="N", type=int, default=600,
                         help="most engine cycles that a cell is followed (default 600)")
     parser.add_argument("--boundary", action="store_true", help="work out the uncertainty exponent of the boundary too")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
-    where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
+    add_workers(parser)
     parser.add_argument("--json", metavar="FILE", type=Path, help="attractors and fractions; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="labels and cycles of every cell (.npz); until it is whole its rows are in FILE.part, "
@@ -56,8 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         new_file(arguments.out, arguments.force)
         part = arguments.out.with_name(arguments.out.name + ".part")
     check_plot(arguments, arguments.json, arguments.out)
-    if arguments.dask is not None:
-        require("distributed", "--dask")
+    check_workers(arguments)
     try:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True, said=said("basin_rows", scene, arguments.words))

@@ -99,9 +99,9 @@ def _print(found: Motions) -> None:
 @contextmanager
 def _bar() -> Iterator[Callable[[Any], None]]:
     """A function to call with every point; it moves a count where standard error is a terminal."""
-    from tqdm import tqdm
+    from tcc_sim.studies.progress import progress_bar
 
-    with tqdm(disable=None, unit="point") as bar:
+    with progress_bar("point") as bar:
         def tick(station: Any) -> None:
             bar.set_postfix_str(f"{station.value:.6g}, period {station.orbit.period}", refresh=False)
             bar.update()

@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError, SweepInterrupted, require
+from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
+from tcc_sim.errors import InputError, SweepInterrupted
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,9 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
     parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) too")
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
-    where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
+    add_workers(parser)
     parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="take every point as it is done; run the same command again to go on from there")
@@ -60,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
     check_plot(arguments, arguments.json, arguments.out)
-    if arguments.dask is not None:
-        require("distributed", "--dask")
+    check_workers(arguments)
     curves = curves_of(scene.system, key, values, *second[0]) if second else [Curve(scene.system, key, tuple(values))]
     interrupted = False
     try:

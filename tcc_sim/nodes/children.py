@@ -23,9 +23,9 @@ CLOCK_STARTED = "clock started"
 """What the driveline node logs when its first tick is due."""
 SENDING = "sending commands"
 """What the commander node logs before its first command."""
-START_LIMIT = 60.0
-"""Real time, s, that a start may take: compiling the kernels for the first time is most of it."""
-END_LIMIT = 10.0
+START_LIMIT = 120.0
+"""Real time, s, that a start may take: compiling the kernels for the first time is most of it, on a busy machine too."""
+END_LIMIT = 30.0
 """Real time, s, that an end may take before the process is killed."""
 
 

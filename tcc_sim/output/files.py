@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -16,6 +17,8 @@ from typing import Any
 from tcc_sim.errors import InputError
 
 STANDARD_OUTPUT = Path("-")
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""What a disk says that takes no more."""
 _NAME, _PATH = 255, 4096
 """Bytes of a name and of a whole path that Linux allows, where the file system does not say."""
 
@@ -70,6 +73,8 @@ def draft(path: Path) -> Iterator[Path]:
     ------
     InputError
         Something is at `path` that is no regular file, or a file has appeared there.
+    OSError
+        With the name `path`, where the disk takes no more.
     """
     check_name(path)
     existed = replaceable(path)
@@ -81,6 +86,11 @@ def draft(path: Path) -> Iterator[Path]:
             part.replace(path)
         else:
             _link(part, path)
+    except OSError as error:
+        if (error.errno in FULL and error.filename is None) or str(error.filename).startswith(str(folder)):
+            # The user knows the file by its own name, not by the draft's, and a full disk names none.
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

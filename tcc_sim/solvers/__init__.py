@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cache
 from importlib import import_module
 
 from tcc_sim.errors import InputError
@@ -30,8 +31,14 @@ class Entry:
 
     def load(self) -> Callable[[Problem], Trajectory]:
         """The solver's function."""
-        found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{self.module}"), self.function)
-        return found
+        return _function(self.module, self.function)
+
+
+@cache
+def _function(module: str, name: str) -> Callable[[Problem], Trajectory]:
+    """A function of a module below this package."""
+    found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{module}"), name)
+    return found
 
 
 SMOOTHED = ("smoothed",)
@@ -104,12 +111,18 @@ def solve(scene: Scene | System, *, cycles: int | None = None, duration: float |
     if state is None:
         i = system.initial
         state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
+    if not math.isfinite(state.slip_speed + state.plate_angle + state.plate_speed + state.flywheel_angle):
+        _say_what_is_not_finite(state)
+    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
+                                flywheel_angle))
+
+
+def _say_what_is_not_finite(state: State) -> None:
+    """Raise InputError where a number of the state is not finite."""
     for quantity in fields(state):
         value = getattr(state, quantity.name)
         if not math.isfinite(value):
             raise InputError(f"the initial {quantity.name.replace('_', ' ')} is {value}; it must be finite")
-    return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
-                                flywheel_angle))
 
 
 def check_setting(name: str, rtol: float | None, step: float | None) -> None:

@@ -6,12 +6,13 @@ Numba's own cache looks only at the file of the function itself, so a change in 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 
 from tcc_sim.model import equations, friction
 from tcc_sim.solvers.kernel_cache import KernelCache
+from tcc_sim.solvers.linked import PartCompiler, WholeCompiler
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -20,11 +21,15 @@ def compiled(function: Function, **options: bool) -> Function:
     """Compile on first call for the argument types given; None arguments leave their branches out.
 
     The compiled code is kept on disk between processes (`kernel_cache`), releases the interpreter lock, and keeps IEEE
-    arithmetic.
+    arithmetic. Called from another compiled function it is a part of that (`linked`).
     """
-    dispatcher = numba.njit(function, nogil=True, error_model="numpy", **options)
+    numba_options: dict[str, Any] = {"nogil": True, "error_model": "numpy", **options}
+    dispatcher = numba.njit(function, pipeline_class=WholeCompiler, **numba_options)
     if dispatcher is not function:  # NUMBA_DISABLE_JIT gives the function back as it is.
+        part = numba.njit(function, pipeline_class=PartCompiler, **numba_options)
         dispatcher._cache = KernelCache(function, options)  # type: ignore[arg-type]
+        dispatcher.get_call_template = part.get_call_template
+        dispatcher.get_overload = part.get_overload
     return cast(Function, dispatcher)
 
 

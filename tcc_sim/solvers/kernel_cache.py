@@ -23,9 +23,10 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import CompileResult
 
 from tcc_sim.errors import one_line
+from tcc_sim.solvers import linked
 from tcc_sim.solvers.kernel_text import Reach
 
-SECONDS_PER_BYTE = 4e-4
+SECONDS_PER_BYTE = 2e-4
 """Compile time per byte of bytecode that a kernel reaches, s: measured on one core of 2.5 GHz, rounded."""
 WORTH_SAYING = 1.0
 """Compile time, s, from which on it is announced."""
@@ -149,8 +150,8 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
 class KernelCache(FunctionCache):  # type: ignore[misc]
     """What a Numba dispatcher asks for compiled code and gives it to: one pair of files for each kind of arguments.
 
-    The key is all that the kernel can reach (`Reach`), Numba's version and the processor. Nothing is read or walked
-    before the kernel is first called.
+    The key is all that the kernel can reach (`Reach`), how it is compiled, Numba's version and the processor. Nothing is
+    read or walked before the kernel is first called.
     """
 
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
@@ -165,7 +166,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     @cached_property
     def reach(self) -> Reach:
         """What the kernel can call."""
-        return Reach(self._py_func, numba.__version__, sorted(map(repr, self._options.items())))
+        return Reach(self._py_func, numba.__version__, linked.OWN_TEXT, sorted(map(repr, self._options.items())))
 
     def enable(self) -> None:
         """It is always on."""

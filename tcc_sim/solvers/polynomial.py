@@ -38,6 +38,17 @@ def value(c: Any, row: int, degree: int, x: float) -> float:
 
 
 @fast
+def values(c: Any, degree: int, x: float) -> tuple[float, float, float]:
+    """Those of rows 0, 1 and 2, side by side: the sums of one do not wait for those of another."""
+    first, second, third = c[0, degree], c[1, degree], c[2, degree]
+    for k in range(degree - 1, -1, -1):
+        first = first * x + c[0, k]
+        second = second * x + c[1, k]
+        third = third * x + c[2, k]
+    return first, second, third
+
+
+@fast
 def value_and_slope(c: Any, row: int, degree: int, x: float) -> tuple[float, float]:
     """The polynomial and its first derivative."""
     out = c[row, degree]
@@ -244,4 +255,4 @@ def extremes(c: Any, row: int, degree: int, x_end: float, highest: float, lowest
     return extremes_of(c, row, degree, x_end, highest, lowest, workspace)
 
 __all__ = ["DEGREE_MAXIMUM", "WORKSPACE", "crossing_of", "extremes", "extremes_of", "first_crossing", "stick_crossing",
-           "to_bernstein", "value", "value_and_slope", "variation"]
+           "to_bernstein", "value", "value_and_slope", "values", "variation"]

@@ -37,11 +37,9 @@ def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, peri
     while output.samples < samples.shape[0] and (output.samples - first) * spacing < end:
         at = min(max(((output.samples - first) * spacing - tau) / unit, 0.0), x)
         row = output.samples
-        samples[row, 0] = polynomial.value(rows, SLIP, degree, at)
-        samples[row, 1] = polynomial.value(rows, ANGLE, degree, at)
-        samples[row, 2] = polynomial.value(rows, SPEED, degree, at)
+        samples[row, SLIP], samples[row, ANGLE], samples[row, SPEED] = polynomial.values(rows, degree, at)
         if angle is not None:
-            samples[row, 3] = polynomial.value(rows, FLYWHEEL, degree, at)
+            samples[row, FLYWHEEL] = polynomial.value(rows, FLYWHEEL, degree, at)
         output.samples += 1
 
 
@@ -53,27 +51,30 @@ def keep_stick(output: Any, start: float, end: float, cut: float, unit: float) -
 
 
 @fast
+def stays(degree: int, mode: int, stick_speed: float, workspace: Any) -> bool:
+    """Whether the slip speed is in `mode` all the step, by its Bernstein coefficients."""
+    beyond = 0
+    if mode == 0:
+        for i in range(degree + 1):
+            beyond += 1 if abs(workspace[BERNSTEIN, i]) > stick_speed else 0
+    else:
+        sign = 1.0 if mode > 0 else -1.0
+        for i in range(degree + 1):
+            beyond += 1 if sign * workspace[BERNSTEIN, i] <= stick_speed else 0
+    return beyond == 0
+
+
+@fast
 def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
                moves: Any, workspace: Any) -> float:
     """Transitions and time in stick; returns the time in stick behind `cut`, the end of the cycle.
 
     The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
     """
-    low = workspace[BERNSTEIN, 0]
-    high = low
-    for i in range(1, degree + 1):
-        low = min(low, workspace[BERNSTEIN, i])
-        high = max(high, workspace[BERNSTEIN, i])
     behind = 0.0
     mode = output.mode
     start = 0.0
-    while True:
-        if mode == 0:
-            stays = high <= stick_speed and low >= -stick_speed
-        else:
-            stays = low > stick_speed if mode > 0 else high < -stick_speed
-        if stays:
-            break
+    while not stays(degree, mode, stick_speed, workspace):
         at = polynomial.stick_crossing(rows, SLIP, degree, start, x, mode, stick_speed, workspace)
         if at > x:
             break
@@ -127,8 +128,8 @@ def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, outp
             to_bernstein(rows, SLIP, degree, cut, workspace)
         output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
                                                                workspace)
-        end_cycle(output, cycles, polynomial.value(rows, SLIP, degree, cut),
-                  polynomial.value(rows, ANGLE, degree, cut), polynomial.value(rows, SPEED, degree, cut), behind)
+        slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)
+        end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, behind)
         if cut < x:
             to_bernstein(rows, SLIP, degree, x, workspace)
             later_part(workspace, BERNSTEIN, degree, cut / x)

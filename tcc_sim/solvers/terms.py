@@ -16,6 +16,7 @@ from tcc_sim.model import friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers.per_system import per_system
 
 
 class Terms(NamedTuple):
@@ -31,6 +32,7 @@ class Terms(NamedTuple):
     stribeck: Stribeck
 
 
+@per_system
 def terms_of(system: System) -> Terms:
     """The terms of `system`. An input that comes from a topic is its fallback: what applies where nobody commands it."""
     d, e, p, f = system.driveline, system.engine, system.pressure, system.friction

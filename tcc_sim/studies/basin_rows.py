@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -30,6 +29,7 @@ from tcc_sim.studies.basins import (
     starts,
 )
 from tcc_sim.studies.driveline_motion import DrivelineMotion
+from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.sweep import workers
 from tcc_sim.studies.sweep_file import SweepFile
 
@@ -111,11 +111,12 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES
                          kind="basin map", said=said)
     out: list[Basins] = []
     try:
-        with workers(jobs, dask) as (executor, width), _bar(len(systems) * len(axes[1].values), progress) as tick:
+        rows = len(systems) * len(axes[1].values)
+        with workers(jobs, dask) as (executor, width), progress_bar("row", rows, shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]
                 out.append(_one(each, axes, cycles, mine, executor, width,
-                                partial(_keep, file, index), tick))
+                                partial(_keep, file, index), bar.update))
     except KeyboardInterrupt:
         raise BasinsInterrupted from None
     finally:
@@ -202,12 +203,3 @@ def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | 
     axes = [{"key": axis.key, "values": list(axis.values)} for axis in plane]
     return {"version": __version__, "plane": axes, "cycles": cycles, "scene": dict(values_of(system)),
             "over": None if over is None else {"key": over.key, "values": list(over.values)}}
-
-
-@contextmanager
-def _bar(total: int, progress: bool) -> Iterator[Tick]:
-    """A bar on a terminal."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, disable=None if progress else True, unit="row", smoothing=0.05) as bar:
-        yield bar.update

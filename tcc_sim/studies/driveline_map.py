@@ -169,7 +169,9 @@ def _check_key(system: System, key: str) -> None:
         raise InputError(f"{key} is where a solution starts; periodic motions do not depend on it")
     if key == "friction.smoothing" and system.friction.law == "set_valued":
         raise InputError("friction.smoothing has no effect with friction.law set_valued")
-    if key == "pressure.frequency_ratio" and system.saturation_amplitude > 0.0:
+    if key == "pressure.frequency_ratio" and system.saturation_amplitude == 0.0:
+        raise InputError("pressure.frequency_ratio has no effect where pressure.amplitude is 0")
+    if key == "pressure.frequency_ratio":
         raise InputError("pressure.frequency_ratio cannot be followed: between ratios of whole numbers the excitation "
                          "is not periodic")
 

@@ -113,7 +113,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     try:
         found = shooting.linearise(z)
         for _ in range(iterations):
-            step = np.linalg.solve(found.jacobian[:, :size], -found.residual)
+            step = _newton_step(found.jacobian[:, :size], found.residual)
             turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
                 step = step / (1.0 - turn)
@@ -140,6 +140,17 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     except FAILURES:
         return None
     return None
+
+
+def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
+    """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
+    step: Any
+    try:
+        step = np.linalg.solve(jacobian, -residual)
+    except np.linalg.LinAlgError:
+        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
+    out: Floats = step
+    return out
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:

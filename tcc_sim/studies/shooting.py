@@ -16,9 +16,9 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.studies.maps import Floats, Image, Observation, ParameterMap, Values
 
-GROWTH = 1e3
-"""Growth over a segment, in natural sizes, above which it is cut: what a step of the solver leaves, 1e-13, stays below
-1e-9 in the residual."""
+GROWTH = 1e2
+"""Growth over a segment, in natural sizes, above which it is cut: what a step of the solver leaves, some 1e-13, stays
+below 1e-10 in the residual."""
 PARTS = 16
 """Parts of a cycle, or of a part, in which the growth is looked at."""
 FINEST = PARTS**-3.0
@@ -188,7 +188,9 @@ def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list
     """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its pieces
     to its end stays within bounds.
     """
-    lengths, nodes, ahead = [], [], []
+    lengths: list[float] = []
+    nodes: list[Floats] = []
+    ahead: list[Floats] = []
     for length, node, block in parts:
         grown = [block @ a for a in ahead] + [block]
         if not ahead or max(float(np.abs(g).max()) for g in grown) > GROWTH:

@@ -22,6 +22,7 @@ from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.studies.point import Point, handed_over, point_of, solve_points
+from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.results import MOST_VALUES, Curve, Grid, Sweep
 from tcc_sim.studies.simulation import PAPER, Plan, Start
 from tcc_sim.studies.sweep_file import SweepFile
@@ -120,12 +121,13 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     try:
         with workers(jobs, dask) as (executor, width):
             file = SweepFile(out, _header(curves, plan), take, said=said) if out is not None else None
-            with _bar(points, progress) as tick:
+            done = sum(p is not None for found in points for p in found)
+            with progress_bar("point", sum(map(len, points)), done, progress) as bar:
                 for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, points):
                     points[c][i] = point
                     if file is not None:
                         file.append(c, i, point.as_record())
-                    tick()
+                    bar.update()
     except KeyboardInterrupt:
         raise SweepInterrupted(_results(curves, plan, points, began)) from None
     finally:
@@ -231,16 +233,6 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Call
         yield executor, lambda: count
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
-
-
-@contextmanager
-def _bar(points: Points, progress: bool) -> Iterator[Callable[[], Any]]:
-    """A function to call after every point; it moves a bar where standard error is a terminal."""
-    from tqdm import tqdm
-
-    total, done = sum(map(len, points)), sum(p is not None for found in points for p in found)
-    with tqdm(total=total, initial=done, disable=None if progress else True, unit="point", smoothing=0.05) as bar:
-        yield bar.update
 
 
 def values_of_range(text: str) -> tuple[str, list[float]]:

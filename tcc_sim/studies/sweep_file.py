@@ -10,6 +10,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -104,12 +105,16 @@ class SweepFile:
 
     def _write(self, line: bytes) -> None:
         """One line."""
-        self._stream.write(line)
-        self._stream.flush()
+        try:
+            self._stream.write(line)
+            self._stream.flush()
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, self._stream.name) from None
 
     def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
+        """Close the file; what a full disk did not take was said when it was written."""
+        with suppress(OSError):
+            self._stream.close()
 
 
 def _beginning(wanted: Mapping[str, Any]) -> bytes:

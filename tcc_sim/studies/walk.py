@@ -16,9 +16,11 @@ from tcc_sim.studies.passages import between, collapse, returned, returning
 from tcc_sim.studies.shooting import GROWTH, Shooting
 
 MOST_POINTS = 3000
+SAME_END = 1e-6
+"""Distance, relative to the range, at which a fold is the end itself where a branch passes into that of its own shift."""
 FLAT_START = 1e-3
 """First step without the largest sizes among the arclength's coordinates."""
-FAR_GROWN = 30.0
+FAR_GROWN = 10.0
 """Growth over a segment per what it may be at first, above which the orbit is cut anew."""
 CHECKED = 20
 """Points after which fewer segments are tried."""
@@ -120,6 +122,10 @@ class Walk:
         if shorter is not None:
             found = [f for f in found if f.kind not in ("branch_point", "fold")]
             new, self.done = shorter, True
+            window, last = new.shooting.windows[0], self.bifurcations
+            while last and last[-1].kind in ("branch_point", "fold") and abs(
+                    window.scaled(last[-1].value) - window.scaled(new.value)) < SAME_END:
+                last.pop()
             self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
         self.bifurcations += found
         if self.course.tick is not None:

@@ -94,3 +94,10 @@ def test_a_run_that_the_recording_numbers_anew_is_another_one():
         k = np.arange(start, start + 3000 + 7000 * run)
         finder.feed(k * STEP, np.sin(frequency * k * 1e-3), run)
     assert finder.line().frequency == pytest.approx(150.0, rel=1e-6)
+
+
+def test_a_drift_that_is_larger_than_the_line_is_not_taken_for_it():
+    """Half a swing over the whole run stands below the lowest frequency that the run can show."""
+    found = line_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
+    assert found.frequency == pytest.approx(150.0, rel=1e-4)
+    assert found.amplitude == pytest.approx(50.0, rel=0.01)

@@ -195,7 +195,7 @@ def test_an_interrupt_ends_it_at_once_and_leaves_nothing(capsys, monkeypatch, tm
 
     def solve(*arguments, **options):
         _thread.interrupt_main()
-        ended.wait(30.0)
+        ended.wait(120.0)
 
     monkeypatch.setattr("tcc_sim.studies.simulation.solve", solve)
     assert main(["simulate", "chaos", "--out", str(tmp_path / "run.npz")]) == 130

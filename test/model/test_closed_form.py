@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.errors import InputError
 from tcc_sim.model import closed_form
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.sines import common_cycles
 
 RICH = {"engine.harmonic_amplitudes": (60.0, 0.0, 35.0), "engine.harmonic_phases": (0.7, 0.0, -2.0)}
 LOAD = {"pressure.amplitude": 60e3, "pressure.frequency_ratio": 1.5, "pressure.phase": 0.9}
@@ -242,3 +243,10 @@ def test_undamped_stuck_resonance_is_refused():
         closed_form.plate_angle(system)
     with pytest.raises(InputError, match="resonance"):
         closed_form.interface_torque(system)
+
+
+def test_any_pressure_amplitude_counts_for_the_common_period():
+    """0.24 N m are few, and the load repeats after three engine cycles all the same."""
+    small = replace(System(), {"pressure.amplitude": 100.0, "pressure.frequency_ratio": 2.0 / 3.0})
+    assert common_cycles(small) == 3
+    assert common_cycles(replace(small, {"pressure.amplitude": 0.0})) == 1

@@ -27,8 +27,8 @@ class Bench:
         self.nodes.append(node)
         return node
 
-    def until(self, predicate: Callable[[], Any], limit: float = 20.0) -> Any:
-        """Spin until the predicate holds; fail after `limit` seconds."""
+    def until(self, predicate: Callable[[], Any], limit: float = 120.0) -> Any:
+        """Spin until the predicate holds; fail after `limit` seconds, which a busy machine may well need."""
         end = time.monotonic() + limit
         while not (found := predicate()):
             assert time.monotonic() < end, "the condition did not come true in time"

@@ -33,7 +33,7 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.
     assert "scene minimal, 1000 Hz" in line
     assert "clock started" in node.stderr.readline()
     node.send_signal(number)
-    _, rest = node.communicate(timeout=10)
+    _, rest = node.communicate(timeout=120)
     assert node.returncode == 0
     # rcl itself says so where the signal falls between the print of the last line and its publication on rosout.
     assert [line for line in rest.splitlines() if not line.startswith("Failed to publish log message to rosout")] == []
@@ -46,7 +46,7 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.
     (["-p", "scene:=fig20"], "driveline_node: there is no scene 'fig20'; did you mean fig02?\n"),
     (["--params-file", "nowhere.yaml"], "driveline_node: --params-file nowhere.yaml: No such file or directory\n")])
 def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words: list[str], line: str) -> None:
-    ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert (ended.returncode, ended.stderr) == (2, line)
 
 
@@ -61,7 +61,7 @@ def test_every_bundled_scene_is_a_parameter_file_of_the_node(environment: dict[s
     files = bundled_scenes()
     ended = subprocess.run([sys.executable, "-c", code, *map(str, files.values())], env=environment,
                            capture_output=True,
-                           text=True, timeout=60, check=True)
+                           text=True, timeout=120, check=True)
     texts = ended.stdout.split("@\n")
     for text, name in zip(texts, files):
         assert text.strip() == load_scene(name).text().split("\n", 1)[1].strip()

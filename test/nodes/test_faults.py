@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -63,7 +64,7 @@ def recorded(output: Path) -> Run | None:
     return run
 
 
-def until(predicate: Callable[[], object], limit: float = 30.0) -> None:
+def until(predicate: Callable[[], object], limit: float = 120.0) -> None:
     """Return when the predicate holds."""
     end = time.monotonic() + limit
     while not predicate():
@@ -79,19 +80,20 @@ def messages_in(output: Path, count: int) -> Callable[[], bool]:
     return predicate
 
 
-def missed_ticks(run: Run) -> list[int]:
-    """What the recorded diagnostics say of missed ticks."""
+def missed_ticks(run: Run) -> list[tuple[int, int]]:
+    """What the recorded diagnostics say of missed ticks, each with its log time, ns."""
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.serialization import deserialize_message
 
-    found: list[int] = []
+    found: list[tuple[int, int]] = []
 
     def tap(data: bytes, messages: object, channels: object) -> None:
         for channel, offset, length in zip(messages.channel, messages.offset,
                                            messages.length):  # type: ignore[attr-defined]
             if channels[channel].topic == "/diagnostics":  # type: ignore[index]
                 status = deserialize_message(data[offset + 22:offset + length], DiagnosticArray).status[0]
-                found.extend(int(item.value) for item in status.values if item.key == "missed ticks")
+                log_ns, = struct.unpack_from("<Q", data, offset + 6)
+                found.extend((log_ns, int(item.value)) for item in status.values if item.key == "missed ticks")
 
     list(run.read(tap))
     return found
@@ -107,7 +109,7 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     os.kill(driveline.pid, signal.SIGSTOP)
     time.sleep(2.0)
     os.kill(driveline.pid, signal.SIGCONT)
-    until(lambda: (run := recorded(output)) is not None and max(missed_ticks(run), default=0) > 0)
+    until(lambda: (run := recorded(output)) is not None and any(missed for _, missed in missed_ticks(run)))
     now = recorded(output)
     assert now is not None
     until(messages_in(output, now.messages["/joint_states"] + 300))
@@ -119,11 +121,11 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
     # Of the ticks that were due while it was stopped, at most CATCH_UP were made good; the others were counted and
     # never ran.
-    missed = missed_ticks(run)[-1]
+    told, missed = missed_ticks(run)[-1]
     # The signal itself may take a while to arrive on a busy machine.
     assert missed >= 1.5 * RATE
-    due = (log[-1] - log[0]) * 1e-9 * RATE
-    assert abs(due - len(stamps) - missed) <= 2 * CATCH_UP * RATE
+    due = (told - log[0]) * 1e-9 * RATE
+    assert abs(due - np.count_nonzero(log <= told) - missed) <= 2 * CATCH_UP * RATE
     assert run.complete
     assert run.warnings == []
 
@@ -183,7 +185,7 @@ def test_an_output_where_nothing_can_be_written_is_refused_before_the_run(tmp_pa
 def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path,
                                                                  start: Callable[..., NodeProcess]) -> None:
     recorder = start("recorder", output="/proc/none/run")
-    assert recorder._process.wait(timeout=30) == 2
+    assert recorder._process.wait(timeout=120) == 2
     recorder._reader.join()
     assert recorder.lines == ["recorder: /proc/none/run cannot be created: No such file or directory"]
 
@@ -231,6 +233,6 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
             "    print(saved)\n"
             "    return 0\n"
             "sys.exit(run('saver', body, []))\n")
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False,
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "300000\n", "")

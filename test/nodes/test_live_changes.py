@@ -169,11 +169,11 @@ def test_what_the_loop_did_not_take_in_time_is_not_done_later(bench: Any, tmp_pa
 
     def hold() -> bool:
         busy.set()
-        return go.wait(20.0)
+        return go.wait(120.0)
 
     holder = threading.Thread(target=chain.loop.request, args=(hold,))
     holder.start()
-    busy.wait(20.0)
+    busy.wait(120.0)
     assert not chain.loop.request(lambda: bool(done.append(1)) or True, timeout=0.0)
     go.set()
     holder.join()

@@ -46,7 +46,7 @@ def joint_state(n):
     return cdr.joint_state(n * TICK, n, 2.0 * n, 3.0, 4.0, 5.0, 6.0)
 
 
-def until(predicate, *, step=lambda: None, limit=20.0):
+def until(predicate, *, step=lambda: None, limit=120.0):
     """Repeat `step` until the predicate holds."""
     end = time.monotonic() + limit
     while not predicate():

@@ -13,6 +13,7 @@ from test_recorder import context as context
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import qos, recorder, unsent
+from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.recording.reader import open_run
 
 
@@ -113,3 +114,20 @@ def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
     with pytest.raises(Enough):
         found.spin()
     found.close()
+
+
+@pytest.mark.parametrize("most", [1, 3, 7])
+def test_no_more_is_taken_than_asked_for_and_the_rest_waits(context, most):
+    """In lock-step a command taken with the one before it would be lost."""
+    node = rclpy.create_node("listener", context=context)
+    subscription = subscribe(node, String, "words", qos.COMMANDS)
+    publisher = node.create_publisher(String, "words", qos.COMMANDS)
+    until(publisher.get_subscription_count)
+    heard = []
+    for n in range(5):
+        publisher.publish(cdr.string(str(n)))
+    while len(heard) < 5:
+        taken = poll(subscription, most=most)
+        assert len(taken) <= most
+        heard += [cdr.read_string(data) for data, _ in taken]
+    assert heard == list("01234")

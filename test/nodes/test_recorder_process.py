@@ -82,7 +82,7 @@ def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
         publisher.publish(joint_state(n))
     publisher.wait_for_all_acked()
     child.send_signal(number)
-    out, err = child.communicate(timeout=20)
+    out, err = child.communicate(timeout=120)
     assert child.returncode == 0, err
     assert "Traceback" not in err
     run = open_run(output)
@@ -117,7 +117,7 @@ def test_after_a_kill_everything_up_to_the_last_flush_is_there(process):
 def test_where_the_output_exists_the_process_says_so_and_ends_with_status_2(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     found = subprocess.run([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={tmp_path}"],
-                           capture_output=True, text=True, timeout=30)
+                           capture_output=True, text=True, timeout=120)
     assert found.returncode == 2
     assert found.stderr == f"recorder: {tmp_path} exists already and is not overwritten\n"
     assert list(tmp_path.iterdir()) == []
@@ -209,7 +209,7 @@ def small_disk(tmp_path):
 
 def ended_by_itself(recorder, output, reason):
     """The recorder has ended with status 1 and this line, and what it wrote is there."""
-    assert recorder._process.wait(timeout=20) == 1
+    assert recorder._process.wait(timeout=120) == 1
     recorder._reader.join()
     assert [line for line in recorder.lines if "INFO" not in line] == [
         f"recorder: {next(output.iterdir())} cannot be written: {reason}; what is in it stays readable"]

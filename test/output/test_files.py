@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import stat
@@ -135,3 +136,19 @@ def test_a_name_over_the_limit_costs_no_solve(tmp_path: Path, capsys: pytest.Cap
         assert captured.out == ""
         assert captured.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_is_said_with_the_name_that_the_user_gave(number: int, tmp_path: Path) -> None:
+    def write(error: OSError) -> None:
+        with draft(tmp_path / "mine.json") as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(OSError, match=r"mine\.json") as told:
+        write(OSError(number, os.strerror(number)))
+    assert (told.value.errno, told.value.filename) == (number, str(tmp_path / "mine.json"))
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(OSError, match="Input/output error") as other:
+        write(OSError(errno.EIO, os.strerror(errno.EIO)))  # Of something else that is read meanwhile.
+    assert other.value.filename is None

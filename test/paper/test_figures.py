@@ -7,6 +7,8 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.closed_form import stick_margin
 from tcc_sim.model.parameters import System
+from tcc_sim.output.files import write_json
+from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, paper_system
 from tcc_sim.paper.coexistence import coexisting, stands_out
@@ -77,9 +81,29 @@ def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # ty
     assert valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))["figure"] == number
 
 
-def test_figure_2_shows_where_each_law_settles() -> None:
+def as_written(number: int, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The numbers of a figure as its file has them, once they are what the schema says."""
+    file = folder / f"fig{number:02d}.json"
+    write_json(file, document("figure", data, figures.figure_system(number, Manner(quick=True)), ["figure", str(number)]))
+    return valid("figure", json.loads(file.read_text()))
+
+
+@pytest.mark.parametrize(("number", "kind"), [(5, "damping"), (6, "orbit"), (7, "histories")])
+def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: str, tmp_path: Path,
+                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    """With few values, which the schema does not count; the other kinds are judged where they are drawn."""
+    monkeypatch.setitem(FIGURES, number, replace(FIGURES[number], count=16))
+    found = as_written(number, figure_data(number, Manner(quick=True)), tmp_path)
+    assert (found["figure"], found["kind"]) == (number, kind)
+    if kind == "orbit":
+        assert found["axis"] == "mu_k/mu_s"
+        assert all(len(curve["theta2"]) == len(found["x"]) for curve in found["curves"])
+
+
+def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = figure_data(2, Manner(quick=True))
+    assert as_written(2, data, tmp_path)["kind"] == "solvers"
     assert [(s["period"], s["settled"]) for s in data["steady"]] == [(1, True), (2, True), (2, True)]
     assert [s["max_slip_speed"] for s in data["steady"]] == pytest.approx([36.297, 63.657, 63.742], abs=2e-3)
     # The solvers start there: the first curve closes after its cycle.

@@ -150,7 +150,8 @@ def test_rosbags_reads_messages_and_metadata(tmp_path):
             "/joint_states": ("sensor_msgs/msg/JointState", 120), "/slip_speed": ("std_msgs/msg/Float64", 120)}
         for connection in reader.connections:
             assert connection.digest == store.hash_rihs01(connection.msgtype)
-            assert [profile.reliability.name for profile in connection.ext.offered_qos_profiles] == ["RELIABLE"]
+            (profile,) = connection.ext.offered_qos_profiles
+            assert (profile.reliability.name, profile.avoid_ros_namespace_conventions) == ("RELIABLE", False)
         n = 0
         for connection, log_time, data in reader.messages():
             if connection.topic == "/joint_states":

@@ -1,7 +1,7 @@
 """`analyse` and `recover` as commands on recordings that are cut, flipped or zeroed anywhere: figures, or one line and
 none.
 
-500 seeded damages go through both commands, in blocks that the workers of a test run share.
+200 seeded damages go through both commands, in blocks that the workers of a test run share.
 """
 
 import json
@@ -15,7 +15,7 @@ from test_damage import damaged
 
 from tcc_sim.cli import main
 
-BLOCKS, EACH, TICKS = 5, 100, 220
+BLOCKS, EACH, TICKS = 5, 40, 220
 LARGEST_GROWTH = 200_000
 """kB of memory; the whole recording has less than 0.1 MB."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import tracemalloc
@@ -248,3 +249,11 @@ def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path,
     path = written(tmp_path / "x.mcap", chunk(schema() + many + b"".join(message(n, TICK) for n in range(100))))
     assert sum(recover(open_run(path), tmp_path / "saved").messages.values()) == 100
     assert sum(parsed) <= recovery._LONGEST_ALL_PROFILES
+
+
+def test_a_head_that_the_end_of_the_file_cuts_is_no_chunk() -> None:
+    good = chunk(message(1, TICK))
+    for length in range(len(good) + 1):
+        stream = records.RecordStream.__new__(records.RecordStream)
+        stream.file = io.BytesIO(good[:length])
+        assert stream._is_chunk(0, len("zstd"), length) is (length == len(good))

@@ -138,3 +138,19 @@ def test_a_recording_without_quality_of_service_is_recovered(tmp_path):
     with rosbag2.Reader(tmp_path / "saved") as reader:
         (connection,) = reader.connections
         assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE"
+
+
+@pytest.mark.parametrize(("given", "kept"), [(2**32 - 1, 2**32 - 1), (2**32, 0), (2**32 + 5, 5)])
+def test_a_number_of_a_message_wraps_at_32_bits(tmp_path, given, kept):
+    from mcap.reader import make_reader
+
+    from tcc_sim.messages import cdr
+    from tcc_sim.recording.mcap_file import McapFile
+    from tcc_sim.topics import JOINT_STATE
+
+    output = McapFile(tmp_path / "x.mcap")
+    output.write(output.channel("/joint_states", JOINT_STATE), 0, 0, cdr.joint_state(0, *[0.0] * 6), given)
+    output.close()
+    with (tmp_path / "x.mcap").open("rb") as file:
+        ((_, _, message),) = make_reader(file).iter_messages()
+    assert message.sequence == kept

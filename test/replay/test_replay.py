@@ -146,7 +146,7 @@ def rerun_rows(path):
     """Rows by entity path, counted by Rerun's own tool, which has accepted the file."""
     for verb in ("verify", "print"):
         done = subprocess.run([sys.executable, "-m", "rerun", "rrd", verb, str(path)], capture_output=True, text=True,
-                              timeout=60,
+                              timeout=120,
                               check=True)
     found = {}
     for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", done.stdout):

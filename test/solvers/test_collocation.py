@@ -98,3 +98,33 @@ def test_the_correction_solves_newtons_equations():
     exact = np.linalg.solve(rung["coupling"].T + np.diag(work["grip"] * work["slope"]), residual)
     np.testing.assert_allclose(work["change"], exact, rtol=1e-10)
     assert work["measure"][0] == pytest.approx(np.abs(exact).max(), rel=1e-10)
+
+
+def stuck(work, grip):
+    """Slip speeds at the nodes of a rung whose equations they solve to rounding, for v = 0.02 rad/s at its start."""
+    rung = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).rungs[5]
+    exact = 0.02 + 0.008 * np.sin(2.0 * tables.C)
+    work["slip"], work["grip"] = exact, grip
+    law(work, 1.0, 50.0, None)
+    work["balance"] = exact @ rung["coupling"] + work["grip"] * work["law"] - rung["start"] * 0.02
+    return rung, exact
+
+
+@pytest.mark.parametrize("grip", [2e3, 3e4])
+def test_a_good_guess_does_not_end_the_iteration_before_its_error_is_known(grip):
+    """The diagonal alone takes only a part of the error away, whatever the size of the first correction."""
+    work = np.zeros(1, WORK)[0]
+    rung, exact = stuck(work, grip)
+    dominant = grip * work["slope"].min() > stages.DOMINANT * rung["diagonal"][-1]
+    assert dominant == (grip == 3e4)
+    work["slip"] = exact * (1.0 + 1e-6 * np.cos(5.0 * tables.C))
+    assert 0 < stages.solve_stages(rung, 0.02, 1.0, 50.0, None, 1e-12, work) < 12
+    np.testing.assert_allclose(work["slip"], exact, atol=2e-12)
+
+
+def test_the_guess_in_stick_follows_the_slow_manifold():
+    work = np.zeros(1, WORK)[0]
+    rung, exact = stuck(work, 3e4)
+    work["slip"] = exact * 1.01
+    stages.follow_manifold(rung, 0.02, 1.0, 50.0, None, work)
+    assert np.abs(work["slip"] - exact).max() < 0.1 * np.abs(0.01 * exact).max()

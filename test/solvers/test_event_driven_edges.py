@@ -9,6 +9,9 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers.event_driven.bounds import SHARE, bounds_of
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.trajectory import State
 
 FIG02 = replace(System(), {"friction.law": "set_valued"})
 
@@ -88,3 +91,27 @@ def test_a_failure_says_the_time_it_reached(monkeypatch):
     assert run.status is Status.STEP_LIMIT
     assert 0.0 < run.t[-1] < FIG02.cycle
     assert "3 steps" in run.detail
+
+
+def test_a_large_state_is_no_failure():
+    """1e4 rad/s and a spring wound up by 100 rad: all of it finite."""
+    run = solve(FIG02, cycles=1, state=State(1e4, 100.0, 0.0))
+    assert run.status is Status.DONE
+    assert abs(run.slip_speed[-1]) < 2e4
+
+
+@pytest.mark.parametrize(("ratio", "decay"), [(1.25, 2.0), (4.0, 0.05), (1.01, 300.0)])
+def test_beyond_the_far_speed_nothing_is_left_of_the_exponential(ratio, decay):
+    system = replace(FIG02, {"friction.kinetic_coefficient": 0.3 / ratio, "friction.decay": decay})
+    bounds = bounds_of(terms_of(system), system.cycle, 1e-8)
+    assert (ratio - 1.0) * math.exp(-decay * bounds.far) == pytest.approx(0.03 * SHARE * 1e-8, rel=1e-6)
+
+
+@pytest.mark.parametrize("slip_speed", [0.0, 150.0])
+def test_a_damper_that_holds_the_plate_is_not_followed_at_its_own_rate(slip_speed):
+    """In stick and in slip the fast part dies down at 4e4 1/s and more; a cycle of 42 ms takes some ten steps."""
+    system = overdamped(initial__slip_speed=slip_speed, driveline__damping=1e4,
+                        pressure__mean=400e3 if slip_speed == 0.0 else 1e3, pressure__amplitude=0.0)
+    run = solve(system, cycles=10).raise_for_status()
+    assert len(run.transitions.time) == 0
+    assert run.statistics.steps < 10 * 60

@@ -17,7 +17,7 @@ from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import State, Trajectory
 
-START = State(5.0, 0.1, -5.0, 0.1)
+START = State(5.0, 0.1, -5.0)
 FIG02 = {"pressure.mean": 260417.0, "pressure.amplitude": 52083.4, "friction.kinetic_coefficient": 0.24}
 SCENES: dict[str, dict[str, Any]] = {
     "fig02": FIG02,
@@ -25,6 +25,8 @@ SCENES: dict[str, dict[str, Any]] = {
     "reversals": {**FIG02, "engine.mean_torque": 40.0, "engine.torque_amplitude": 900.0},
     "clamped, harmonics": {**FIG02, "pressure.amplitude": 4e5, "pressure.frequency_ratio": 2.0 / 3.0,
                            "engine.harmonic_amplitudes": (80.0, 40.0), "engine.harmonic_phases": (0.3, 1.0)},
+    "overdamped": {**FIG02, "driveline.damping": 9794.0, "driveline.plate_inertia": 0.0016, "engine.mean_torque": 40.3,
+                   "engine.torque_amplitude": 900.7},
     "light plate": {**FIG02, "driveline.plate_inertia": 1e-4, "driveline.damping": 10.0},
 }
 ENGINES = {"smoothed": ("smoothed", "smoothed.solve"), "event_driven": ("set_valued", "event_driven.solution"),
@@ -46,24 +48,24 @@ def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch:
     system = replace(System(), {**SCENES[name], "friction.law": law})
 
     def run(state: State) -> Trajectory:
-        found: Trajectory = module.solve(Problem(system, state, cycles=3, samples_per_cycle=50, flywheel_angle=True))
+        found: Trajectory = module.solve(Problem(system, state, cycles=3, samples_per_cycle=50))
         return found.raise_for_status()
 
     straight = run(START)
     monkeypatch.setattr(module, "terms_of", lambda given: turned(terms_of(given)))
     if engine == "event_driven":  # Its tolerances go by the size of the torque: amplitudes are never negative there.
         monkeypatch.setattr(module, "bounds_of", lambda terms, *rest: bounds_of(turned(terms), *rest))
-    other = run(State(-5.0, -0.1, 5.0, -0.1))
+    other = run(State(-5.0, -0.1, 5.0))
     for column in ("slip_speed", "plate_angle", "plate_speed"):
         np.testing.assert_array_equal(getattr(straight, column), -getattr(other, column), err_msg=column)
-    assert straight.final.flywheel_angle == -other.final.flywheel_angle
     one, two = straight.cycles, other.cycles
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.section, -two.section)
     np.testing.assert_array_equal(one.highest, -two.lowest)
     np.testing.assert_array_equal(one.lowest, -two.highest)
-    np.testing.assert_array_equal(one.stick_time, two.stick_time)
+    # From samples it is a sum over both edges of the layer, whose order the sign decides.
+    np.testing.assert_allclose(one.stick_time, two.stick_time, rtol=1e-14 if engine == "fixed_step" else 0.0, atol=0.0)
     np.testing.assert_array_equal(straight.transitions.time, other.transitions.time)
     free = 2  # Without load there is no direction.
     after = straight.transitions.after

@@ -238,3 +238,14 @@ def test_a_mode_entered_at_its_edge_is_not_left_at_once():
         mode = 0 if mode else int(np.sign(v))
         marks.append(mode)
     assert marks == [0, -1, 0, 1]
+
+
+@pytest.mark.parametrize("degree", range(1, polynomial.DEGREE_MAXIMUM + 1))
+def test_nothing_is_written_beyond_the_workspace(degree):
+    """Its last row is filled by groups of four, at every degree."""
+    height, width = polynomial.WORKSPACE
+    memory = np.full((height + 1, width), 7.0)
+    c, _ = row_of(np.ones(degree + 1))
+    polynomial.to_bernstein(c, 1, degree, 1.0, memory[:height])
+    assert (memory[height] == 7.0).all()
+    assert memory[0, degree] == pytest.approx(degree + 1.0)

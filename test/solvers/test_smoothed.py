@@ -146,6 +146,7 @@ def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, freq
     run = smoothed.solve(problem(values, cycles=40, state=State(150.0, 0.0, 0.0, 0.0)))
     slips = (len(run.transitions.time) + 1) / 2.0
     assert run.statistics.steps + run.statistics.rejected < 70.0 * slips + 55.0 * 40
+    assert 0 < run.statistics.iterations_max <= min(run.statistics.iterations, run.statistics.iterations_bound)
 
 
 @pytest.mark.parametrize("name", ["no stribeck", "fig02", "harmonics"])

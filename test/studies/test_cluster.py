@@ -43,8 +43,8 @@ def workers(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
     processes = [started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny", "--local-directory",
                          str(tmp_path / str(k)), *quiet) for k in range(2)]
     try:
-        with distributed.Client(scheduler_file=str(file), timeout=30, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
+        with distributed.Client(scheduler_file=str(file), timeout=120, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=120)
             address = client.scheduler.address
         yield address, processes
     finally:
@@ -71,7 +71,7 @@ def test_a_killed_worker_loses_nothing(workers, tmp_path, monkeypatch) -> None: 
 
     monkeypatch.setattr(sweep_file.SweepFile, "append", kill_half_way)
     far = sweep(system, "engine.frequency", values, Plan(cycles=400), dask=address, out=tmp_path / "far.jsonl")
-    assert processes[0].wait(30) == -signal.SIGKILL
+    assert processes[0].wait(120) == -signal.SIGKILL
     near = sweep(system, "engine.frequency", values, Plan(cycles=400))
     for one, other in zip(far.records, near.records):
         assert one is not None

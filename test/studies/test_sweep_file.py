@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.studies.sweep_file import decoded, encoded
+from tcc_sim.studies.sweep_file import SweepFile, decoded, encoded
 
 WORDS = ["sweep", "slip", "--over", "engine.torque_amplitude=10:40:4", "--cycles", "6", "--solver", "fixed_step"]
 
@@ -162,3 +162,23 @@ def test_a_sweep_killed_in_mid_run_goes_on_from_its_file(tmp_path: Path) -> None
     found = json.loads((tmp_path / "all.json").read_text())
     assert found["complete"]
     assert None not in found["max_slip_speed"]
+
+
+def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:
+    """/dev/full takes every byte into a buffer and none to the disk."""
+    file = SweepFile(tmp_path / "points.jsonl", {}, lambda *_: None)
+    file._stream.close()
+    file._stream = open("/dev/full", "ab")  # noqa: SIM115
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        file.append(0, 0, {})
+    file.close()
+
+
+def test_a_point_is_with_the_operating_system_as_soon_as_it_is_appended(tmp_path: Path) -> None:
+    out = tmp_path / "sweep.jsonl"
+    file = SweepFile(out, {"values": [1.0]}, lambda *_: None)
+    assert out.read_bytes().count(b"\n") == 1
+    for n in range(3):
+        file.append(0, n, {"status": "DONE"})
+        assert [decoded(line)["index"] for line in out.read_bytes().splitlines(keepends=True)[1:]] == [*range(n + 1)]
+    file.close()

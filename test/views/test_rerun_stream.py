@@ -26,7 +26,7 @@ def _home(tmp_path_factory, monkeypatch):
 
 def rerun_tool(*arguments):
     return subprocess.run([sys.executable, "-m", "rerun", "rrd", *map(str, arguments)], capture_output=True, text=True,
-                          timeout=60, check=False)
+                          timeout=120, check=False)
 
 
 def batch(first, count):

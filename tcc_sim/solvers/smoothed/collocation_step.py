@@ -23,7 +23,7 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
     Tables,
 )
 from tcc_sim.solvers.smoothed.limits import Limits
-from tcc_sim.solvers.smoothed.stages import guess, slip_polynomial, solve_stages, to_powers
+from tcc_sim.solvers.smoothed.stages import add_slip, follow_manifold, guess, slip_polynomial, solve_stages, to_powers
 from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
 from tcc_sim.solvers.smoothed.step_size import SHRINK_MOST, growth, rung_below
 from tcc_sim.solvers.terms import Terms
@@ -91,10 +91,7 @@ def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> 
         weight, share = weights[k], sources[level, k].angle
         for i in range(TERMS):
             chebyshev[i] += weight * share[i]
-    by_slip = rung.angle
-    for j in range(NODES):
-        for i in range(TERMS):
-            chebyshev[i] += slip[j] * by_slip[j, i]
+    add_slip(0, slip, rung.angle, chebyshev)
     to_powers(0, chebyshev, work.rows[ANGLE])
     for i in range(TERMS):
         chebyshev[i] = 0.0
@@ -102,10 +99,7 @@ def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> 
         weight, share = weights[k], sources[level, k].speed
         for i in range(TERMS):
             chebyshev[i] += weight * share[i]
-    by_slip = rung.speed
-    for j in range(NODES):
-        for i in range(TERMS):
-            chebyshev[i] += slip[j] * by_slip[j, i]
+    add_slip(0, slip, rung.speed, chebyshev)
     to_powers(0, chebyshev, work.rows[SPEED])
     rows = work.rows
     for i in range(TERMS):
@@ -152,6 +146,7 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
             control.level = rung_below(tables.rungs, level + 1, BEFORE_FOLD * C[beyond] * h)
             return Step(REFUSED, h, 0.0, DEGREE, math.inf)
         guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
+        follow_manifold(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
     else:
         accuracy = CONVERGED * place.slip_tolerance
         start = work.slip

@@ -10,7 +10,7 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiled import fast
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
-from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
+from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.carried_tangent import carry
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
@@ -97,9 +97,7 @@ def finish(degree: int, x: float, whole: bool, method: int, terms: Terms, limits
     if whole and method != SERIES:
         end_of(tables.rungs[level], tables.sources, level, limits.kappa, work, state)
     else:
-        state.slip_speed = polynomial.value(work.rows, SLIP, degree, x)
-        state.plate_angle = polynomial.value(work.rows, ANGLE, degree, x)
-        state.plate_speed = polynomial.value(work.rows, SPEED, degree, x)
+        state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
     if angle is not None:
         state.flywheel_angle = polynomial.value(work.rows, FLYWHEEL, degree, x)
     if abs(state.plate_speed) < limits.rest:
@@ -117,6 +115,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
     the engine share comes together, each as one thing.
     """
     period = limits.period
+    shift = phase_of(first + output.cycle, ratio, terms.pulsation)
     while True:
         end = (count - output.cycle) * period + tail
         if not state.tau < end:
@@ -124,7 +123,6 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
         if counters.steps + counters.rejected >= step_limit:
             return STEP_LIMIT
         tau = state.tau
-        shift = phase_of(first + output.cycle, ratio, terms.pulsation)
         edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation)
         stop = min(edge, end)
         excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
@@ -162,7 +160,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
         if angle is not None:
             work.rows[FLYWHEEL, 0] = state.flywheel_angle
             add_integral(work.rows, degree, step.unit)
-        cut = (period - tau) / step.unit if after >= period else math.inf
+        cut = min((period - tau) / step.unit, x) if after >= period else math.inf
         if after == period:
             cut = x
         if tangent is not None:
@@ -178,6 +176,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
         if after >= period:
             after -= period
             begin_cycle(state, control)
+            shift = phase_of(first + output.cycle, ratio, terms.pulsation)
         state.tau = after
         if method == SERIES:
             after_series(x * step.unit, control)

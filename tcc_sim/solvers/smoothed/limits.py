@@ -108,4 +108,4 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
 
 def order_of(wished: float, most: int) -> int:
     """An even order near the one wished for, 8 at least: that at which the series' cost over their step is least."""
-    return int(np.clip(2 * round(0.5 * wished), 8, most))
+    return min(max(2 * round(0.5 * wished), 8), most)

@@ -9,6 +9,7 @@ search that cannot pass a root, and run across the section points, which are val
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -16,8 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.smoothed import collocation_tables, kernel
 from tcc_sim.solvers.smoothed.limits import Limits, limits_of
@@ -35,7 +38,7 @@ from tcc_sim.solvers.smoothed.state import (
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of
-from tcc_sim.trajectory import Cycles, Floats, Statistics, Status, Trajectory, Transitions
+from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions
 
 BATCH = 4096
 """Engine cycles in one call of the compiled loop."""
@@ -45,6 +48,16 @@ STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: St
 
 _compiled: set[tuple[bool, ...]] = set()
 """Which terms are absent, for every kernel that has been called."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` is copied for every solve, which keeps sines in it."""
+
+    terms: Terms
+    limits: Limits
+    waves: NDArray[Any]
+    tables: collocation_tables.Tables
+    variant: tuple[bool, ...]
 
 
 class Memory(NamedTuple):
@@ -58,6 +71,40 @@ class Memory(NamedTuple):
     output: Any
 
 
+KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
+
+
+class Scratch(threading.local):
+    """Memory of a thread, which its solves take one after the other: to ask for it anew costs more than a short solve."""
+
+    def __init__(self) -> None:
+        self.whole = np.zeros(1, np.dtype(list(KINDS._asdict().items())))
+        self.bytes = self.whole.view(np.uint8)
+        self.memory = Memory(*(self.whole[0][name] for name in Memory._fields))
+        self.moves = np.empty(0, MOVE)
+
+    def at(self, start: State, limits: Limits) -> Memory:
+        """The memory as a solve finds it at its start."""
+        self.bytes.fill(0)
+        v, speed = start.slip_speed, start.plate_speed
+        self.whole["state"] = v, start.plate_angle, speed, start.flywheel_angle, 0.0
+        control, output = self.memory.control, self.memory.output
+        control["patience"], control["calm"] = PATIENCE, CALM
+        control["slip_now"], control["speed_now"] = abs(v), abs(speed)
+        output["mode"] = 0 if abs(v) <= limits.stick_speed else (1 if v > 0.0 else -1)
+        output["highest"] = output["lowest"] = v
+        return self.memory
+
+    def room_for(self, moves: int) -> NDArray[Any]:
+        """Where so many transitions fit."""
+        if len(self.moves) < moves:
+            self.moves = np.empty(moves, MOVE)
+        return self.moves[:moves]
+
+
+scratch = Scratch()
+
+
 def solve(problem: Problem) -> Trajectory:
     """Solve `problem` with the smoothed law (7), only with the terms that its system has.
 
@@ -66,38 +113,59 @@ def solve(problem: Problem) -> Trajectory:
     Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states so
     far.
     """
-    return solve_terms(problem, terms_of(problem.system))
+    return _solve(problem, own_setup(problem.system, _rtol(problem)))
 
 
 def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     """`solve` with given terms of the same system, own or general."""
-    rtol = SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
-    count, period = problem.whole_cycles, problem.system.cycle
-    tail = 0.0 if problem.cycles is not None else max((problem.duration or 0.0) - count * period, 0.0)
-    tail = 0.0 if tail < 1e-12 * period else tail
-    limits = limits_of(terms, terms_of(problem.system), period, rtol)
+    return _solve(problem, setup_of(problem.system, terms, _rtol(problem)))
+
+
+def _rtol(problem: Problem) -> float:
+    """The tolerance asked for, or the default one."""
+    return SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
+
+
+@per_system
+def own_setup(system: System, rtol: float) -> Setup:
+    """`setup_of` for the terms that a system has."""
+    return setup_of(system, terms_of(system), rtol)
+
+
+def setup_of(system: System, terms: Terms, rtol: float) -> Setup:
+    """What a solve of a system with given terms needs to know beforehand."""
+    period = system.cycle
+    limits = limits_of(terms, terms_of(system), period, rtol)
     waves = waves_of(terms)
     tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()),
                                        0.0 if terms.pulsation is None else terms.pulsation[1],
                                        collocation_tables.top_of(period), collocation_tables.levels_of(limits.sigma))
-    memory = memory_of(problem, limits)
-    given = terms._replace(torque=None, harmonics=None)  # They are the waves.
-    columns = 4 if problem.flywheel_angle else 3
-    samples = np.empty((problem.samples_per_cycle * (count + 1) if problem.samples_per_cycle else 0, columns))
-    cycles = np.zeros(count + 1, CYCLE)
-    start = problem.state
-    cycles[0] = (start.slip_speed, start.plate_angle, start.plate_speed, 0.0, 0.0, 0.0)
+    waves.setflags(write=False)
+    return Setup(terms._replace(torque=None, harmonics=None), limits, waves, tables,  # They are the waves.
+                 (terms.pulsation is None, terms.stribeck is None))
+
+
+def _solve(problem: Problem, setup: Setup) -> Trajectory:
+    """Solve batch by batch."""
+    limits, period, count = setup.limits, setup.limits.period, problem.whole_cycles
+    tail = 0.0 if problem.cycles is not None else max((problem.duration or 0.0) - count * period, 0.0)
+    tail = 0.0 if tail < 1e-12 * period else tail
+    memory, waves, start = scratch.at(problem.state, limits), setup.waves.copy(), problem.state
+    per_cycle, ratio = problem.samples_per_cycle, problem.system.pressure.frequency_ratio
+    samples = np.empty((per_cycle * (count + 1), 4 if problem.flywheel_angle else 3))
+    cycles = np.zeros((count + 1, CYCLE.itemsize // 8))
+    cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
+    records = cycles.view(CYCLE)[:, 0]
     limit = 400_000 + 2_000 * count
     angle = True if problem.flywheel_angle else None
 
     def integrate(done: int, batch: int, rest: float, moves: NDArray[Any]) -> int:
         """March on through some cycles and the rest of one."""
-        return int(kernel.integrate(
-            problem.start_cycle + done, batch, rest, limit, limits, given, problem.system.pressure.frequency_ratio,
-            waves, tables, memory.state, memory.control, memory.drive, memory.work, memory.counters, memory.output,
-            cycles[done:], samples[done * problem.samples_per_cycle:], problem.samples_per_cycle, moves, angle, None))
+        return kernel.integrate(problem.start_cycle + done, batch, rest, limit, limits, setup.terms, ratio, waves,
+                                setup.tables, *memory, records[done:], samples[done * per_cycle:], per_cycle, moves,
+                                angle, None)
 
-    variant = problem.flywheel_angle, terms.pulsation is None, terms.stribeck is None
+    variant = problem.flywheel_angle, *setup.variant
     if variant not in _compiled:
         integrate(0, 0, 0.0, np.empty(0, MOVE))  # Compiling is not solving.
         _compiled.add(variant)
@@ -106,69 +174,50 @@ def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
     output = memory.output
     while True:
         batch = min(BATCH, count - done)
-        moves = np.empty(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept), MOVE)
+        moves = scratch.room_for(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept))
         last = done + batch == count
-        output["cycle"], output["samples"], output["moves"] = 0, 0, 0
         begin = time.perf_counter()
         status = integrate(done, batch, tail if last else 0.0, moves)
         seconds += time.perf_counter() - begin
-        filled = int(output["moves"])
-        kept += filled
-        found.append(moves[:filled])
+        cycle, filled_samples, filled = output.item()[:3]
+        if filled:
+            kept += filled
+            found.append(moves[:filled].copy())
         if last or status != DONE:
             break
         done += batch
-    whole = done + int(output["cycle"])
-    reached = (problem.start_cycle + whole) * period + float(memory.state["tau"])
-    t, states = sampled(problem, memory, samples, done, STATUSES[status], reached)
-    counters = memory.counters
+        output["cycle"], output["samples"], output["moves"] = 0, 0, 0
+    whole = done + cycle
+    state = memory.state.item()
+    reached = (problem.start_cycle + whole) * period + state[4]
+    t, states = sampled(problem, state[:4], samples, done * per_cycle + filled_samples, STATUSES[status], reached)
+    steps, rejected, iterations, iterations_max = memory.counters.item()
     trajectory = assemble(
-        problem, "smoothed", t, states[:, :columns], cycles=cycles_of(cycles, whole), transitions=transitions_of(found),
-        status=STATUSES[status],
-        statistics=Statistics(int(counters["steps"]), int(counters["rejected"]), int(counters["iterations"]),
-                              int(counters["iterations_max"]), ITERATIONS_MAXIMUM, seconds))
+        problem, "smoothed", t, states, transitions=transitions_of(found), status=STATUSES[status],
+        cycles=Cycles(cycles[:whole + 1, :3].copy(), *cycles[:whole, 3:].T.copy()),
+        statistics=Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM, seconds))
     return trajectory if status != NOT_FINITE else replace(trajectory, detail="the state grew without bound")
 
 
-def memory_of(problem: Problem, limits: Limits) -> Memory:
-    """What a solve changes, at its start."""
-    kinds = (STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
-    memory = Memory(*(np.zeros(1, kind)[0] for kind in kinds))
-    start = problem.state
-    for name in ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle"):
-        memory.state[name] = getattr(start, name)
-    memory.control["patience"], memory.control["calm"] = PATIENCE, CALM
-    memory.control["slip_now"], memory.control["speed_now"] = abs(start.slip_speed), abs(start.plate_speed)
-    mode = 0 if abs(start.slip_speed) <= limits.stick_speed else (1 if start.slip_speed > 0.0 else -1)
-    memory.output["mode"] = mode
-    memory.output["highest"] = memory.output["lowest"] = start.slip_speed
-    return memory
-
-
-def sampled(problem: Problem, memory: Memory, samples: Floats, done: int, status: Status,
+def sampled(problem: Problem, final: tuple[float, ...], samples: Floats, filled: int, status: Status,
             reached: float) -> tuple[Floats, Floats]:
     """Times and states kept; of a run that ended early those up to its end."""
-    start, state = problem.state, memory.state
-    initial = [start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle]
-    final = [float(state[name]) for name in ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle")]
+    start, columns = problem.state, samples.shape[1]
+    end = problem.end if status is Status.DONE else reached
     if not problem.samples_per_cycle:
-        return np.array([problem.start, problem.end if status is Status.DONE else reached]), np.array([initial, final])
+        initial = start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle
+        return np.array([problem.start, end]), np.array([initial[:columns], final[:columns]])
     times = problem.sample_times()
-    filled = len(times) - 1
-    if status is not Status.DONE:
-        filled = min(done * problem.samples_per_cycle + int(memory.output["samples"]), int(np.searchsorted(times, reached)))
-    times = np.append(times[:filled], problem.end if status is Status.DONE else reached)
-    return times, np.vstack([samples[:filled], final[:samples.shape[1]]])
-
-
-def cycles_of(cycles: NDArray[Any], whole: int) -> Cycles:
-    """Per-cycle results of the whole cycles."""
-    kept = cycles[:whole + 1]
-    section = np.stack([kept["slip_speed"], kept["plate_angle"], kept["plate_speed"]], axis=1)
-    return Cycles(section, kept["highest"][:whole].copy(), kept["lowest"][:whole].copy(), kept["stick_time"][:whole].copy())
+    if status is Status.DONE:
+        filled = len(times) - 1
+    else:
+        filled = min(filled, len(times) - 1, int(np.searchsorted(times, reached)))
+    return np.append(times[:filled], end), np.vstack([samples[:filled], final[:columns]])
 
 
 def transitions_of(found: list[NDArray[Any]]) -> Transitions:
     """The transitions of all batches."""
+    if not found:
+        return Transitions.none()
     moves = np.concatenate(found)
     return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))

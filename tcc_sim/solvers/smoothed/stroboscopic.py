@@ -75,12 +75,12 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
 def terms_for(system: System, changes: Floats) -> Terms:
     """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
     terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-    changed = changes.any(axis=1)
-    if changed[TORQUE_AMPLITUDE] and terms.torque is None:
+    changed = np.abs(changes).sum(axis=1)
+    if changed[TORQUE_AMPLITUDE] > 0.0 and terms.torque is None:
         terms = terms._replace(torque=(0.0, omega))
-    if changed[LOAD_AMPLITUDE] and terms.pulsation is None:
+    if changed[LOAD_AMPLITUDE] > 0.0 and terms.pulsation is None:
         terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
-    if changed[EXCESS_RATIO] and terms.stribeck is None:
+    if changed[EXCESS_RATIO] > 0.0 and terms.stribeck is None:
         terms = terms._replace(stribeck=(0.0, system.friction.decay))
     return terms
 

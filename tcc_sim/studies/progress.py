@@ -1,0 +1,24 @@
+"""A bar on a terminal for work of many equal parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+
+@contextmanager
+def progress_bar(unit: str, total: int | None = None, done: int = 0, shown: bool = True) -> Iterator[Any]:
+    """A bar, moved by its `update`; there is none where standard error is no terminal.
+
+    Parameters
+    ----------
+    unit : what a part is called
+    total : parts; None where nobody knows
+    done : parts at the start
+    shown : False: none on a terminal either
+    """
+    from tqdm import tqdm
+
+    with tqdm(total=total, initial=done, disable=None if shown else True, unit=unit, smoothing=0.05) as bar:
+        yield bar
