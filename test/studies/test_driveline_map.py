@@ -80,7 +80,8 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
     ("pressure.frequency_ratio", {}, "not periodic"),
-    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"), ("engine.frequncy", {}, "did you mean engine.frequency"),
+    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("engine.frequncy", {}, "did you mean engine.frequency"),
     ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
 ])
 def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
