@@ -119,3 +119,8 @@ def test_a_pressure_is_read_whatever_the_frame_is_called(length):
     body = struct.pack("<iII", 3, 500, length + 1) + b"f" * length + b"\0"
     body += b"\xff" * (-len(body) % 8) + struct.pack("<dd", 2.5e5, 0.0)
     assert cdr.read_fluid_pressure(b"\0\1\0\0" + body) == (3_000_000_500, 2.5e5)
+
+
+@pytest.mark.parametrize("frame", ["", "x", "driveline", "µ"])
+def test_a_header_comes_back(frame):
+    assert cdr.read_header(cdr.header(3_000_000_500, frame)) == (3_000_000_500, frame)
