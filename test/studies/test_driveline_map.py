@@ -54,10 +54,15 @@ def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
 def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
-    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1))
+    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1,
+                                                          limit=law == "smoothed"))
     (item,) = found.bifurcations
     assert item.kind == "period_doubling"
     assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
+    if law == "smoothed":  # The limit is that of the set-valued law, though it lies outside the range.
+        limit = found.limits[0]
+        assert limit is not None
+        assert limit / 0.3 == pytest.approx(0.80787675, abs=1e-7)
     assert found.branches[0].stations[0].orbit.stable != found.branches[0].stations[-1].orbit.stable
 
 
@@ -80,7 +85,8 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
     ("pressure.frequency_ratio", {}, "not periodic"),
-    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"), ("engine.frequncy", {}, "did you mean engine.frequency"),
+    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("engine.frequncy", {}, "did you mean engine.frequency"),
     ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
 ])
 def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
