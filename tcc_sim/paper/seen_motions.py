@@ -12,6 +12,7 @@ from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.survey import LONGEST, Seen, survey
 from tcc_sim.studies.sweep import Curve, Sweep
@@ -61,9 +62,7 @@ def surveyed(curve: Curve, seen: Sequence[Seen], progress: bool = False, longest
 @contextmanager
 def counted(progress: bool) -> Iterator[Callable[[Any], None]]:
     """A function to call with every point; it moves a count where that is wanted and standard error is a terminal."""
-    from tqdm import tqdm
-
-    with tqdm(disable=None if progress else True, unit="point", leave=False) as bar:
+    with progress_bar("point", shown=progress) as bar:
         def tick(station: Any) -> None:
             bar.set_postfix_str(f"{station.value:.6g}, period {station.orbit.period}", refresh=False)
             bar.update()

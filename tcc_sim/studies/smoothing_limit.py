@@ -19,6 +19,8 @@ from tcc_sim.studies.two_parameters import Defining, locate, still_complex, trac
 
 SMOOTHEST = 1e-3
 """Smoothing of the scene over that at which the curve ends."""
+FARTHEST = 100.0
+"""How far the parameter may go, in widths of its range: the limit of a bifurcation within it may lie outside."""
 STUCK = 1e-3
 """Slip speed, in natural sizes, at which a smoothed motion on the section is one in stick."""
 NEAR = 0.02
@@ -43,11 +45,11 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
     inside = still_complex if found.kind == "neimark_sacker" else lambda _: True
     try:
         points, _ = trace(Defining(found.kind, shooting, z), z, False, inside, Stride(length=0.02, smallest=1e-7),
-                          ((n + 1, SMOOTHEST, 1.0), (n, -0.5, 1.5)))
+                          ((n + 1, SMOOTHEST, 1.0), (n, -FARTHEST, FARTHEST)))
     except FAILURES:
         return None
     last = points[-1]
-    if last.z[n + 1] > 1.001 * SMOOTHEST or not 0.0 <= last.z[n] <= 1.0:
+    if last.z[n + 1] > 1.001 * SMOOTHEST:
         return None
     before = points[-2] if len(points) > 1 else last
     step = float(before.z[n + 1] - last.z[n + 1])

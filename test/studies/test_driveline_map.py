@@ -54,10 +54,15 @@ def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
 def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
-    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1))
+    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1,
+                                                          limit=law == "smoothed"))
     (item,) = found.bifurcations
     assert item.kind == "period_doubling"
     assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
+    if law == "smoothed":  # The limit is that of the set-valued law, though it lies outside the range.
+        limit = found.limits[0]
+        assert limit is not None
+        assert limit / 0.3 == pytest.approx(0.80787675, abs=1e-7)
     assert found.branches[0].stations[0].orbit.stable != found.branches[0].stations[-1].orbit.stable
 
 
