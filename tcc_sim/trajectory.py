@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,3 +163,9 @@ class Trajectory:
 def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
     """-1, 0, 1 for negative slip, stick and positive slip."""
     return np.subtract(slip_speed > stick_speed, slip_speed < -stick_speed, dtype=np.int8)
+
+
+def event_sequence(before: NDArray[Any], after: NDArray[Any], only: int) -> str:
+    """Modes in order as letters: S stick, + and - slip, F free; `only` is the mode where there is no change."""
+    modes = [int(before[0]), *map(int, after)] if len(before) else [only]
+    return "".join({0: "S", 1: "+", -1: "-", 2: "F"}[m] for m in modes)

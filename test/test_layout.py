@@ -21,7 +21,7 @@ ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solver
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes"]
-DRAWINGS = ["views", "paper.drawings", "paper.histories", "benchmarks.precision_drawing",
+DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {
     "numba": ["solvers.compiled", "solvers.kernel_cache", "solvers.linked", "solvers.unrolled"],

@@ -27,6 +27,7 @@ VERBS: dict[str, str] = {
     "basins": "find attractors and their basins in a plane of two initial conditions",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
+    "motions": "write the page on periodic motions: branches, charts of two keys and a basin",
     "watch": "show running nodes live in Rerun",
     "control": "reset, pause, step, set parameters of running nodes and send them commands",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 from tcc_sim.errors import InputError, RecordingError, require
 
 if TYPE_CHECKING:
-    from tcc_sim.paper.figures import Manner
+    from tcc_sim.paper.manner import Manner
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which figures, in which manner, and where they go."""
-    parser.add_argument("figure", metavar="N|all", help="number of a figure in the paper, 2 to 18, or all")
+    parser.add_argument("figure", metavar="N|all",
+                        help="number of a figure in the paper, 2 to 18, or all of them; 19 and 20 are charts of the "
+                        "bifurcations behind Figs. 4 and 14")
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
                         help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
     parser.add_argument("--quick", action="store_true", help="a quarter of the values")
@@ -27,6 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--direction", choices=("cold", "up", "down"),
                         help="how sweeps start every value: from the initial state, or from the neighbour below or "
                              "above")
+    parser.add_argument("--branches", action="store_true",
+                        help="draw the branches of periodic motions, stable or not, and say what each jump is; with "
+                             "all, where a figure has points on branches")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
     parser.add_argument("--force", action="store_true", help="replace figures that are there")
 
@@ -34,17 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
     from tcc_sim.output.files import replaceable
-    from tcc_sim.paper.catalogue import FIGURES
+    from tcc_sim.paper.catalogue import CHARTS, FIGURES
     from tcc_sim.paper.drawings import draw
-    from tcc_sim.paper.figures import Manner, check_manner
+    from tcc_sim.paper.manner import Manner, check_manner
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
     except ValueError:
-        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, "
+        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(CHARTS)}, "
                          "or all") from None
-    if numbers[0] not in FIGURES:
-        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
+    if numbers[0] not in (*FIGURES, *CHARTS):
+        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(CHARTS)}, or all")
     stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
     there = [path for path in files if replaceable(path)]
@@ -52,7 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise RecordingError(f"{there[0]} is there already; choose another --out, or --force to replace it")
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
-    manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True)
+    manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
+                    branches=arguments.branches)
     if len(numbers) == 1:
         check_manner(numbers[0], manner)
     require("matplotlib", "a picture")

@@ -71,11 +71,18 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     excess, decay = stribeck
     if decay == 0.0:
         return math.inf, 1.0 + excess
+    if excess == 0.0:
+        return math.inf, 1.0
+
+    def fall(v: float) -> float:
+        """Above 0 where mubar falls, v > 0: the logarithm of what lets it fall over what lets it rise."""
+        push = decay * v - math.log(excess)
+        rising = math.log(4.0 * sigma / decay) + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
+        return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
 
     def falls(v: float) -> bool:
         """Whether mubar falls at v > 0."""
-        rising = math.log(4.0 * sigma / decay) + float(np.logaddexp(0.0, decay * v - math.log(excess)))
-        return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) > rising
+        return fall(v) > 0.0
 
     def past_nearest(v: float) -> bool:
         """Whether v lies behind the place where the two sides come nearest: cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
@@ -89,13 +96,30 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
         high = _first(math.log(excess) / (decay - 2.0 * sigma), past_nearest)
         if not falls(high):
             return math.inf, 1.0
-    v = _first(high, falls)
+    v = _first(high, falls, *_around(fall, 1e-3 / sigma, high))
     return v, float(smoothed(v, sigma, stribeck))
 
 
-def _first(high: float, holds: Callable[[float], bool]) -> float:
-    """Where a condition sets in that holds at `high` and not near 0, to the last bit."""
-    low = 0.0
+def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """A narrow bracket of a root of f, which is above 0 at `high`, by the Illinois method; (0, high) without one."""
+    below, above = f(low), f(high)
+    if not below < 0.0:
+        return 0.0, high
+    for _ in range(40):
+        at = high - above * (high - low) / (above - below)
+        if not low < at < high or high - low < 1e-13 * high:
+            break
+        value = f(at)
+        if value > 0.0:
+            high, above, below = at, value, 0.5 * below
+        else:
+            low, below, above = at, value, 0.5 * above
+    return low, high
+
+
+def _first(high: float, holds: Callable[[float], bool], low: float = 0.0, nearer: float = math.inf) -> float:
+    """Where a condition sets in that holds at `high` (and at `nearer`) and not at `low`, to the last bit."""
+    high = min(high, nearer)
     while low < (middle := 0.5 * (low + high)) < high:
         if holds(middle):
             high = middle

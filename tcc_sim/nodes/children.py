@@ -155,10 +155,16 @@ class Session:
         self._check()
 
     def _await_clock(self) -> None:
-        """Wait for the driveline's first tick; it waits for the others, so one of them that ended is told first."""
-        end = time.monotonic() + START_LIMIT
+        """Wait for the driveline's first tick; it waits for the others, so one of them that ended is told first.
+
+        That it compiles, which takes a while, is passed on.
+        """
+        end, compiling = time.monotonic() + START_LIMIT, ""
         while not self.driveline.has_said(CLOCK_STARTED):
             self._check()
+            if not compiling:
+                compiling = next((line for line in self.driveline.lines if line.startswith("tcc-sim: ")), "")
+                sys.stderr.write(f"{compiling}\n" if compiling else "")
             if time.monotonic() > end:
                 raise TccError(f"the nodes did not start within {START_LIMIT:g} s")
             time.sleep(0.05)

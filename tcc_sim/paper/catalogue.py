@@ -45,12 +45,14 @@ class PaperFigure:
 
     number, title, caption : of the paper's figure, in our words; the caption says what the picture's own labels do not
     kind : solvers, law, map (maxima and orbit diagrams over the frequency), damping, orbit (over mu_k/mu_s), histories,
-        delay or actuation
+        delay, actuation or chart
     series : curves, or panels of time histories
     over : scene key that is swept, where one is
     span : ends of the normalised axis, omega/omega_n or mu_k/mu_s
     count : values along it
     marks : places on the axis that the text names
+    second, second_span, second_count : of a chart, its second key and ends and values of that axis
+    cuts : of a chart, places on the second axis along which bifurcations are looked for
     """
 
     number: int
@@ -62,6 +64,10 @@ class PaperFigure:
     span: tuple[float, float] = (0.05, 0.5)
     count: int = 226
     marks: tuple[float, ...] = ()
+    second: str = ""
+    second_span: tuple[float, float] = (0.0, 1.0)
+    second_count: int = 0
+    cuts: tuple[float, ...] = ()
 
 
 def paper_system(values: Mapping[str, Value] | None = None) -> System:
@@ -182,3 +188,23 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
                 rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(0.75)),
 )}
 """Every figure with numbers in it, by its number in the paper."""
+
+AT_036_085: dict[str, Value] = {**_kinetic(0.85), "engine.frequency": 0.36 * OMEGA_N}
+"""Where period one and a large period two coexist behind Fig. 6."""
+
+CHARTS: dict[int, PaperFigure] = {row.number: row for row in (
+    PaperFigure(19, r"Where motions of Fig. 4 begin and end: $\omega$ and $\mu_k$", rf"{CONSTANT}; shaded: period from "
+                "the initial state (13)", "chart", (Series("", {}),), span=(0.12, 0.5), count=96,
+                second="friction.kinetic_coefficient", second_span=(0.55, 0.995), second_count=61,
+                cuts=(0.6, 0.667, 0.75, 0.83, 0.92)),
+    PaperFigure(20, rf"Where motions of Fig. 14 begin and end: $\omega$ and $\psi$, {FALLING_SLOPE}",
+                rf"{QUARTER}, $\omega_f = \omega$; shaded: period from the initial state (13)", "chart",
+                (Series("", _pressure(kinetic=0.75)),), span=(0.12, 0.5), count=96, second="pressure.phase",
+                second_span=(0.0, 1.0), second_count=61, cuts=(0.0, 0.25, 0.5, 0.75, 1.0)),
+)}
+"""What the paper has not: charts of the bifurcations behind its figures, numbered on."""
+
+
+def figure_row(number: int) -> PaperFigure:
+    """The row of a figure or chart."""
+    return FIGURES[number] if number in FIGURES else CHARTS[number]

@@ -57,7 +57,8 @@ def judge(*, jobs: int | None = None, progress: bool = False, claims: tuple[Judg
     NumericalFailure
         A motion that a verdict rests on could not be solved.
     """
-    loose, tight = Evidence(TOLERANCE, jobs, progress), Evidence(TIGHTER, jobs, progress)
+    loose = Evidence(TOLERANCE, jobs, progress)
+    tight = Evidence(TIGHTER, jobs, progress, loose.known)
     out = []
     for claim in claims:
         verdict = Verdict(claim(tight), claim(loose).verdict)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.paper import branch_panels as panels
 from tcc_sim.paper import histories as paper_histories
 from tcc_sim.views import style
 
@@ -34,7 +35,8 @@ def draw(data: Data, stem: Path) -> None:
         if data["kind"] in ("map", "damping") and directions != {"cold"}:
             extra += [DIRECTIONS[d] for d in sorted(directions)]
         note = f" ({', '.join(extra)})" if extra else ""
-        drawn.suptitle(f"Fig. {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5,
+        what = "Chart" if data["kind"] == "chart" else "Fig."
+        drawn.suptitle(f"{what} {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5,
                        fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
@@ -46,7 +48,7 @@ def draw(data: Data, stem: Path) -> None:
 
 def _caption(data: Data) -> str:
     """The line below a picture: parameters, and what was dropped and kept."""
-    if "cycles" not in data:
+    if "cycles" not in data or data["kind"] == "chart":
         return str(data["caption"])
     most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
     return (f"{data['caption']}; {data['cycles']} engine cycles, the first {data['discarded']} dropped; "
@@ -117,6 +119,9 @@ def _legend_of_marks(axis: Any, curves: list[Data]) -> None:
 def _paint_map(drawn: Any, data: Data) -> None:
     """Left the maxima of every curve, right an orbit diagram for each."""
     curves, x = data["curves"], data["x"]
+    if "branches" in curves[0]:
+        _paint_branches(drawn, data)
+        return
     grid = drawn.add_gridspec(len(curves), 2, width_ratios=(1.0, 1.05))
     maxima = drawn.add_subplot(grid[:, 0])
     orbits = [drawn.add_subplot(grid[k, 1]) for k in range(len(curves))]
@@ -149,6 +154,49 @@ def _paint_map(drawn: Any, data: Data) -> None:
         below = maxima.transAxes + ScaledTranslation(-0.1, -0.36, drawn.dpi_scale_trans)
         maxima.legend(handles=maxima.lines[known:], loc="upper left", bbox_to_anchor=(0.0, 0.0), bbox_transform=below,
                       fontsize=6.5)
+
+
+def _paint_branches(drawn: Any, data: Data) -> None:
+    """A row for every curve: branches over the maxima of the sweep, and the orbit diagram."""
+    curves, x = data["curves"], data["x"]
+    grid = drawn.add_gridspec(len(curves) + 1, 2, width_ratios=(1.55, 1.0), height_ratios=[1.0] * len(curves) + [0.22])
+    rows = [(drawn.add_subplot(grid[k, 0]), drawn.add_subplot(grid[k, 1])) for k in range(len(curves))]
+    beyond = 0
+    for k, (curve, (left, right)) in enumerate(zip(curves, rows)):
+        colour = style.CYCLE[k]
+        right.sharex(left)
+        left.set_xlim(x[0], x[-1])
+        _points(left, x, curve, colour)
+        panels.draw_branches(left, curve, data["unit"], colour)
+        top, more = panels.top_of([curve])
+        beyond += more
+        left.set_ylim(0.0, top)
+        panels.label_jumps(left, [curve], data["unit"], [style.INK])
+        left.set_ylabel(MAXIMUM)
+        _orbit(right, x, curve, colour)
+        right.set_ylabel(SECTION)
+        right.set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
+        right.margins(y=0.08)
+        for axis in (left, right):
+            axis.locator_params(axis="y", nbins=4)
+            axis.locator_params(axis="x", nbins=6)
+            axis.tick_params(labelbottom=k == len(curves) - 1)
+            _marks(axis, data)
+    for axis in rows[-1]:
+        axis.set_xlabel(AXES[data["axis"]])
+    for axis, title in zip(rows[0], ("(a) maximum slip speed", "(b) orbit diagrams")):
+        axis.annotate(title, (0.0, 1.0), (0.0, 62.0), xycoords="axes fraction", textcoords="offset points",
+                      fontsize=8.5, fontweight="bold")
+    panels.legend_of(drawn.add_subplot(grid[-1, :]), curves, beyond)
+
+
+def _points(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+    """The maxima of a sweep as points alone: full where the section repeats, hollow where it does not."""
+    values, done, at = _numbers(curve["max_slip_speed"]), settled(curve), np.array(x)
+    axis.plot(at[done], values[done], linestyle="none", color=colour, marker="o", markersize=2.0, markeredgewidth=0.0,
+              alpha=0.55, zorder=2)
+    axis.plot(at[~done], values[~done], linestyle="none", color=colour, marker="o", markersize=2.2,
+              markerfacecolor="white", markeredgewidth=0.4, zorder=2)
 
 
 def _top(x: list[float], curves: list[Data]) -> float:
@@ -186,10 +234,13 @@ def _paint_damping(drawn: Any, data: Data) -> None:
 def _paint_orbit(drawn: Any, data: Data) -> None:
     """One orbit diagram per direction, above each other; where both were continued, together."""
     curves, x = data["curves"], data["x"]
-    panels = [[c] for c in curves if c["direction"] == "cold"] + [[c for c in curves if c["direction"] != "cold"]]
-    panels = [p for p in panels if p]
-    axes = np.atleast_1d(drawn.subplots(len(panels), 1, sharex=True, sharey=True))
-    for axis, panel in zip(axes, panels):
+    shown = [[c] for c in curves if c["direction"] == "cold"] + [[c for c in curves if c["direction"] != "cold"]]
+    shown = [p for p in shown if p]
+    branched = "branches" in curves[0]
+    heights = [1.0] * len(shown) + ([1.4, 0.2] if branched else [])
+    grid = drawn.add_gridspec(len(heights), 1, height_ratios=heights)
+    axes = [drawn.add_subplot(grid[k]) for k in range(len(shown) + branched)]
+    for axis, panel in zip(axes, shown):
         for curve in panel:
             colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve["direction"]]
             _orbit(axis, x, curve, colour)
@@ -197,9 +248,29 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
                       label=DIRECTIONS[curve["direction"]])
         axis.set_ylabel(SECTION)
         style.legend_above(axis)
-    style.panel_titles(axes, ["every value by itself" if p[0]["direction"] == "cold" else "continued" for p in panels])
+    for axis in axes[1:]:
+        axis.sharex(axes[0])
+    for axis in axes[1:len(shown)]:
+        axis.sharey(axes[0])
+    for axis in axes[:-1]:
+        axis.tick_params(labelbottom=False)
+    titles = ["every value by itself" if p[0]["direction"] == "cold" else "continued" for p in shown]
     axes[-1].set_xlabel(AXES[data["axis"]])
     axes[-1].set_xlim(x[0], x[-1])
+    if branched:
+        colours = [{"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[c["direction"]] for c in curves]
+        for curve, colour in zip(curves, colours):
+            _points(axes[-1], x, curve, colour)
+        panels.draw_branches(axes[-1], curves[0], data["unit"], style.INK)
+        top, beyond = panels.top_of(curves)
+        axes[-1].set_ylim(0.0, top)
+        axes[-1].set_ylabel(MAXIMUM)
+        panels.label_jumps(axes[-1], curves, data["unit"], colours)
+        panels.legend_of(drawn.add_subplot(grid[-1]), curves[:1], beyond)
+        titles.append("branches behind both")
+    style.panel_titles(axes, titles)
+    if branched:
+        axes[-1].set_title(axes[-1].get_title(loc="left"), pad=44.0)
 
 
 def _paint_law(drawn: Any, data: Data) -> None:
@@ -232,13 +303,22 @@ def _paint_law(drawn: Any, data: Data) -> None:
 
 def _map_height(data: Data) -> float:
     """Room for every orbit diagram, inch."""
+    if "branches" in data["curves"][0]:
+        return 1.2 + 1.9 * len(data["curves"])
     return 0.9 + 0.95 * len(data["curves"])
+
+
+def _orbit_height(data: Data) -> float:
+    """Room for one or two panels of orbits, and one of branches, inch."""
+    height = 3.0 if len({c["direction"] == "cold" for c in data["curves"]}) == 1 else 5.0
+    return height + (3.4 if "branches" in data["curves"][0] else 0.0)
 
 
 KINDS: dict[str, tuple[Callable[[Data], float], Callable[[Any, Data], None]]] = {
     "map": (_map_height, _paint_map),
     "damping": (lambda data: 5.4, _paint_damping),
-    "orbit": (lambda data: 3.0 if len({c["direction"] == "cold" for c in data["curves"]}) == 1 else 5.0, _paint_orbit),
+    "orbit": (_orbit_height, _paint_orbit),
+    "chart": (lambda data: 5.4, panels.paint_chart),
     "law": (lambda data: 2.7, _paint_law),
     "histories": (lambda data: 0.6 + 1.75 * len(data["panels"]), paper_histories.paint_histories),
     "delay": (lambda data: 4.4, paper_histories.paint_delay),

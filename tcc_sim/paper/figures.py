@@ -1,71 +1,28 @@
-"""The numbers of the paper's figures: a row of `paper.FIGURES` -> JSON values, which `views.paper_figures` draws."""
+"""The numbers of the paper's figures: a row of `paper.FIGURES` -> JSON values, which `paper.drawings` draws."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.summary import summarise
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
-from tcc_sim.model.parameters import System, Value, replace, values_of
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, PaperFigure, Series, paper_system
+from tcc_sim.model.parameters import System, values_of
+from tcc_sim.paper import settled_histories
+from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, STATIC, PaperFigure, Series, figure_row, paper_system
+from tcc_sim.paper.charts import chart
 from tcc_sim.paper.coexistence import coexisting
-from tcc_sim.solvers import solve
+from tcc_sim.paper.figure_branches import motions_behind
+from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.studies.lyapunov import largest_lyapunov_exponent
 from tcc_sim.studies.sweep import Curve, Plan, Sweep, sweep_curves
-from tcc_sim.trajectory import State, Trajectory
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
-QUICK_SHARE = 4
-"""`--quick` takes one value of so many."""
-SAMPLES = 1000
-"""Samples per cycle in a time history."""
-RUN_IN = 150
-"""Cycles before a time history."""
-SECTION_CYCLES = 2000
-"""Section points of a motion without period in Fig. 7."""
-
-SWEPT = ("map", "damping", "orbit")
-"""Kinds of figures with a sweep, which has a direction."""
-BOTH_LAWS = ("law", "solvers")
-"""Kinds of figures that show the smoothed and the set-valued law."""
-
-
-@dataclass(frozen=True)
-class Manner:
-    """How the figures are made.
-
-    quick : a quarter of the values and half of the cycles
-    direction : of the sweeps; None takes what the figure has
-    law : smoothed, as in the paper, or set_valued
-    jobs : threads; None takes all cores
-    progress : show a bar on a terminal
-    kept : curves that were swept already; figures share some of them
-    """
-
-    quick: bool = False
-    direction: str | None = None
-    law: str = "smoothed"
-    jobs: int | None = None
-    progress: bool = False
-    kept: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict, compare=False, repr=False)
-
-
-def check_manner(number: int, manner: Manner) -> None:
-    """Raise InputError where a figure has nothing that a direction or the set-valued law would change."""
-    kind = FIGURES[number].kind
-    if manner.direction is not None and kind not in SWEPT:
-        raise InputError(f"direction is {manner.direction}; Fig. {number} has no sweep")
-    if manner.law != "smoothed" and kind in BOTH_LAWS:
-        raise InputError(f"law is {manner.law}; Fig. {number} shows both laws")
 
 
 def figure_data(number: int, manner: Manner) -> dict[str, Any]:
@@ -78,9 +35,9 @@ def figure_data(number: int, manner: Manner) -> dict[str, Any]:
     NumericalFailure
         A time history that could not be solved; a failed point of a sweep is a status in the data instead.
     """
-    if number not in FIGURES:
-        raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(FIGURES)}")
-    row = FIGURES[number]
+    if number not in (*FIGURES, *CHARTS):
+        raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(CHARTS)}")
+    row = figure_row(number)
     began = time.perf_counter()
     out: dict[str, Any] = {
         "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": manner.law,
@@ -94,18 +51,13 @@ def figure_data(number: int, manner: Manner) -> dict[str, Any]:
 
 def figure_system(number: int, manner: Manner) -> System:
     """The system of a figure's first curve; the others and its axis are changes of it."""
-    return _system(FIGURES[number].series[0], manner)
+    return system_of(figure_row(number).series[0], manner)
 
 
 def _varied(row: PaperFigure) -> set[str]:
     """Keys that differ between the curves or along them."""
     keys = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
-    return keys | ({row.over} if row.kind in ("map", "damping", "orbit") else set())
-
-
-def _system(series: Series, manner: Manner, **values: Value) -> System:
-    """The system of one curve."""
-    return replace(paper_system(series.values), {"friction.law": manner.law, **values})
+    return keys | ({row.over, row.second} if row.kind in ("map", "damping", "orbit", "chart") else set())
 
 
 def _axis(row: PaperFigure, manner: Manner) -> tuple[str, np.ndarray, float]:
@@ -125,20 +77,29 @@ def plan_of(manner: Manner, direction: str = "cold", *, damping: bool = False) -
 
 def _curves(row: PaperFigure, manner: Manner, plan: Plan) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Every series swept, as JSON values, and what the figure says of the axis."""
-    name, ratios, unit = _axis(row, manner)
-    scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
-    key_values = tuple(float(x) for x in scaled)
-    wanted = [Curve(_system(s, manner), row.over, key_values) for s in row.series]
-    missing = [curve for curve in wanted if (curve, plan) not in manner.kept]
-    if missing:
-        for sweep in sweep_curves(missing, plan, jobs=manner.jobs, progress=manner.progress):
-            manner.kept[sweep.curve, plan] = sweep
-    found = [manner.kept[curve, plan] for curve in wanted]
+    found, axis = _swept(row, manner, plan)
     curves = [curve_json(series, sweep) for series, sweep in zip(row.series, found)]
     if row.kind == "map" and plan.direction == "cold":
         for curve, sweep in zip(curves, found):
             curve["coexisting"] = coexisting(sweep, manner.jobs)
-    return curves, {"axis": name, "x": ratios.tolist(), "cycles": plan.cycles, "discarded": 50}
+    if manner.branches and row.kind == "map":
+        for curve, sweep in zip(curves, found):
+            curve.update(motions_behind([sweep], manner.progress)[0])
+    return curves, axis
+
+
+def _swept(row: PaperFigure, manner: Manner, plan: Plan) -> tuple[list[Sweep], dict[str, Any]]:
+    """The sweep of every series, and what the figure says of the axis."""
+    name, ratios, unit = _axis(row, manner)
+    scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
+    key_values = tuple(float(x) for x in scaled)
+    wanted = [Curve(system_of(s, manner), row.over, key_values) for s in row.series]
+    missing = [curve for curve in wanted if (curve, plan) not in manner.kept]
+    if missing:
+        for sweep in sweep_curves(missing, plan, jobs=manner.jobs, progress=manner.progress):
+            manner.kept[sweep.curve, plan] = sweep
+    return [manner.kept[curve, plan] for curve in wanted], {"axis": name, "x": ratios.tolist(), "unit": unit,
+                                                            "cycles": plan.cycles, "discarded": 50}
 
 
 def curve_json(series: Series, sweep: Sweep) -> dict[str, Any]:
@@ -164,79 +125,16 @@ def _damping(row: PaperFigure, manner: Manner) -> dict[str, Any]:
 
 def _orbit(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     """Fig. 6: from the initial state, and continued up and down (only one of these where the manner says which)."""
-    curves: list[dict[str, Any]] = []
+    sweeps: list[Sweep] = []
     axis: dict[str, Any] = {}
     for direction in (manner.direction,) if manner.direction else ("cold", "up", "down"):
-        found, axis = _curves(row, manner, plan_of(manner, direction))
-        curves += found
+        found, axis = _swept(row, manner, plan_of(manner, direction))
+        sweeps += found
+    curves = [curve_json(row.series[0], sweep) for sweep in sweeps]
+    if manner.branches:
+        for curve, motions in zip(curves, motions_behind(sweeps, manner.progress)):
+            curve.update(motions)
     return {**axis, "curves": curves}
-
-
-def _run_in(system: System, manner: Manner, cycles: int, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
-    """The motion over the transient and the 100 cycles after it, and then over some more with samples."""
-    before = solve(system, cycles=RUN_IN).raise_for_status()
-    after = solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=RUN_IN,
-                  state=before.final).raise_for_status()
-    return before, after
-
-
-def _state(run: Trajectory) -> list[float]:
-    """Slip speed, plate angle and plate speed at the end."""
-    last = run.final
-    return [last.slip_speed, last.plate_angle, last.plate_speed]
-
-
-def _samples(run: Trajectory, *names: str) -> dict[str, Any]:
-    """Time in engine cycles from the first sample on, and some signals."""
-    return {"t": ((run.t - run.t[0]) / run.cycle).tolist(), **{name: getattr(run, name).tolist() for name in names}}
-
-
-def _histories(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 7."""
-    panels = []
-    for series in row.series:
-        system = _system(series, manner)
-        before, after = _run_in(system, manner, 12)
-        summary = summarise(before)
-        section, exponent = summary.section, None
-        if not summary.period:
-            many = SECTION_CYCLES // (QUICK_SHARE if manner.quick else 1)
-            further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
-            section = summarise(further, 0).section
-            if manner.law == "smoothed":
-                exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN).as_json()
-        panels.append({"label": series.label, "values": dict(series.values), "period": summary.period,
-                       "section": [list(p) for p in section], "lyapunov": exponent,
-                       **_samples(after, "slip_speed", "plate_angle")})
-    return {"panels": panels}
-
-
-def _delay(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
-    panels = []
-    for series in row.series:
-        _, after = _run_in(_system(series, manner), manner, 2)
-        panels.append({"label": series.label, "values": dict(series.values), "first_half": first_half(after),
-                       **_samples(after, "slip_speed", "engine_torque", "state")})
-    return {"panels": panels}
-
-
-def first_half(run: Trajectory) -> float:
-    """The part of the way slipped in positive direction that falls into the first half of the engine cycle."""
-    phase = np.mod(run.t / run.cycle + 1e-12, 1.0)
-    slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
-    total = float(slip.sum())
-    return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
-
-
-def _actuation(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 12."""
-    panels = []
-    for series in row.series:
-        before, after = _run_in(_system(series, manner), manner, 9)
-        panels.append({"label": series.label, "values": dict(series.values), "period": summarise(before).period,
-                       **_samples(after, "slip_speed", "saturation_torque", "engine_torque")})
-    return {"panels": panels}
 
 
 def _law(row: PaperFigure, manner: Manner) -> dict[str, Any]:
@@ -258,54 +156,7 @@ def _law(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     return {"slip_speed": v.tolist(), "near_slip_speed": near.tolist(), "curves": curves}
 
 
-SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
-    "smoothed": ("smoothed law, this package", "smoothed", {}),
-    "rk45": ("RK45", "smoothed", {"rtol": 1e-6}),
-    "bdf": ("Gear (BDF)", "smoothed", {"rtol": 1e-6}),
-    "event_driven": ("discontinuous solution", "set_valued", {}),
-    "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5}),
-}
-
-
-STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
-    (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
-    ("(6)", {"friction.law": "set_valued"}))
-STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
-"""Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
-
-
-def _solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
-    system = paper_system(row.series[0].values)
-    begin = QUICK_STEADY_CYCLES if manner.quick else STEADY_CYCLES
-    steady = []
-    for label, values in STEADY_LAWS:
-        before = solve(replace(system, values), cycles=begin).raise_for_status()
-        after = solve(replace(system, values), cycles=4, samples_per_cycle=SAMPLES // 2, start_cycle=begin,
-                      state=before.final).raise_for_status()
-        found = summarise(before, begin - 100)
-        steady.append({"label": label, "values": dict(values), "period": found.period, "settled": found.settled,
-                       "max_slip_speed": found.max_slip_speed, "final": _state(before),
-                       **_samples(after, "slip_speed")})
-    start = State(*steady[0]["final"])
-    curves = []
-    for solver, (label, law, setting) in SOLVER_CURVES.items():
-        begun = time.perf_counter()
-        run = solve(replace(system, {"friction.law": law}), cycles=1 if manner.quick else 2, samples_per_cycle=SAMPLES,
-                    start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
-        curves.append({"solver": solver, "label": label, "status": run.status.value,
-                       "seconds": time.perf_counter() - begun,
-                       **_samples(run, "slip_speed", "friction_torque")})
-    reference = np.array(curves[0]["slip_speed"])
-    for curve in curves:
-        v = np.array(curve["slip_speed"])
-        same = len(v) == len(reference)
-        curve["rms_difference"] = float(np.sqrt(np.mean((v - reference) ** 2))
-                                        / np.abs(reference).max()) if same else None
-    return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}
-
-
 KINDS: dict[str, Callable[[PaperFigure, Manner], dict[str, Any]]] = {
-    "map": _map, "damping": _damping, "orbit": _orbit, "histories": _histories, "delay": _delay,
-    "actuation": _actuation,
-    "law": _law, "solvers": _solvers}
+    "map": _map, "damping": _damping, "orbit": _orbit, "histories": settled_histories.histories,
+    "delay": settled_histories.delay, "actuation": settled_histories.actuation, "law": _law,
+    "solvers": settled_histories.solvers, "chart": chart}

@@ -89,9 +89,8 @@ def paint_actuation(drawn: Any, data: Data) -> None:
         axis.set_xlim(t[0], t[-1])
         axis.set_xticks(np.arange(0, int(t[-1]) + 1))
         axis.set_title(f"({'abc'[k]}) {panel['label']}")
-        axis.set_title(f"period {panel['period']}" if panel["period"] else "no period up to 16", loc="right",
-                       fontweight="normal",
-                       fontsize=7.0)
+        found = f"period {panel['period']}" if panel["period"] else "no period up to 16"
+        axis.set_title(found + orbit_words(panel), loc="right", fontweight="normal", fontsize=7.0)
         other = axis.twinx()
         other.plot(t, panel["saturation_torque"], color=style.GREY, linewidth=0.9, linestyle=(0, (4, 2)))
         other.plot(t, panel["engine_torque"], color=style.ORANGE, linewidth=0.8, linestyle=(0, (1, 1.5)))
@@ -102,6 +101,15 @@ def paint_actuation(drawn: Any, data: Data) -> None:
         axis.set_zorder(other.get_zorder() + 1)
         axis.patch.set_visible(False)
     axes[-1].set_xlabel(CYCLES)
+
+
+def orbit_words(panel: Data) -> str:
+    """What is known of a panel's periodic orbit, where that was asked for."""
+    orbit = panel.get("orbit")
+    if orbit is None:
+        return ""
+    size = max(float(np.hypot(*m)) for m in orbit["multipliers"])
+    return f", {'stable' if orbit['stable'] else 'unstable'}: largest Floquet multiplier {size:.3g}"
 
 
 def paint_solvers(drawn: Any, data: Data) -> None:

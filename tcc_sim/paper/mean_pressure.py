@@ -16,7 +16,7 @@ from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims_constant_load import AT_036, NEAR, RATIOS
 from tcc_sim.paper.evidence import KINETIC, Evidence, Values, slips_at, with_kinetic
-from tcc_sim.paper.figures import first_half
+from tcc_sim.paper.settled_histories import first_half
 
 PRESSURES = (200e3, 210e3, 220e3, 225e3, 230e3, 240e3, 250e3, 260e3)
 """Pa; Table 1 says 200 to 400 kPa."""

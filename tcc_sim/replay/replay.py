@@ -109,7 +109,8 @@ class Replay:
     def lines(self) -> list[str]:
         """The result for a terminal."""
         stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
-        stamps += f", {self.continuity.gaps} gaps" if self.continuity.gaps else ", no gap"
+        gaps = self.continuity.gaps
+        stamps += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ", no gap"
         if self.continuity.uneven:
             stamps += f", {self.continuity.uneven} of them uneven"
         if self.continuity.runs > 1:

@@ -96,7 +96,8 @@ class Memory:
         self.builder = builder
         self.start = builder.bitcast(array.data, REAL.as_pointer())
         self.strides = cgutils.unpack_tuple(builder, array.strides)
-        self.length = kind.shape[-1] if hasattr(kind, "shape") else 0
+        self.shape = getattr(kind, "shape", (0,))
+        self.length = self.shape[-1]
         self.known: dict[Any, Name] = {}
 
     def _place(self, key: tuple[int, ...]) -> Any:
@@ -234,8 +235,7 @@ def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
     def implement(_typing: Any, order: Any, *kinds: Any) -> Any:
         def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
-            builder.comment(f"unrolled {OWN_TEXT}")
-            end = builder.append_basic_block("reached")
+            end = builder.append_basic_block(f"reached_{OWN_TEXT[:8]}")
             for k in text(*names) or ():
                 further = builder.append_basic_block(f"beyond_{k}")
                 reached = builder.icmp_signed("<=", arguments[0], ir.Constant(arguments[0].type, k))

@@ -21,8 +21,10 @@ from tcc_sim.studies.shooting import Shooting
 
 UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that came to no attractor."""
-CHUNK = 8
-"""Cycles after which a motion is first asked where it is; later chunks are twice as long, up to four times."""
+Labels = NDArray[np.int64]
+Counts = NDArray[np.int64]
+CHUNK = 4
+"""Cycles after which motions are asked where they are."""
 MAXIMUM_PERIOD = 16
 """Longest period looked for, cycles."""
 SETTLING = 256
@@ -44,18 +46,28 @@ APART = 0.4
 
 
 class Motion(Protocol):
-    """What is asked of a system besides its map with derivatives: the section of many cycles, cheaply."""
+    """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
 
     map: ParameterMap
 
-    def section(self, x: Floats, first: int, cycles: int) -> Floats:
-        """(m + 1, n) states at the starts of cycles first to first + m; m < cycles where it cannot be solved further."""
+    def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
+        """(m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles first to first + cycles.
 
-    def runs_away(self, points: Floats) -> bool:
-        """Whether a motion with these last section points is sure to grow without bound."""
+        NaN from where one cannot be solved further.
+        """
+
+    def runs_away(self, points: Floats) -> NDArray[np.bool_]:
+        """Whether motions with these section points (m, n) are sure to grow without bound."""
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
         """The largest size of the motion over some cycles."""
+
+
+def section_of(of: Motion, x: Floats, first: int, cycles: int) -> Floats:
+    """(m + 1, n) states of one motion at the starts of its cycles; m < cycles where it cannot be solved further."""
+    points = of.sections(np.asarray(x, dtype=np.float64)[None], first, cycles)[0]
+    out: Floats = points[np.isfinite(points).all(axis=1)]
+    return out
 
 
 @dataclass(frozen=True)
@@ -98,40 +110,54 @@ class Captures:
         self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales) for phase in range(forcing_period)])
                         for k, a in enumerate(attractors) if not a.period]
 
-    def find(self, points: Floats, first: int) -> tuple[int, int]:
-        """(index of the attractor, cycles until it was reached) of section points (m + 1, n); index -1 for none."""
+    def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
+        """Indices of attractors (k,) and cycles until they were reached (k,) of section points (k, m + 1, n).
+
+        UNDECIDED where a motion comes to none, as where its points are NaN.
+        """
         scaled = points / self._scales
-        inside = ((scaled[:, None] - self._points) ** 2).sum(axis=2) <= self._reach
+        inside = ((scaled[:, :, None] - self._points) ** 2).sum(axis=3) <= self._reach
+        phases = (first + np.arange(scaled.shape[1])) % self._forcing
         if self._forcing > 1:
-            inside &= (first + np.arange(len(scaled))[:, None] - self._cycle) % self._forcing == 0
-        both = inside[:-1] & inside[1:, self._following]
-        at = np.flatnonzero(both.any(axis=1))
-        best = (int(self._owner[both[at[0]].argmax()]), int(at[0])) if len(at) else (UNDECIDED, len(points))
+            inside &= (phases[:, None] - self._cycle) % self._forcing == 0
+        both = inside[:, :-1] & inside[:, 1:, self._following]
+        reached = both.any(axis=2)
+        labels, after = np.full(len(points), UNDECIDED), np.full(len(points), scaled.shape[1])
+        at = np.flatnonzero(reached.any(axis=1))
+        if len(at):
+            after[at] = reached[at].argmax(axis=1)
+            labels[at] = self._owner[both[at, after[at]].argmax(axis=1)]
         for k, radius, trees in self._clouds:
-            phases = (first + np.arange(len(scaled))) % self._forcing
-            near = np.array([trees[phase].query(x, distance_upper_bound=radius)[0] <= radius
-                             for phase, x in zip(phases, scaled)])
-            at = np.flatnonzero(near[1:] & near[:-1])
-            if len(at) and at[0] < best[1]:
-                best = (k, int(at[0]))
-        return best
+            near = np.zeros(scaled.shape[:2], dtype=bool)
+            for i, phase in enumerate(phases):
+                known = np.isfinite(scaled[:, i]).all(axis=1)
+                near[known, i] = trees[phase].query(scaled[known, i], distance_upper_bound=radius)[0] <= radius
+            two = near[:, 1:] & near[:, :-1]
+            sooner = two.any(axis=1) & (two.argmax(axis=1) < after)
+            labels[sooner], after[sooner] = k, two[sooner].argmax(axis=1)
+        return labels, after
 
 
-def follow(of: Motion, captures: Captures, start: Floats, most: int) -> tuple[int, int]:
-    """(label, cycles) of one initial state (n,): the attractor that it comes to, RUNAWAY or UNDECIDED."""
-    x, cycle, length = start, 0, CHUNK
-    while cycle < most:
-        length = min(length, most - cycle)
-        points = of.section(x, cycle, length)
+def follow(of: Motion, captures: Captures, starts: Floats, most: int) -> tuple[Labels, Counts]:
+    """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
+
+    A motion counts as come to an attractor at the first of two section points by it, whatever chunks it is solved in.
+    """
+    labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
+    going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0
+    while cycle < most and len(going):
+        length = min(CHUNK, most - cycle)
+        points = of.sections(x, cycle, length)
+        solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
+        last = points[np.arange(len(going)), solved]
         found, after = captures.find(points, cycle)
-        if found >= 0:
-            return found, cycle + after
-        if of.runs_away(points):
-            return RUNAWAY, cycle + len(points) - 1
-        if len(points) < length + 1:
-            return UNDECIDED, cycle + len(points) - 1
-        x, cycle, length = points[-1], cycle + length, min(2 * length, 4 * CHUNK)
-    return UNDECIDED, most
+        away = (found == UNDECIDED) & of.runs_away(last)
+        found[away] = RUNAWAY
+        ended = (found != UNDECIDED) | (solved < length)
+        labels[going[ended]] = found[ended]
+        cycles[going[ended]] = cycle + np.where(found[ended] >= 0, after[ended], solved[ended])
+        going, x, cycle = going[~ended], last[~ended], cycle + length
+    return labels, cycles
 
 
 def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attractor] = ()) -> list[Attractor]:
@@ -142,7 +168,7 @@ def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attract
     scales, forcing = of.map.scales, of.map.forcing_period
     found = list(known)
     for seed in seeds:
-        if follow(of, Captures(found, scales, forcing), seed, SETTLING)[0] != UNDECIDED:
+        if follow(of, Captures(found, scales, forcing), np.asarray(seed)[None], SETTLING)[0][0] != UNDECIDED:
             continue
         attractor = _settle(of, seed)
         if attractor is not None and not any(_same(attractor, other, scales) for other in found):
@@ -155,16 +181,16 @@ def _settle(of: Motion, seed: Floats) -> Attractor | None:
     """The attractor that a motion comes to, without its radius; None where it runs away or cannot be solved."""
     x, cycle, length = seed, 0, SETTLING
     while cycle < LONGEST:
-        points = of.section(x, cycle, length)
-        if len(points) < length + 1 or of.runs_away(points):
+        points = section_of(of, x, cycle, length)
+        if len(points) < length + 1 or of.runs_away(points[-1:])[0]:
             return None
         x, cycle = points[-1], cycle + length
         orbit = _repeating(of, points[-2 * MAXIMUM_PERIOD:], cycle)
         if orbit is not None:
             return orbit
         length = min(2 * length, LONGEST)
-    points = of.section(x, cycle, CLOUD)
-    if len(points) < CLOUD + 1 or of.runs_away(points):
+    points = section_of(of, x, cycle, CLOUD)
+    if len(points) < CLOUD + 1 or of.runs_away(points[-1:])[0]:
         return None
     phases = (cycle + np.arange(len(points))) % of.map.forcing_period
     return Attractor(0, points, phases, None, of.largest(x, cycle, CLOUD))
@@ -187,7 +213,7 @@ def _repeating(of: Motion, points: Floats, cycle: int) -> Attractor | None:
         multipliers = multipliers_of(of.map.evaluate(x, (), 0, true_period).jacobian)
         if abs(multipliers[0]) >= 1.0 or np.linalg.norm((x - points[last]) / scales) > 4.0 * NEAR:
             continue
-        section = of.section(x, 0, true_period)[:-1]
+        section = section_of(of, x, 0, true_period)[:-1]
         return Attractor(true_period, section, np.arange(true_period) % forcing, multipliers,
                          of.largest(x, 0, true_period))
     return None
@@ -248,7 +274,7 @@ def _captures(of: Motion, attractor: Attractor, radius: float) -> bool:
         start = attractor.section[k] + radius * away / np.linalg.norm(away) * of.map.scales
         first = k if attractor.period else int(attractor.phases[k])
         for cycle in range(first, first + PROBE_CYCLES, 4 * MAXIMUM_PERIOD):
-            points = of.section(start, cycle, 4 * MAXIMUM_PERIOD)
+            points = section_of(of, start, cycle, 4 * MAXIMUM_PERIOD)
             if len(points) < 4 * MAXIMUM_PERIOD + 1:
                 return False
             if tree.query(points[-MAXIMUM_PERIOD:] / of.map.scales)[0].max() <= max(within, 1e-6):

@@ -16,7 +16,7 @@ from tcc_sim import __version__
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene
-from tcc_sim.studies.attractors import UNDECIDED, Attractor, Captures, find_attractors
+from tcc_sim.studies.attractors import UNDECIDED, Attractor, Captures, find_attractors, follow
 from tcc_sim.studies.basins import (
     CYCLES,
     ROUNDS,
@@ -25,7 +25,6 @@ from tcc_sim.studies.basins import (
     Counts,
     Labels,
     check_plane,
-    label_all,
     seeds_of,
     starts,
 )
@@ -49,7 +48,7 @@ def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Se
     """Labels and cycles of one row of cells; what a worker does."""
     motion = DrivelineMotion(system)
     captures = Captures(attractors, motion.map.scales, motion.map.forcing_period)
-    labels, cycles = label_all(motion, captures, starts(system, plane, row), most)
+    labels, cycles = follow(motion, captures, starts(system, plane, row), most)
     return labels.tolist(), cycles.tolist()
 
 

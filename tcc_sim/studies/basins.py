@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
-from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor, Captures, Motion, follow, halton
+from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor, halton
 from tcc_sim.studies.maps import Floats
 
 CYCLES = 600
@@ -145,12 +145,6 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
         low, high = min(axis.values), max(axis.values)
         out[1:, PLANE_KEYS.index(axis.key)] = low + (high - low) * part
     return out
-
-
-def label_all(of: Motion, captures: Captures, cells: Floats, most: int = CYCLES) -> tuple[Labels, Counts]:
-    """Labels and cycles (m,) of initial states (m, n)."""
-    found = [follow(of, captures, cell, most) for cell in cells]
-    return np.array([k for k, _ in found], np.int16), np.array([n for _, n in found], np.int32)
 
 
 def boundary_of(labels: Labels) -> Boundary | None:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.studies.continuation import Heights, Point, correct, point_at
-from tcc_sim.studies.event_borders import border_residual, differ, kind_of_change
+from tcc_sim.studies.continuation import FLAT, Plane, Point, correct, point_at
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import Orbit, orbit_at
 from tcc_sim.studies.shooting import Shooting
@@ -88,7 +87,8 @@ class Chord:
 
     a: Station
     b: Station
-    heights: Heights | None = None
+    climbing: bool = True
+    """Whether the heights are coordinates of the arclength, as they were on the way from a to b."""
 
     def at(self, part: float) -> Station | None:
         """The station at `part` (0 to 1) of the chord; None where the corrector fails."""
@@ -98,12 +98,10 @@ class Chord:
         if part in (0.0, 1.0) or length == 0.0:
             return self.b if part == 1.0 else self.a
         guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
-        extra = None
-        if self.heights is not None:
-            low, high = (np.array(s.orbit.seen.heights) / self.a.shooting.map.height_scale for s in (self.a, self.b))
-            guess = p.z + part * chord
-            extra = self.heights, (high - low) / length, low + part * (high - low)
-        found = correct(self.a.shooting, guess, chord / length, extra)
+        plane, low, high = FLAT, p.found.heights, q.found.heights
+        if self.climbing and len(low) and len(low) == len(high):
+            guess, plane = p.z + part * chord, Plane((high - low) / length, low + part * (high - low))
+        found = correct(self.a.shooting, guess, chord / length, plane)
         if found is None:
             return None
         tangent = found.tangent if float(found.tangent @ (p.tangent + q.tangent)) > 0.0 else -found.tangent
@@ -241,33 +239,6 @@ def _from_circle(station: Station) -> float:
     pairs = [abs(abs(x) ** 2 - 1.0) for x in station.orbit.multipliers if abs(np.angle(x)) > COMPLEX
              and abs(np.angle(x)) < np.pi - COMPLEX]
     return float(min(pairs, default=np.inf))
-
-
-def event_border(chord: Chord, halvings: int = 44) -> tuple[Station, Station, Bifurcation | None]:
-    """The stations on both sides of a change of the event sequence, and the bifurcation there.
-
-    The bracket is halved until its ends differ by rounding. None where the change is none of friction (the pressure
-    meeting 0).
-    """
-    low, high = 0.0, 1.0
-    left, right = chord.a, chord.b
-    for _ in range(halvings):
-        middle = 0.5 * (low + high)
-        station = chord.at(middle)
-        if station is None:
-            break
-        if differ(station.orbit.seen.events, chord.a.orbit.seen.events):
-            high, right = middle, station
-        else:
-            low, left = middle, station
-    events = left.orbit.seen.events, right.orbit.seen.events
-    if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
-        return left, right, None
-    near = tuple(s.shooting.map.margins(s.orbit.section, s.orbit.values, 0, s.orbit.period) for s in (left, right))
-    kind = kind_of_change(*events, (near[0], near[1]))
-    residual = border_residual(kind, (near[0], near[1]))
-    at = left if left.orbit.residual <= right.orbit.residual else right
-    return left, right, Bifurcation(kind, at, max(residual, at.orbit.residual))
 
 
 def with_branch(found: Bifurcation, branch: int) -> Bifurcation:

@@ -1,14 +1,15 @@
 """Pseudo-arclength continuation of any curve of solutions, one equation fewer than unknowns.
 
 H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977. Each step is Newton's method in
-the plane at right angles to the tangent, from a predictor of second order. A step is halved where the corrector goes
+the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (heights) are
+coordinates of the arclength beside the unknowns: where a motion grows much while its section hardly moves, steps are
+measured by its size. A step is halved where the corrector goes
 far from the predictor, where the tangent turns by more than a set angle, or where the determinant of Jacobian and
 tangent changes sign: there the curve has met another one, or the corrector has jumped to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -19,12 +20,10 @@ from tcc_sim.studies.shooting import Linearised
 
 TOLERANCE = 1e-9
 ITERATIONS = 8
-NOISE = 1e-5
-"""Newton steps below this may stop shrinking where rounding is amplified; the residual then decides."""
-
-NO_CLIMB = np.empty(0)
-Heights = Callable[[Floats], tuple[Floats, Floats]]
-"""Further coordinates (k,) of the arclength at a point, with their gradients (k, d + 1), in natural sizes."""
+LARGEST_LEFT = 5e-9
+"""Residual above which no point is accepted."""
+SQUARED = 1e-5
+"""A Newton step below this leaves an error of its square; the residual before it then decides too."""
 
 
 class Equations(Protocol):
@@ -46,8 +45,8 @@ class Point(NamedTuple):
 
 
 class Corrected(NamedTuple):
-    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the further
-    coordinates, where there are any), and how these climb along the tangent.
+    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the heights,
+    where they are coordinates too), and how these climb along the tangent.
     """
 
     z: Floats
@@ -57,14 +56,26 @@ class Corrected(NamedTuple):
     climb: Floats
 
 
-def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Heights, Floats, Floats] | None = None,
-            tolerance: float = TOLERANCE) -> Corrected | None:
-    """Newton from `guess` to the solution with row . (z - guess) = 0; None where it does not converge.
-
-    heights : further coordinates, their weights in the plane's equation, and their values at the guess
+class Plane(NamedTuple):
+    """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values (N,)
+    at the guess.
     """
-    z, last, climb, away = guess.copy(), np.inf, NO_CLIMB, 0.0
-    size = len(guess)
+
+    weights: Floats
+    heights: Floats
+
+
+FLAT = Plane(np.empty(0), np.empty(0))
+
+
+def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT,
+            tolerance: float = TOLERANCE) -> Corrected | None:
+    """Newton from `guess` to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0.
+
+    None where it does not converge.
+    """
+    z, last, away = guess.copy(), np.inf, 0.0
+    size, climbs = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     for _ in range(ITERATIONS):
         try:
@@ -72,24 +83,23 @@ def correct(equations: Equations, guess: Floats, row: Floats, heights: tuple[Hei
             matrix[:-1], matrix[-1] = found.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
             sides[-1, 1] = 1.0
-            if heights is not None:
-                high, gradient = heights[0](z)
-                matrix[-1] += heights[1] @ gradient
-                sides[-1, 0] -= float(heights[1] @ (high - heights[2]))
-                away = float(np.linalg.norm(high - heights[2]))
+            if climbs:
+                if len(found.heights) != len(plane.heights):
+                    return None
+                matrix[-1] += plane.weights @ found.climb
+                sides[-1, 0] -= float(plane.weights @ (found.heights - plane.heights))
+                away = float(np.linalg.norm(found.heights - plane.heights))
             solved: Any = np.linalg.solve(matrix, sides)
         except FAILURES:
             return None
         step = solved[:, 0]
-        length = float(np.abs(step).max())
+        length, left = float(np.abs(step).max()), float(np.abs(found.residual).max())
         if not length < 10.0:
             return None
         z = z + step
-        settled = length <= tolerance or (length <= NOISE and float(np.abs(found.residual).max()) <= equations.rounding)
-        if settled:
+        if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
-            if heights is not None:
-                climb = gradient @ tangent
+            climb = found.climb @ tangent if climbs else plane.weights
             return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb)
         if length > last:
             return None
@@ -142,29 +152,24 @@ class Stride:
 
 
 def advance(equations: Equations, here: Point, before: tuple[Point, float] | None, stride: Stride,
-            heights: Heights | None = None) -> tuple[Point, float] | None:
+            climbing: bool = True) -> tuple[Point, float] | None:
     """The next point along the curve and the length of its step; None where no step is short enough.
 
     before : the point before `here` and the step between them, for the curvature
-    heights : further coordinates of the arclength, where the curve climbs much more in them than in the unknowns
+    climbing : whether the heights are coordinates of the arclength, where there are any
     """
-    climb = NO_CLIMB
-    high = NO_CLIMB
-    if heights is not None:
-        try:
-            high, gradient = heights(here.z)
-        except FAILURES:
-            return None
-        climb = gradient @ here.tangent
+    climb = here.found.climb @ here.tangent if climbing and len(here.found.heights) else FLAT.weights
     reach = float(np.sqrt(1.0 + climb @ climb))
-    curved = before is not None and heights is None
+    curved = before
     while stride.length >= stride.smallest:
         length = stride.length / reach
-        guess = here.z + length * here.tangent
-        if curved and before is not None:
-            guess = guess + 0.5 * length**2 / before[1] * (here.tangent - before[0].tangent)
-        extra = None if heights is None else (heights, climb, high + length * climb)
-        found = correct(equations, guess, here.tangent, extra)
+        guess, heights = here.z + length * here.tangent, here.found.heights[:len(climb)] + length * climb
+        if curved is not None:
+            bend = 0.5 * length**2 / curved[1]
+            guess = guess + bend * (here.tangent - curved[0].tangent)
+            if len(climb) and len(curved[0].found.heights) == len(climb):
+                heights = heights + bend * (climb - curved[0].found.climb @ curved[0].tangent)
+        found = correct(equations, guess, here.tangent, Plane(climb, heights))
         if found is not None:
             along = float(found.tangent @ here.tangent + found.climb @ climb)
             tangent = found.tangent if along > 0.0 else -found.tangent
@@ -175,5 +180,5 @@ def advance(equations: Equations, here: Point, before: tuple[Point, float] | Non
                 stride.length = stride.after(found.distance)
                 return new, float(np.linalg.norm(new.z - here.z))
         stride.length *= 0.5
-        curved = False
+        curved = None
     return None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers import solve
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import State, event_sequence
 
 Floats = NDArray[np.float64]
 STEPS = np.array([1e-4, 1e-6, 1e-4])
@@ -38,12 +38,6 @@ class Differences(NamedTuple):
     derivative: Floats
     by_parameter: Floats
     events: str
-
-
-def event_sequence(before: NDArray[np.int8], after: NDArray[np.int8], only: int) -> str:
-    """Modes in order as letters: S stick, + and - slip, F free; `only` is the mode where there is no change."""
-    modes = [int(before[0]), *map(int, after)] if len(before) else [only]
-    return "".join({0: "S", 1: "+", -1: "-", 2: "F"}[m] for m in modes)
 
 
 def stroboscopic_map(system: System, state: Floats, cycles: int, *, start_cycle: int = 0, rtol: float = 1e-12,

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.event_driven import exact_sections
+from tcc_sim.solvers.smoothed import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.maps import Floats, ParameterMap
-from tcc_sim.trajectory import Cycles, State
+from tcc_sim.trajectory import State
 
 RTOL = 1e-8
 CONSTANT = 40.0
 """Beyond this many times 1/alpha the law's exponential is below 1e-17 of the rest."""
+SECTIONS = {"smoothed": sections.sections, "set_valued": exact_sections.sections}
+"""Section points of many motions by the engine of either law."""
 
 
 class DrivelineMotion:
@@ -31,29 +36,24 @@ class DrivelineMotion:
         self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate
         """How far slip can swing within a few cycles about its mean, rad/s."""
 
-    def _cycles(self, x: Floats, first: int, cycles: int) -> Cycles:
-        """The solved cycles, fewer where it stopped early."""
-        state = State(float(x[0]), float(x[1]), float(x[2]))
-        found = solve(self.system, cycles=cycles, state=state, start_cycle=first, rtol=RTOL).cycles
-        assert found is not None
-        return found
+    def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
+        """(m, cycles + 1, 3) states at the starts of cycles first to first + cycles, NaN behind a failure."""
+        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, RTOL)
 
-    def section(self, x: Floats, first: int, cycles: int) -> Floats:
-        """(m + 1, 3) states at the starts of cycles first to first + m."""
-        return self._cycles(x, first, cycles).section
-
-    def runs_away(self, points: Floats) -> bool:
-        """Whether slip is so fast that friction is constant, and the mean engine torque is more than it can hold.
+    def runs_away(self, points: Floats) -> NDArray[np.bool_]:
+        """(m,) whether slip is so fast that friction is constant, and the mean engine torque more than it can hold.
 
         From there on slip gains (Tm - Tsm)/I1 a second on average, (1a) with a bounded plate, and never comes back.
         """
-        v = float(points[-1, 0])
-        beyond = abs(v) > self._constant + self._swing
-        return beyond and self._drift * np.sign(v) > self._drag
+        v = points[:, 0]
+        out: NDArray[np.bool_] = (np.abs(v) > self._constant + self._swing) & (self._drift * np.sign(v) > self._drag)
+        return out
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
         """The largest |slip speed| over some cycles, rad/s."""
-        found = self._cycles(x, first, cycles)
+        state = State(float(x[0]), float(x[1]), float(x[2]))
+        found = solve(self.system, cycles=cycles, state=state, start_cycle=first, rtol=RTOL).cycles
+        assert found is not None
         return max(float(found.highest.max()), -float(found.lowest.min()))
 
 

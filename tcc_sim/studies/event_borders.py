@@ -53,32 +53,35 @@ def _replaced(text: str, pattern: str, by: str) -> set[str]:
 def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> str:
     """The kind of bifurcation between two event sequences; `near` are the margins on both sides of it.
 
-    Where the sequences differ by more than one event, the smallest margin decides.
+    Where the sequences can differ for several reasons, the smallest margin decides.
     """
     one, two = ring(before), ring(after)
     longer, shorter = (one, two) if len(one) >= len(two) else (two, one)
     if shorter == "S":
         return "stick_border"
-    for kind, rules in RULES.items():
-        if _reduced(longer, rules, shorter):
-            return kind
-    grazing, arrival = min(m.grazing for m in near), min(m.arrival for m in near)
+    kinds = [kind for kind, rules in RULES.items() if _reduced(longer, rules, shorter)]
+    if kinds:
+        # Both an interval of slip and one of stick that vanish make S+S of S+S+S.
+        return min(kinds, key=lambda kind: border_residual(kind, near))
+    grazing, arrival = min(m.grazing for m in near), min(abs(m.arrival) for m in near)
     stick = min(abs(m.stick) for m in near)
     if stick <= min(grazing, arrival):
         return "adding_sliding"
     if grazing <= arrival:
         return "grazing_sliding"
-    least = min(near, key=lambda m: m.arrival)
+    least = min(near, key=lambda m: abs(m.arrival))
     return "switching_sliding" if least.arrival_grows else "crossing_sliding"
 
 
-def border_residual(kind: str, near: tuple[Margins, Margins]) -> float:
-    """The margin that vanishes at a bifurcation of this kind, relative to its natural size."""
-    if kind == "grazing_sliding":
-        return min(m.grazing for m in near)
-    if kind in ("adding_sliding", "stick_border"):
-        return min(abs(m.stick) for m in near)
-    return min(m.arrival for m in near)
+def margin_of(kind: str) -> str:
+    """The name of the margin that vanishes at a bifurcation of this kind."""
+    return {"grazing_sliding": "grazing", "adding_sliding": "stick", "stick_border": "stick"}.get(kind, "arrival")
+
+
+def border_residual(kind: str, near: tuple[Margins, ...]) -> float:
+    """The margin that vanishes at a bifurcation of this kind, relative to its natural size; the smaller one of `near`.
+    """
+    return min(abs(float(getattr(m, margin_of(kind)))) for m in near)
 
 
 def differ(one: str, two: str) -> bool:
@@ -86,5 +89,5 @@ def differ(one: str, two: str) -> bool:
     return ring(one) != ring(two)
 
 
-__all__ = ["border_residual", "differ", "kind_of_change", "ring"]
+__all__ = ["border_residual", "differ", "kind_of_change", "margin_of", "ring"]
 

@@ -6,7 +6,8 @@ are worked out on this protocol alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -15,19 +16,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Values = tuple[float, ...]
 """Values of the free parameters, in the order of the map's keys."""
-
-
-class Image(NamedTuple):
-    """What some cycles make of a state, and its derivatives.
-
-    value : (n,) state after them
-    jacobian : (n, n) derivative with respect to the state before them
-    by_parameter : (n, P) derivative with respect to the free parameters
-    """
-
-    value: Floats
-    jacobian: Floats
-    by_parameter: Floats
 
 
 class Observation(NamedTuple):
@@ -45,19 +33,39 @@ class Observation(NamedTuple):
     heights: tuple[float, ...] = ()
 
 
+class Image(NamedTuple):
+    """What some cycles make of a state, and its derivatives.
+
+    value : (n,) state after them
+    jacobian : (n, n) derivative with respect to the state before them
+    by_parameter : (n, P) derivative with respect to the free parameters
+    seen : what is seen on the way, where the map knows it at once
+    climb : (N, n + P) derivatives of the N heights seen, by the state and the free parameters
+    """
+
+    value: Floats
+    jacobian: Floats
+    by_parameter: Floats
+    seen: Observation | None = None
+    climb: Floats | None = None
+
+
 @dataclass(frozen=True)
 class Margins:
     """How far a motion is from the changes of its event sequence, each relative to a natural size; inf where none.
 
     grazing : smallest |slip speed| at an extremum within slip
-    arrival : smallest | |lambda| - r Ts | where slip ends, and whether stick's margin grows there
+    arrival : r Ts - |lambda| where slip ends, the one nearest to 0, negative where slip goes on the other way
+    arrival_grows : whether stick's margin grows there
     stick : smallest margin r Ts - |lambda| at a minimum within stick
+    slopes : derivatives of these by the state (n,) and the free parameters (P,), by name; only where they are known
     """
 
     grazing: float
     arrival: float
     arrival_grows: bool
     stick: float
+    slopes: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
 
 class ParameterMap(Protocol):
@@ -68,6 +76,7 @@ class ParameterMap(Protocol):
     height_scale : natural size of `Observation.largest` and of the heights
     forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
     piecewise : whether the event sequence changes the map (set-valued friction)
+    divisible : whether `first` and `cycles` of `evaluate` may be parts of cycles
 
     `evaluate` and `observe` raise ArithmeticError where the system cannot be solved and ValueError outside its range.
     """
@@ -77,14 +86,19 @@ class ParameterMap(Protocol):
     height_scale: float
     forcing_period: int
     piecewise: bool
+    divisible: bool
 
-    def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state after `cycles` cycles from `x` at the start of cycle `first`, with derivatives."""
+
+    def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
+                      cycles: Sequence[float]) -> list[Image]:
+        """`evaluate` for several states (m, n), each with its start and its length."""
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """What is seen on that way."""
 
-    def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """How far that way is from another event sequence."""
 
 

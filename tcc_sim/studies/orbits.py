@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eig
 
 from tcc_sim.studies.maps import FAILURES, Floats, Observation, ParameterMap, Values
-from tcc_sim.studies.shooting import Linearised, Shooting
+from tcc_sim.studies.shooting import Linearised, Shooting, product_of
 
 TOLERANCE = 1e-10
 """Last Newton step, in natural sizes, at which an orbit counts as found."""
@@ -24,6 +25,8 @@ ITERATIONS = 25
 SAME = 1e-6
 """Distance, in natural sizes, below which two orbits are the same."""
 LARGEST_STEP = 2.0
+LOST = 1e-8
+"""Reciprocal of a multiplier that the pencil has lost digits of; the product gives it, as it is the largest there."""
 
 
 @dataclass(frozen=True)
@@ -61,21 +64,44 @@ class Orbit:
         out: dict[str, Any] = {"value": self.values[0]}
         out.update(zip(("slip_speed", "plate_angle", "plate_speed"), map(float, self.section)))
         out.update(max_slip_speed=self.seen.largest, stick_fraction=self.seen.stick_fraction, stable=self.stable,
-                   multipliers=[[float(m.real), float(m.imag)] for m in self.multipliers], events=self.seen.events)
+                   multipliers=[[float(m.real), float(m.imag)] for m in self.multipliers], events=self.seen.events,
+                   residual=self.residual)
         return out
 
 
-def multipliers_of(monodromy: Floats) -> NDArray[np.complex128]:
-    """Eigenvalues of the monodromy matrix, largest modulus first; the positive imaginary part first in a pair."""
-    found = np.linalg.eigvals(monodromy).astype(np.complex128)
-    return found[np.lexsort((-found.imag, -np.abs(found)))]
+def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
+    """Floquet multipliers, largest modulus first; the positive imaginary part first in a pair.
+
+    Of several segments, given in order, they are the finite eigenvalues of the pencil whose rows are x_(k+1) = M_k x_k
+    and M_m x_m = lambda x_1: the product of the M_k, which may grow and shrink by many orders, is never formed.
+    """
+    m, n = len(blocks), len(blocks[0])
+    if m == 1:
+        values = np.linalg.eigvals(blocks[0])
+    else:
+        left, right = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
+        for k, block in enumerate(blocks):
+            rows = slice(k * n, k * n + n)
+            left[rows, rows] = block
+            if k + 1 < m:
+                left[rows, (k + 1) * n:(k + 2) * n] = -np.eye(n)
+        right[(m - 1) * n:, :n] = np.eye(n)
+        top, bottom = eig(left, right, right=False, homogeneous_eigvals=True)
+        finite = np.argsort(-np.abs(bottom))[:n]
+        large = np.abs(bottom[finite]) < LOST * np.abs(top[finite])
+        values = np.where(large, 0.0, top[finite] / np.where(large, 1.0, bottom[finite]))
+        if large.any():
+            whole = np.linalg.eigvals(product_of(np.array(blocks)))
+            values[large] = whole[np.argsort(-np.abs(whole))][:int(large.sum())]
+    out: NDArray[np.complex128] = values.astype(np.complex128)
+    return out[np.lexsort((-out.imag, -np.abs(out)))]
 
 
 def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
     """The orbit of a solution `z` with its linearisation."""
     nodes, values = shooting.nodes(z), shooting.values(z)
-    return Orbit(shooting.period, values, nodes, multipliers_of(found.monodromy),
-                 shooting.map.observe(nodes[0], values, 0, shooting.period), float(np.abs(found.residual).max()))
+    seen = found.seen if found.seen is not None else shooting.map.observe(nodes[0], values, 0, shooting.period)
+    return Orbit(shooting.period, values, nodes, multipliers_of(*found.blocks), seen, float(np.abs(found.residual).max()))
 
 
 def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iterations: int = ITERATIONS) -> Floats | None:
@@ -87,7 +113,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     try:
         found = shooting.linearise(z)
         for _ in range(iterations):
-            step = np.linalg.solve(found.jacobian[:, :size], -found.residual)
+            step = _newton_step(found.jacobian[:, :size], found.residual)
             turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
                 step = step / (1.0 - turn)
@@ -114,6 +140,17 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
     except FAILURES:
         return None
     return None
+
+
+def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
+    """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
+    step: Any
+    try:
+        step = np.linalg.solve(jacobian, -residual)
+    except np.linalg.LinAlgError:
+        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
+    out: Floats = step
+    return out
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:

@@ -5,31 +5,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, event_border, smooth_bifurcations, station_at
-from tcc_sim.studies.continuation import Heights, point_at
+from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, smooth_bifurcations, station_at
+from tcc_sim.studies.border_location import event_border
+from tcc_sim.studies.continuation import point_at
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.orbits import SAME, shifts
 from tcc_sim.studies.shooting import Shooting
 from tcc_sim.studies.two_parameters import locate
 
-HEIGHT_STEP = 1e-7
 
-
-def between(a: Station, b: Station, steep: bool = False) -> list[Bifurcation]:
+def between(a: Station, b: Station, climbing: bool = True) -> list[Bifurcation]:
     """The bifurcations between two neighbouring stations, in order."""
     if a.shooting is not b.shooting and a.shooting != b.shooting:
         return []
-    chord = Chord(a, b, heights_of(a.shooting) if steep else None)
+    chord = Chord(a, b, climbing)
     if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(chord)
     out: list[Bifurcation] = []
     for _ in range(6):
         left, right, found = event_border(chord)
-        out += smooth_bifurcations(Chord(chord.a, left))
+        out += smooth_bifurcations(Chord(chord.a, left, climbing))
         if found is not None:
             out.append(found)
-        chord = Chord(right, b)
+        chord = Chord(right, b, climbing)
         if not differ(right.orbit.seen.events, b.orbit.seen.events):
             break
     return out + smooth_bifurcations(chord)
@@ -85,8 +84,6 @@ def returned(ends: list[tuple[Floats, Floats]], first: Station, here: Station, n
 
     `ends` is what `returning` gives for the first point of the branch, `first`.
     """
-    if new.shooting.segments != first.shooting.segments and len(new.shooting.segments) > 1:
-        return False
     n, size = new.shooting.map.dimension, new.shooting.size
     for z, tangent in ends:
         p, q = (np.concatenate([s.point.z[:n], s.point.z[size:]]) for s in (here, new))
@@ -101,24 +98,3 @@ def returned(ends: list[tuple[Floats, Floats]], first: Station, here: Station, n
                     if np.linalg.norm(at - z) <= max(0.02 * float(np.linalg.norm(step)), SAME):
                         return True
     return False
-
-
-def heights_of(shooting: Shooting) -> Heights:
-    """The largest sizes per cycle as coordinates, with gradients by differences (they only tilt the corrector's plane).
-    """
-    scale, period, size = shooting.map.height_scale, shooting.period, shooting.size
-    n = shooting.map.dimension
-
-    def heights(z: Floats) -> tuple[Floats, Floats]:
-        def largest(at: Floats) -> Floats:
-            return np.array(shooting.map.observe(shooting.nodes(at)[0], shooting.values(at), 0, period).heights) / scale
-
-        base = largest(z)
-        gradient = np.zeros((len(base), len(z)))
-        for k in [*range(n), *range(size, len(z))]:
-            step = np.zeros(len(z))
-            step[k] = HEIGHT_STEP if not (k == size and z[k] > 0.5) else -HEIGHT_STEP
-            gradient[:, k] = (largest(z + step) - base) / step[k]
-        return base, gradient
-
-    return heights

@@ -1,4 +1,4 @@
-"""The equations of a periodic orbit: one or more segments of whole cycles whose ends meet (multiple shooting).
+"""The equations of a periodic orbit: one or more segments whose ends meet (multiple shooting).
 
 Unknowns are scaled: the nodes, each by the map's natural sizes, then the free parameters, each by the width of its
 range, so that 0 to 1 is the range. U. M. Ascher, R. M. M. Mattheij, R. D. Russell, Numerical Solution of Boundary Value
@@ -8,15 +8,21 @@ Problems, SIAM 1995, Section 4.3.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.studies.maps import Floats, ParameterMap, Values
+from tcc_sim.studies.maps import Floats, Image, Observation, ParameterMap, Values
 
-GROWTH = 1e5
-"""Norm of the monodromy matrix above which an orbit of several cycles is cut into segments of one."""
+GROWTH = 1e2
+"""Growth over a segment, in natural sizes, above which it is cut: what a step of the solver leaves, some 1e-13, stays
+below 1e-10 in the residual."""
+PARTS = 16
+"""Parts of a cycle, or of a part, in which the growth is looked at."""
+FINEST = PARTS**-3.0
+"""Shortest part, in cycles."""
 
 
 @dataclass(frozen=True)
@@ -43,23 +49,34 @@ class Window:
 
 
 class Linearised(NamedTuple):
-    """Equations at a point: residual (d,), Jacobian (d, d + P), and the monodromy matrix (n, n) in the map's units."""
+    """Equations at a point, all in natural sizes but the monodromy matrix.
+
+    residual, jacobian : (d,), (d, d + P)
+    monodromy : (n, n) in the map's units
+    blocks : (m, n, n) derivatives of the segments' ends by their starts
+    seen : what is seen over the period, where the map knows it at once
+    heights, climb : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
+    """
 
     residual: Floats
     jacobian: Floats
     monodromy: Floats
+    blocks: Floats = np.empty((0, 0, 0))
+    seen: Observation | None = None
+    heights: Floats = np.empty(0)
+    climb: Floats = np.empty((0, 0))
 
 
 @dataclass(frozen=True)
 class Shooting:
-    """The equations G = 0 of orbits of `period` cycles in `segments` parts of whole cycles."""
+    """The equations G = 0 of orbits of `period` cycles in segments, whose lengths `segments` are in cycles."""
 
     map: ParameterMap
     period: int
     windows: tuple[Window, ...]
-    segments: tuple[int, ...]
+    segments: tuple[float, ...]
 
-    rounding: ClassVar[float] = 1e-12
+    rounding: ClassVar[float] = 1e-10
 
     @staticmethod
     def single(of: ParameterMap, period: int, *windows: Window) -> Shooting:
@@ -96,39 +113,108 @@ class Shooting:
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and derivative at `z`; raises what the map raises."""
-        n, size, scales = self.map.dimension, self.size, self.map.scales
+        n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
         widths = np.array([w.width(float(u)) for w, u in zip(self.windows, z[size:])])
-        if len(self.segments) == 1:
-            image = self.map.evaluate(nodes[0], values, 0, self.period)
-            jacobian = np.empty((n, n + len(widths)))
-            jacobian[:, :n] = image.jacobian * scales / scales[:, None]
-            jacobian.flat[:n * (n + len(widths)):n + len(widths) + 1] -= 1.0
-            jacobian[:, n:] = image.by_parameter * widths / scales[:, None]
-            return Linearised((image.value - nodes[0]) / scales, jacobian, image.jacobian)
         residual, jacobian = np.empty(size), np.zeros((size, size + len(widths)))
-        monodromy, first = np.eye(n), 0
-        for k, cycles in enumerate(self.segments):
-            image = self.map.evaluate(nodes[k], values, first, cycles)
-            rows, following = slice(k * n, k * n + n), (k + 1) % len(self.segments)
+        blocks, climbs, seen = np.empty((count, n, n)), [], []
+        starts = [sum(self.segments[:k]) for k in range(count)]
+        images = self.map.evaluate_each(nodes, values, starts, self.segments)
+        for k, image in enumerate(images):
+            rows, following = slice(k * n, k * n + n), (k + 1) % count
             residual[rows] = (image.value - nodes[following]) / scales
-            jacobian[rows, rows] = image.jacobian * scales / scales[:, None]
+            blocks[k] = image.jacobian * scales / scales[:, None]
+            jacobian[rows, rows] = blocks[k]
             jacobian[rows, following * n:following * n + n] -= np.eye(n)
             jacobian[rows, size:] = image.by_parameter * widths / scales[:, None]
-            monodromy = image.jacobian @ monodromy
-            first += cycles
-        return Linearised(residual, jacobian, monodromy)
+            if image.seen is not None and image.climb is not None:
+                climb = np.zeros((len(image.climb), size + len(widths)))
+                climb[:, rows] = image.climb[:, :n] * scales
+                climb[:, size:] = image.climb[:, n:] * widths
+                climbs.append(climb)
+                seen.append(image.seen)
+        monodromy = images[0].jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
+        if len(seen) < count:
+            return Linearised(residual, jacobian, monodromy, blocks)
+        heights = np.array([h for part in seen for h in part.heights]) / self.map.height_scale
+        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), heights,
+                          np.vstack(climbs) / self.map.height_scale)
 
-    def recut(self, z: Floats) -> tuple[Shooting, Floats]:
-        """The same orbit in segments of one cycle each, with the point that goes with them."""
+    def cut(self, z: Floats) -> tuple[Shooting, Floats]:
+        """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with them.
+
+        A map that cannot be divided is cut between cycles.
+        """
         values, x = self.values(z), self.nodes(z)
-        nodes, first = [], 0
+        parts: list[tuple[float, Floats, Floats]] = []
+        first = 0.0
         for k, cycles in enumerate(self.segments):
-            at = x[k]
-            for c in range(cycles):
-                nodes.append(at)
-                if c + 1 < cycles:
-                    at = self.map.evaluate(at, values, first + c, 1).value
-            first += cycles
-        finer = Shooting(self.map, self.period, self.windows, (1,) * self.period)
+            at, end = x[k], first + cycles
+            while first < end:
+                length = min(1.0 - first % 1.0, end - first)
+                pieces, at = self._pieces(at, values, first, length)
+                parts += pieces
+                first += length
+        lengths, nodes = greedy(parts)
+        if not self.map.divisible:
+            lengths = [round(length) for length in lengths]
+        finer = Shooting(self.map, self.period, self.windows, tuple(lengths))
         return finer, finer.point(np.array(nodes), values)
+
+    def _pieces(self, x: Floats, values: Values, first: float,
+                length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
+        """Length, start and scaled derivative of pieces over each of which the growth is bounded; and the end."""
+        scales = self.map.scales
+        whole: Image = self.map.evaluate(x, values, first if self.map.divisible else round(first),
+                                         length if self.map.divisible else round(length))
+        block = whole.jacobian * scales / scales[:, None]
+        if not self.map.divisible or length <= 1.5 * FINEST:
+            return [(length, x, block)], whole.value
+        if length <= 1.0 / PARTS and float(np.abs(block).max()) < GROWTH**0.5:
+            return [(length, x, block)], whole.value
+        out: list[tuple[float, Floats, Floats]] = []
+        begin, end, step = first, first + length, 1.0 / PARTS
+        while step >= length:
+            step /= PARTS
+        while begin < end:
+            following = min((np.floor(begin / step + 1e-9) + 1.0) * step, end)
+            pieces, x = self._pieces(x, values, begin, following - begin)
+            out += pieces
+            begin = following
+        return out, x
+
+
+def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list[Floats]]:
+    """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its pieces
+    to its end stays within bounds.
+    """
+    lengths: list[float] = []
+    nodes: list[Floats] = []
+    ahead: list[Floats] = []
+    for length, node, block in parts:
+        grown = [block @ a for a in ahead] + [block]
+        if not ahead or max(float(np.abs(g).max()) for g in grown) > GROWTH:
+            lengths.append(length)
+            nodes.append(node)
+            ahead = [block]
+        else:
+            lengths[-1] += length
+            ahead = grown
+    return lengths, nodes
+
+
+def product_of(blocks: Floats) -> Floats:
+    """The product of the blocks, the first one rightmost."""
+    out: Floats = blocks[0]
+    for block in blocks[1:]:
+        out = block @ out
+    return out
+
+
+def joined(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
+    """What is seen over several segments."""
+    if len(seen) == 1:
+        return seen[0]
+    events = "".join(mode for mode, _ in groupby("".join(part.events for part in seen)))
+    stick = sum(part.stick_fraction * length for part, length in zip(seen, segments)) / sum(segments)
+    return Observation(max(part.largest for part in seen), stick, events, tuple(h for part in seen for h in part.heights))

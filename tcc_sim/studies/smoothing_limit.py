@@ -7,6 +7,8 @@ extrapolated along the curve and, where the set-valued law has the same bifurcat
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation
@@ -17,6 +19,8 @@ from tcc_sim.studies.two_parameters import Defining, locate, still_complex, trac
 
 SMOOTHEST = 1e-3
 """Smoothing of the scene over that at which the curve ends."""
+FARTHEST = 100.0
+"""How far the parameter may go, in widths of its range: the limit of a bifurcation within it may lie outside."""
 STUCK = 1e-3
 """Slip speed, in natural sizes, at which a smoothed motion on the section is one in stick."""
 NEAR = 0.02
@@ -36,24 +40,25 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
     """
     orbit = found.station.orbit
     windows = window, Window(sigma, np.inf, inverse=True)
-    shooting = Shooting.single(smoothed, orbit.period, *windows)
-    z, n = shooting.point(orbit.nodes[:1], (orbit.values[0], sigma)), shooting.size
+    shooting = replace(found.station.shooting, map=smoothed, windows=windows)
+    z, n = shooting.point(orbit.nodes, (orbit.values[0], sigma)), shooting.size
     inside = still_complex if found.kind == "neimark_sacker" else lambda _: True
     try:
         points, _ = trace(Defining(found.kind, shooting, z), z, False, inside, Stride(length=0.02, smallest=1e-7),
-                          ((n + 1, SMOOTHEST, 1.0), (n, -0.5, 1.5)))
+                          ((n + 1, SMOOTHEST, 1.0), (n, -FARTHEST, FARTHEST)))
     except FAILURES:
         return None
     last = points[-1]
-    if last.z[n + 1] > 1.001 * SMOOTHEST or not 0.0 <= last.z[n] <= 1.0:
+    if last.z[n + 1] > 1.001 * SMOOTHEST:
         return None
     before = points[-2] if len(points) > 1 else last
     step = float(before.z[n + 1] - last.z[n + 1])
     slope = float(before.z[n] - last.z[n]) / step if step > 0.0 else 0.0
     limit = window.value(float(last.z[n]) - slope * float(last.z[n + 1]))
-    start = last.z[:n + 1].copy()
+    states = shooting.map.dimension
+    start = np.append(last.z[:states], last.z[n])
     if set_valued.piecewise and abs(start[0]) < STUCK:
         start[0] = 0.0
     solved = locate(found.kind, Shooting.single(set_valued, orbit.period, window), start)
-    exact = np.inf if solved is None else window.value(float(solved[n]))
+    exact = np.inf if solved is None else window.value(float(solved[states]))
     return exact if abs(exact - limit) < NEAR * (window.high - window.low) else limit

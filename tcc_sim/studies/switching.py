@@ -11,7 +11,7 @@ from tcc_sim.studies.branches import Branch, follow
 from tcc_sim.studies.continuation import correct, point_at
 from tcc_sim.studies.maps import FAILURES
 from tcc_sim.studies.orbits import Orbit, minimal_period
-from tcc_sim.studies.shooting import Shooting
+from tcc_sim.studies.shooting import Shooting, product_of
 from tcc_sim.studies.walk import Course
 
 AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4)
@@ -28,16 +28,25 @@ def doubled(found: Bifurcation) -> Station | None:
     """
     station = found.station
     single = station.shooting
-    shooting = Shooting.single(single.map, 2 * single.period, *single.windows)
-    scales, x = single.map.scales, station.orbit.section
-    values, vectors = np.linalg.eig(station.point.found.monodromy / scales[:, None] * scales)
+    of, blocks = single.map, station.point.found.blocks
+    values, vectors = np.linalg.eig(product_of(blocks))
     phi = np.real(vectors[:, int(np.abs(values + 1.0).argmin())])
     phi = phi / np.linalg.norm(phi)
-    row = np.concatenate([phi, [0.0]])
-    start = shooting.point(x[None], station.orbit.values)
+    along = [phi]
+    for block in blocks[:-1]:
+        along.append(block @ along[-1])
+    x, directions, segments = station.orbit.nodes, np.array(along), single.segments
+    if len(segments) == 1:
+        shooting = Shooting.single(of, 2 * single.period, *single.windows)
+    else:
+        shooting = Shooting(of, 2 * single.period, single.windows, segments + segments)
+        x, directions = np.vstack([x, x]), np.vstack([directions, -directions])
+    start = shooting.point(x, station.orbit.values)
+    direction, row = np.zeros(len(start)), np.zeros(len(start))
+    direction[:-1], row[:len(phi)] = directions.ravel(), phi
     for amplitude in AMPLITUDES:
         for sign in (1.0, -1.0):
-            got = correct(shooting, start + sign * amplitude * row, row)
+            got = correct(shooting, start + sign * amplitude * direction, row)
             if got is None or not 0.0 <= got.z[-1] <= 1.0:
                 continue
             try:

@@ -9,7 +9,7 @@ Dynamical Equilibria, SIAM 2000, Section 3.3). A is M - I for a fold, M + I for 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.continuation import Equations, Point, Stride, advance, correct, null_direction, point_at
 from tcc_sim.studies.maps import FAILURES, Floats, ParameterMap
 from tcc_sim.studies.orbits import multipliers_of
-from tcc_sim.studies.shooting import Linearised, Shooting, Window
+from tcc_sim.studies.shooting import Linearised, Shooting, Window, product_of
 
 KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
 """What can be followed in two parameters."""
@@ -44,12 +44,21 @@ def bialternate(m: Floats) -> Floats:
     return np.array([[m[p, r] * m[q, s] - m[p, s] * m[q, r] for r, s in pairs] for p, q in pairs])
 
 
-def singular(kind: str, m: Floats) -> Floats:
-    """The matrix that is singular at this kind of bifurcation, of a monodromy matrix."""
+def singular(kind: str, blocks: Floats) -> Floats:
+    """The matrix that is singular at this kind of bifurcation, of the derivatives (m, n, n) of the segments of an orbit.
+
+    For a fold or a doubling it is that of x_(k+1) = M_k x_k and M_m x_m = +-x_1.
+    """
+    m, n = blocks.shape[:2]
     if kind == "neimark_sacker":
-        b = bialternate(m)
+        b = bialternate(product_of(blocks))
         return b - np.eye(len(b))
-    out: Floats = m + (np.eye(len(m)) if kind == "period_doubling" else -np.eye(len(m)))
+    out = np.zeros((m * n, m * n))
+    for k in range(m):
+        rows, following = slice(k * n, k * n + n), (k + 1) % m
+        out[rows, rows] = blocks[k]
+        closing = kind == "period_doubling" and k + 1 == m
+        out[rows, following * n:following * n + n] += np.eye(n) if closing else -np.eye(n)
     return out
 
 
@@ -65,8 +74,7 @@ class Defining:
 
     def border(self, found: Linearised) -> None:
         """Take the borders from the singular vectors at a point, the best there; their signs stay."""
-        scales = self.shooting.map.scales
-        left, _, right = np.linalg.svd(singular(self.kind, found.monodromy / scales[:, None] * scales))
+        left, _, right = np.linalg.svd(singular(self.kind, found.blocks))
         b, c = left[:, -1], right[-1]
         keep = len(self.b) == len(b)
         self.b = -b if keep and float(b @ self.b) < 0.0 else b
@@ -74,8 +82,7 @@ class Defining:
 
     def test(self, found: Linearised) -> float:
         """g of the bordered system."""
-        scales = self.shooting.map.scales
-        a = singular(self.kind, found.monodromy / scales[:, None] * scales)
+        a = singular(self.kind, found.blocks)
         d = len(a)
         matrix = np.zeros((d + 1, d + 1))
         matrix[:d, :d], matrix[:d, d], matrix[d, :d] = a, self.b, self.c
@@ -94,7 +101,7 @@ class Defining:
                 gradient[k] = (ahead - g) / STEP
             except FAILURES:
                 gradient[k] = (g - self.test(self.shooting.linearise(z - step))) / STEP
-        return Linearised(np.append(found.residual, g), np.vstack([found.jacobian, gradient]), found.monodromy)
+        return found._replace(residual=np.append(found.residual, g), jacobian=np.vstack([found.jacobian, gradient]))
 
 
 def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
@@ -179,14 +186,14 @@ def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Poin
         before = here, length
         points.append(new)
         if isinstance(equations, Defining):
-            equations.border(Linearised(new.found.residual, new.found.jacobian, new.found.monodromy))
+            equations.border(new.found)
             before = None
     return points, f"stopped after {most} points"
 
 
 def still_complex(point: Point) -> bool:
     """Whether the pair of a Neimark-Sacker bifurcation is complex (real reciprocal ones are a neutral saddle)."""
-    m = multipliers_of(point.found.monodromy)
+    m = multipliers_of(*point.found.blocks)
     return bool(np.any((np.abs(m.imag) > 1e-9) & (np.abs(np.abs(m) - 1.0) < 1e-3)))
 
 
@@ -198,8 +205,8 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Windo
     second : present value of the second one
     """
     orbit = found.station.orbit
-    shooting = Shooting.single(of, orbit.period, *windows)
-    z = shooting.point(orbit.nodes[:1], (orbit.values[0], second))
+    shooting = replace(found.station.shooting, map=of, windows=windows)
+    z = shooting.point(orbit.nodes, (orbit.values[0], second))
     n = shooting.size
     bounds = ((n + 1, 0.0, 1.0), (n, 0.0, 1.0))
     inside = still_complex if found.kind == "neimark_sacker" else lambda _: True

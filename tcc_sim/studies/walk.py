@@ -11,12 +11,19 @@ from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
 from tcc_sim.studies.continuation import Point, Stride, advance, correct, null_direction, point_at, tangent_of
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
-from tcc_sim.studies.passages import between, collapse, heights_of, returned, returning
+from tcc_sim.studies.orbits import newton
+from tcc_sim.studies.passages import between, collapse, returned, returning
 from tcc_sim.studies.shooting import GROWTH, Shooting
 
 MOST_POINTS = 3000
-STEEP_START = 1e-3
-"""First step with the largest sizes among the arclength's coordinates."""
+SAME_END = 1e-6
+"""Distance, relative to the range, at which a fold is the end itself where a branch passes into that of its own shift."""
+FLAT_START = 1e-3
+"""First step without the largest sizes among the arclength's coordinates."""
+FAR_GROWN = 10.0
+"""Growth over a segment per what it may be at first, above which the orbit is cut anew."""
+CHECKED = 20
+"""Points after which fewer segments are tried."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
@@ -48,7 +55,7 @@ class Walk:
     closed: bool = False
     done: bool = False
     stride: Stride = field(default_factory=Stride)
-    steep: bool = False
+    climbing: bool = True
     _ends: list[tuple[Floats, Floats]] = field(default_factory=list)
 
     def run(self) -> Walk:
@@ -89,13 +96,14 @@ class Walk:
         return self
 
     def _onward(self, here: Station, before: tuple[Point, float] | None) -> Station | None:
-        """The next station; where single steps in the unknowns fail, with the largest sizes as further coordinates."""
-        for self.steep in (False, True):
-            if self.steep:
-                self.stride.length = STEEP_START
+        """The next station; where steps with the largest sizes as further coordinates fail, by the unknowns alone."""
+        for self.climbing in (True, False):
+            if not self.climbing:
+                if not len(here.point.found.heights):
+                    return None
+                self.stride.length = FLAT_START
             try:
-                moved = advance(here.shooting, here.point, before, self.stride,
-                                heights_of(here.shooting) if self.steep else None)
+                moved = advance(here.shooting, here.point, before, self.stride, self.climbing)
                 if moved is not None:
                     return station_at(here.shooting, moved[0])
             except FAILURES:
@@ -109,11 +117,15 @@ class Walk:
     def _take(self, new: Station) -> None:
         """Append a station, with the bifurcations on the way to it; look whether the branch has closed."""
         here = self.stations[-1]
-        found = between(here, new, self.steep) if self.course.detect else []
+        found = between(here, new, self.climbing) if self.course.detect else []
         shorter = collapse(here, new) if here.point.sign != new.point.sign else None
         if shorter is not None:
             found = [f for f in found if f.kind not in ("branch_point", "fold")]
             new, self.done = shorter, True
+            window, last = new.shooting.windows[0], self.bifurcations
+            while last and last[-1].kind in ("branch_point", "fold") and abs(
+                    window.scaled(last[-1].value) - window.scaled(new.value)) < SAME_END:
+                last.pop()
             self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
         self.bifurcations += found
         if self.course.tick is not None:
@@ -161,18 +173,26 @@ class Walk:
         return True
 
     def _recut(self, station: Station) -> Station | None:
-        """The station in more segments where the growth over its segments is large; None where it need not be."""
-        shooting = station.shooting
-        if len(shooting.segments) > 1 or shooting.period == 1:
+        """The station in other segments, where the growth over one of them is large or fewer may do; None where these
+        stay.
+        """
+        shooting, grown = station.shooting, float(np.abs(station.point.found.blocks).max())
+        if not shooting.map.divisible and (shooting.period == 1 or len(shooting.segments) == shooting.period):
             return None
-        if float(np.abs(station.point.found.monodromy).max()) < GROWTH:
+        fewer = len(shooting.segments) > 1 and len(self.stations) % CHECKED == 0
+        if not (grown > FAR_GROWN * GROWTH or fewer):
             return None
-        finer, z = shooting.recut(station.point.z)
-        found = finer.linearise(z)
+        finer, z = shooting.cut(station.point.z)
+        if len(finer.segments) == len(shooting.segments) and not grown > FAR_GROWN * GROWTH:
+            return None
+        polished = newton(finer, z)
+        if polished is None:
+            return None
+        found = finer.linearise(polished)
         along = np.zeros(len(z))
         n = shooting.map.dimension
         along[:n], along[-1] = station.point.tangent[:n], station.point.tangent[-1]
-        return station_at(finer, point_at(z, found, tangent_of(found, along)))
+        return station_at(finer, point_at(polished, found, tangent_of(found, along)))
 
     def _turn_at_border(self, here: Station) -> bool:
         """Go on beyond a change of the event sequence at which the branch has a corner; whether that was possible."""
@@ -193,7 +213,7 @@ class Walk:
             stride = Stride(length=beside, smallest=1e-10)
             start = point_at(here.point.z, found, tangent)
             try:
-                moved = advance(shooting, start, None, stride)
+                moved = advance(shooting, start, None, stride, False)
                 if moved is None:
                     continue
                 new = station_at(shooting, moved[0])

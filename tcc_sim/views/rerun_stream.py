@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
+import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import Event
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, TccError
 from tcc_sim.trajectory import Cycles, Floats
 from tcc_sim.views import style
 from tcc_sim.views.rerun_layout import (
@@ -64,6 +66,8 @@ class RerunStream:
     InputError
         None or several of `file`, `spawn` and `url`, a file that exists or cannot be created, or a URL where no viewer
         answers.
+    TccError
+        The viewer does not start.
     """
 
     def __init__(self, name: str, cycle: float, natural_frequency: float, *, file: Path | None = None,
@@ -94,7 +98,7 @@ class RerunStream:
         if file is not None:
             self._recording.save(file, default_blueprint=layout)
         elif spawn:
-            self._recording.spawn(default_blueprint=layout)
+            _open_viewer(self._recording, layout)
         else:
             self._recording.connect_grpc(url, default_blueprint=layout)
         self._recording.send_recording_name(name)
@@ -281,6 +285,18 @@ def _create(file: Path) -> None:
         raise InputError(f"{file} exists already and is not overwritten") from None
     except OSError as error:
         raise InputError(f"{file} cannot be written: {error.strerror}") from None
+
+
+def _open_viewer(recording: Any, layout: Any) -> None:
+    """Start the viewer that rerun-sdk brings and send to it; an environment that is not activated has it beside Python.
+    """
+    beside = str(Path(sys.executable).parent)
+    if beside not in os.get_exec_path():
+        os.environ["PATH"] = os.pathsep.join([*os.get_exec_path(), beside])
+    try:
+        recording.spawn(default_blueprint=layout)
+    except RuntimeError as error:
+        raise TccError(f"Rerun's viewer does not start: {str(error).splitlines()[0]}") from None
 
 
 def _answers(url: str) -> None:

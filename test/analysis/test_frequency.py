@@ -49,9 +49,11 @@ def test_gaps_do_not_break_the_phase():
     assert line_of(lambda t: 250.0 * np.sin(150.0 * t), ticks=k).frequency == pytest.approx(150.0, rel=1e-7)
 
 
-def test_the_longest_run_counts():
-    k = np.concatenate([np.arange(0, 3000), np.arange(0, 20000)])
-    values = np.where(np.arange(len(k)) < 3000, np.sin(60.0 * k * 1e-3), np.sin(150.0 * k * 1e-3))
+@pytest.mark.parametrize("lengths", [(3000, 20000), (20000, 3000)])
+def test_the_longest_run_counts(lengths):
+    k = np.concatenate([np.arange(0, length) for length in lengths])
+    longest = (np.arange(len(k)) < lengths[0]) == (lengths[0] > lengths[1])
+    values = np.where(longest, np.sin(150.0 * k * 1e-3), np.sin(60.0 * k * 1e-3))
     finder = FrequencyFinder()
     for start in range(0, len(k), 700):
         finder.feed(k[start:start + 700] * STEP, values[start:start + 700])

@@ -147,3 +147,12 @@ def test_a_recording_without_a_whole_cycle_is_refused():
         stream.summary()
     with pytest.raises(InputError, match="no samples"):
         CycleStream(SYSTEM).summary()
+
+
+@pytest.mark.parametrize("first", [0, 100])
+def test_stamps_that_are_farther_apart_than_a_cycle_are_refused(first):
+    stream = CycleStream(SYSTEM)
+    with pytest.raises(InputError, match="at least one for each cycle"):  # noqa: PT012
+        for k in range(5):
+            stamps, *others = recorded([(first + k) * 1000])
+            stream.feed(stamps, *others)

@@ -21,12 +21,13 @@ def test_an_exponential_settles_when_two_per_cent_of_the_step_are_left():
     assert found.rms_error == pytest.approx(80.0 * math.sqrt(np.mean(np.exp(-0.2 * n[60:]))))
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("side", [1.0, -1.0, 0.01, -0.01])
 def test_overshoot_is_what_lies_beyond_the_target_seen_from_the_start(side):
     found = tracking(100.0, 100.0 + side * np.array([50.0, 10.0, -8.0, 3.0, 0.5, 0.4]), CYCLE, 0)
-    assert found.overshoot == 8.0
-    assert found.largest_error == 50.0
-    assert found.settling_time == pytest.approx(4 * CYCLE)  # 2 % of the target, which is larger than the step.
+    assert found.overshoot == pytest.approx(8.0 * abs(side))
+    assert found.largest_error == pytest.approx(50.0 * abs(side))
+    # 2 % of the target, which is larger than the step.
+    assert found.settling_time == pytest.approx(4 * CYCLE if abs(side) == 1.0 else 0.0)
 
 
 def test_what_does_not_settle_and_what_was_never_away():

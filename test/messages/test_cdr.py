@@ -109,3 +109,18 @@ def test_the_template_of_a_float64_fits_every_value():
         assert len(found) == len(example)
         assert (found[fixed] == example[fixed]).all()
         assert found[4:].copy().view("<f8")[0].tobytes() == np.float64(value).tobytes()
+
+
+@pytest.mark.parametrize("length", range(17))
+def test_a_pressure_is_read_whatever_the_frame_is_called(length):
+    """Doubles stand at multiples of 8 behind the four bytes of the encapsulation."""
+    import struct
+
+    body = struct.pack("<iII", 3, 500, length + 1) + b"f" * length + b"\0"
+    body += b"\xff" * (-len(body) % 8) + struct.pack("<dd", 2.5e5, 0.0)
+    assert cdr.read_fluid_pressure(b"\0\1\0\0" + body) == (3_000_000_500, 2.5e5)
+
+
+@pytest.mark.parametrize("frame", ["", "x", "driveline", "µ"])
+def test_a_header_comes_back(frame):
+    assert cdr.read_header(cdr.header(3_000_000_500, frame)) == (3_000_000_500, frame)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -30,11 +31,21 @@ def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
                           check=False, env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path)})
 
 
+def demo(scene: str, seconds: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A demo into `made`; done again where a busy machine kept the recorder waiting until messages were lost."""
+    for left in (3, 2, 1, 0):
+        ended = command("demo", "--scene", scene, "--duration", seconds, "--out", "made", folder=folder)
+        assert ended.returncode == 0, ended.stderr
+        if not left or json.loads((folder / "made" / "analysis.json").read_text())["lost_messages"] == 0:
+            break
+        shutil.rmtree(folder / "made")
+    return ended
+
+
 def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
-    ended = command("demo", "--scene", "minimal", "--duration", "2", "--out", "made", folder=tmp_path)
-    assert ended.returncode == 0, ended.stderr
+    ended = demo("minimal", "2", tmp_path)
     assert without_compiling(ended.stderr) == ""
     made = tmp_path / "made"
     assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
@@ -60,8 +71,7 @@ def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path) -> N
     """Three processes of nodes; what the controller was asked for and what it did is recorded and judged."""
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
-    ended = command("demo", "--scene", "controlled", "--duration", "3", "--out", "made", folder=tmp_path)
-    assert ended.returncode == 0, ended.stderr
+    ended = demo("controlled", "3", tmp_path)
     assert without_compiling(ended.stderr) == ""
     assert "slip controller: holds a mean slip speed of 20 rad/s\n" in ended.stdout
     assert "target 20 rad/s: mean " in ended.stdout

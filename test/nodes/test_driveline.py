@@ -289,3 +289,14 @@ def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any,
     bench.until(lambda: len(heard) > 5)
     assert node.loop.outputs.unsent == {"/joint_states": 3}
     assert node.loop.failure is None
+
+
+@pytest.mark.parametrize(("scene", "stick"), [("slip", False), ("stick", True)])
+def test_every_tick_counts_as_stick_or_slip(bench: Any, scene: str, stick: bool) -> None:
+    node = start(bench, scene=scene, initial__slip_speed=0.0 if stick else 150.0)
+    node.start()
+    bench.until(lambda: node.loop.plant.stepper.tick > 20)
+    node.loop.stop()
+    ticks = node.loop.stick_ticks if stick else node.loop.slip_ticks
+    assert ticks == node.loop.plant.stepper.tick + 1
+    assert node.loop.stick_ticks + node.loop.slip_ticks == ticks

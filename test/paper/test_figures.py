@@ -23,7 +23,9 @@ from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, paper_system
 from tcc_sim.paper.coexistence import coexisting, stands_out
-from tcc_sim.paper.figures import Manner, figure_data, first_half
+from tcc_sim.paper.figures import figure_data
+from tcc_sim.paper.manner import Manner
+from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.solvers import solve
 from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
 

@@ -13,6 +13,7 @@ from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import _CARRIED, _installed, definition
 from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.batches import PressureJoin
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.topics import topic
@@ -220,3 +221,15 @@ def test_carried_definitions_are_those_of_the_installed_ros(tmp_path, monkeypatc
             definition(wrong)
     if not compared:
         pytest.skip("no ROS 2 here to compare with")
+
+
+def test_states_are_given_out_as_soon_as_their_pressures_are_known(tmp_path):
+    rows = columns(100)
+    _, (batch, *_), _, _ = read(write(tmp_path / "one", rows, [n * TICK for n in range(100)]))
+    join, numbers = PressureJoin(), np.arange(40)
+    join.add_pressures(batch.stamp_ns[:40], np.full(40, 2e5), np.zeros(40, np.int64), numbers)
+    (known,) = join.add(batch)
+    assert (len(known), known.applied_pressure.tolist()) == (40, [2e5] * 40)
+    (rest,) = join.finish()
+    assert len(rest) == len(batch) - 40
+    assert np.isnan(rest.applied_pressure).all()

@@ -81,3 +81,28 @@ def test_the_applied_pressure_follows_the_commands_and_falls_back(found):
     assert control.applied.values[at[0]] == pytest.approx(2.0e5 + 245, abs=10.0)
     assert control.applied.values[at[1]] == mean
     assert control.applied.values[at[2]] == 2.0e5 + 900
+
+
+@pytest.mark.parametrize("step", [0, -60, -3600_000, 3600_000])
+@pytest.mark.parametrize("at", [99, 100, 250, 333])
+def test_commands_are_beside_their_states_after_the_clock_was_set(step, at, tmp_path):
+    """Set by `step` ms before the state of tick `at`; a chunk has 100 states. Commands every 7 ms, between states."""
+    rows = ticked(load_scene("commands"), 500, pressure=lambda k: 2e5 + k)
+    writer = BagWriter(tmp_path / "run", load_scene("commands").text())
+    states = writer.channel("/joint_states", topic("joint_states").type)
+    commands = writer.channel("/actuation_pressure", FLUID_PRESSURE)
+    sent = range(3, 490, 7)
+    for k, (stamp, *columns, _) in enumerate(rows):
+        log = START + k * TICK + (step * TICK if k >= at else 0)
+        writer.write(states, log, log, cdr.joint_state(stamp, *columns), k)
+        if k in sent:
+            log += TICK // 2
+            writer.write(commands, log, log, cdr.fluid_pressure(0, 2e5 + k), k)
+        if k % 100 == 99:
+            writer.flush()
+    writer.close({"lost": {}})
+    command = replay(tmp_path / "run", frequency=150.0).control.command
+    np.testing.assert_array_equal(command.values, [2e5 + k for k in sent])
+    told = np.rint(command.t * 1e3).astype(int).tolist()
+    # The first state after a command is the next; the last command before a step has the last state before it.
+    assert [k + 1 - t for k, t in zip(sent, told) if t != k + 1] in ([], [1])

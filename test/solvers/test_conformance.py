@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from functools import cache
 
 import numpy as np
@@ -160,3 +161,10 @@ def test_a_start_that_is_no_state_is_refused(name: str, state: State) -> None:
 def test_a_start_beyond_all_bounds_ends_with_a_status(name: str) -> None:
     found = solve(system_for(name), cycles=1, solver=name, state=State(1e300, 0.0, -1e300))
     assert found.status is not Status.DONE or np.all(np.isfinite(found.slip_speed))
+
+
+@solvers
+def test_a_solve_takes_no_longer_than_it_says(name: str) -> None:
+    began = time.perf_counter()
+    found = run(name, system_for(name), 64.0 if SOLVERS[name].setting == "rtol" else 6.0, cycles=1)
+    assert 0.0 < found.statistics.seconds <= time.perf_counter() - began

@@ -77,7 +77,7 @@ def test_near_grazing_breakaway(offset):
 
 def test_chattering_ends_with_a_sentence(monkeypatch):
     from tcc_sim.solvers.event_driven import solution as event_driven
-    monkeypatch.setattr(event_driven, "_event_limit", lambda terms, cycle: 3)
+    monkeypatch.setattr(event_driven, "event_limit", lambda terms, cycle: 3)
     system = replace(System(),
                      {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
     run = solve(system, cycles=50)

@@ -156,3 +156,11 @@ def test_every_bundled_scene_runs() -> None:
             run = solve(system, cycles=3, solver="fixed_step")
             assert run.status is Status.DONE, name
             assert np.all(np.isfinite(run.slip_speed)), name
+
+
+def test_the_flywheel_angle_is_the_integral_of_its_speed() -> None:
+    system = load_scene("fig02").system
+    reference = solve(system, cycles=1, flywheel_angle=True, solver="radau", rtol=1e-8)
+    found = solve(system, cycles=1, solver="fixed_step", flywheel_angle=True)
+    assert found.final.flywheel_angle == pytest.approx(reference.final.flywheel_angle, rel=1e-5)
+    assert abs(found.final.flywheel_angle) > 1.0

@@ -249,3 +249,21 @@ def test_nothing_is_written_beyond_the_workspace(degree):
     polynomial.to_bernstein(c, 1, degree, 1.0, memory[:height])
     assert (memory[height] == 7.0).all()
     assert memory[0, degree] == pytest.approx(degree + 1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_from_a_start_at_the_level_the_next_fall_is_the_first_root(seed):
+    """x times factors with known roots: it rises from its start, exactly at the level or within the accuracy of it."""
+    random = np.random.default_rng(seed)
+    for _ in range(200):
+        roots = np.sort(random.uniform(0.05, 1.3, int(random.integers(1, 6))))
+        if len(roots) > 1 and roots[1] - roots[0] < 1e-3:
+            continue
+        a = product([0.0, 1.0], *([float(r), -1.0] for r in roots), *positive(random, int(random.integers(0, 8))))
+        size = sum(map(abs, a))
+        a[0] = random.choice([0.0, 0.5e-14, -0.5e-14]) * size
+        x = first(a)
+        if roots[0] <= 1.0 - 1e-6:
+            assert x == pytest.approx(roots[0], abs=1e-6)
+        elif roots[0] > 1.0 + 1e-6:
+            assert x == math.inf

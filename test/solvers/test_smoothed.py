@@ -158,3 +158,17 @@ def test_a_loose_tolerance_does_not_step_through_the_layer(name):
     run = smoothed.solve(changed(p, rtol=1e-3))
     assert np.all(np.abs(run.cycles.section - expected) <= 1e-4 * np.abs(expected).max(axis=0))
     assert run.statistics.steps < 60 * 4
+
+
+def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch):
+    p = problem(FIG02, cycles=3, samples_per_cycle=100)
+    whole, integrate = smoothed.solve(p), smoothed.kernel.integrate
+    monkeypatch.setattr(smoothed.kernel, "integrate", lambda first, cycles, rest, limit, *others: integrate(
+        first, cycles, rest, 60, *others))
+    cut = smoothed.solve(p)
+    assert cut.status is Status.STEP_LIMIT
+    assert 0.0 < cut.t[-1] < whole.t[-1]
+    count = len(cut.t) - 1
+    assert count == np.searchsorted(whole.t, cut.t[-1]) > 20
+    for column in ("t", "slip_speed", "plate_angle", "plate_speed"):
+        np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])

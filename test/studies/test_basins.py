@@ -14,7 +14,7 @@ from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.studies import basin_rows
-from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor, Captures, find_attractors, follow, halton
+from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor, Captures, find_attractors, follow, halton, section_of
 from tcc_sim.studies.basin_rows import basins
 from tcc_sim.studies.basins import CYCLES, Axis, boundary_of
 from tcc_sim.studies.driveline_motion import DrivelineMotion, mean_load
@@ -33,19 +33,21 @@ class Iterated:
     def __init__(self, step, dimension, bound=1e6):
         self.map, self.step, self.bound = TextbookMap(step, dimension), step, bound
 
-    def section(self, x, first, cycles):
-        out = [np.asarray(x, dtype=float)]
-        for _ in range(cycles):
-            if np.abs(out[-1]).max() > self.bound:
-                break
-            out.append(self.step(out[-1], ())[0])
-        return np.array(out)
+    def sections(self, starts, first, cycles):
+        out = np.full((len(starts), cycles + 1, np.shape(starts)[1]), np.nan)
+        for row, x in zip(out, starts):
+            row[0] = x
+            for k in range(cycles):
+                if np.abs(row[k]).max() > self.bound:
+                    break
+                row[k + 1] = self.step(row[k], ())[0]
+        return out
 
     def runs_away(self, points):
-        return bool(np.abs(points[-1]).max() > 1e3)
+        return np.abs(points).max(axis=1) > 1e3
 
     def largest(self, x, first, cycles):
-        return float(np.abs(self.section(x, first, cycles)).max())
+        return float(np.abs(section_of(self, x, first, cycles)).max())
 
 
 def newton_for_cube_roots(x, p):
@@ -75,9 +77,9 @@ def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_it
     assert sorted(np.abs(roots[:, None] - ours[None]).argmin(axis=0)) == [0, 1, 2]
     assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
     captures = Captures(found, of.map.scales, 1)
-    for cell in 4.0 * halton(300, 2) - 2.0:
-        k, _ = follow(of, captures, cell, CYCLES)
-        assert abs(complex(*of.section(cell, 0, 200)[-1]) - ours[k]) < 1e-9
+    cells = 4.0 * halton(300, 2) - 2.0
+    for cell, k in zip(cells, follow(of, captures, cells, CYCLES)[0]):
+        assert abs(complex(*section_of(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
 
 
 def test_two_fixed_points_and_what_runs_away():
@@ -85,10 +87,12 @@ def test_two_fixed_points_and_what_runs_away():
     found = find_attractors(of, [np.array([x]) for x in (0.3, -0.3, 4.0)])
     assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
     captures = Captures(found, of.map.scales, 1)
-    for x in (-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1):
-        assert found[follow(of, captures, np.array([x]), CYCLES)[0]].section[0, 0] == pytest.approx(_end(x))
-    assert follow(of, captures, np.array([2.4]), CYCLES)[0] == RUNAWAY
-    assert follow(of, captures, np.array([0.0]), CYCLES)[0] == UNDECIDED
+    cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
+    *labels, fast, middle = follow(of, captures, cells, CYCLES)[0]
+    for x, k in zip(cells[:, 0], labels):
+        assert found[k].section[0, 0] == pytest.approx(_end(x))
+    assert fast == RUNAWAY
+    assert middle == UNDECIDED
 
 
 def _end(x):
@@ -103,19 +107,27 @@ def test_a_strange_attractor_is_one_cloud():
     assert [a.period for a in found] == [0]
     assert found[0].multipliers is None
     captures = Captures(found, of.map.scales, 1)
-    assert follow(of, captures, np.array([0.2, 0.1]), CYCLES)[0] == 0
-    assert follow(of, captures, np.array([3.0, 0.0]), CYCLES)[0] == RUNAWAY
+    assert follow(of, captures, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
 
 
 def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
     orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
     captures = Captures([orbit], np.ones(1), 1)
-    assert captures.find(np.array([[5.0], [0.01], [1.02], [0.0]]), 0) == (0, 1)
-    assert captures.find(np.array([[0.01], [0.02], [0.03]]), 0)[0] == -1
-    assert captures.find(np.array([[0.01]]), 0)[0] == -1
+    assert found_by(captures, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
+    assert found_by(captures, [0.01, 0.02, 0.03], 0)[0] == -1
+    assert found_by(captures, [0.01], 0)[0] == -1
+    assert found_by(captures, [0.01, np.nan, np.nan], 0)[0] == -1
+    both = captures.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
+    assert both[0].tolist() == [0, -1]
     phased = Captures([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1), 2)
-    assert phased.find(np.array([[0.0], [1.0]]), 4) == (0, 0)
-    assert phased.find(np.array([[0.0], [1.0]]), 5)[0] == -1
+    assert found_by(phased, [0.0, 1.0], 4) == (0, 0)
+    assert found_by(phased, [0.0, 1.0], 5)[0] == -1
+
+
+def found_by(captures, points, first):
+    """Label and cycles of one motion with one state."""
+    label, after = captures.find(np.array(points)[None, :, None], first)
+    return int(label[0]), int(after[0])
 
 
 def test_the_uncertainty_exponent_of_known_boundaries():
@@ -156,7 +168,7 @@ def test_slip_that_runs_away_has_a_label_of_its_own():
     assert found.labels[0, -1] == RUNAWAY
     late = solve(RUNNING_AWAY, cycles=50, state=State(3000.0, 0.0, 0.0)).cycles.section[:, 0]
     assert np.diff(late)[-1] == pytest.approx((300.0 - 180.0) / 0.2 * RUNNING_AWAY.cycle, rel=1e-3)
-    assert not DrivelineMotion(COEXISTENCE).runs_away(np.array([[3000.0, 0.0, 0.0]]))
+    assert not DrivelineMotion(COEXISTENCE).runs_away(np.array([[3000.0, 0.0, 0.0]]))[0]
 
 
 @pytest.mark.parametrize(("mean", "amplitude"), [(2e5, 0.0), (2e5, 1e5), (2e5, 3e5), (0.0, 2e5)])

@@ -9,10 +9,12 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
+from tcc_sim.studies.branches import first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.motions import Plan, check, continue_motions, start_orbit
 from tcc_sim.studies.orbits import orbit_at
 from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.walk import Course
 
 CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
 MU_K = "friction.kinetic_coefficient"
@@ -52,24 +54,39 @@ def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
 def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
-    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1))
+    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1,
+                                                          limit=law == "smoothed"))
     (item,) = found.bifurcations
     assert item.kind == "period_doubling"
     assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
+    if law == "smoothed":  # The limit is that of the set-valued law, though it lies outside the range.
+        limit = found.limits[0]
+        assert limit is not None
+        assert limit / 0.3 == pytest.approx(0.80787675, abs=1e-7)
     assert found.branches[0].stations[0].orbit.stable != found.branches[0].stations[-1].orbit.stable
 
 
-def test_the_fold_of_period_two_at_a_steep_smoothed_corner() -> None:
-    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.3 * 0.85, 0.3 * 0.925))
-    folds = [f for f in found.bifurcations if f.kind == "fold"]
-    assert [f.value / 0.3 for f in folds] == pytest.approx([0.918464], abs=2e-6)
-    assert found.branches[0].stations[0].value == found.branches[0].stations[-1].value == pytest.approx(0.3 * 0.85)
+def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> None:
+    system, window = coexistence("smoothed", 0.85), Window(0.3 * 0.6, 0.3)
+    map_ = DrivelineMap(system, (MU_K,))
+    shooting, z = start_orbit(map_, system, window, 0.3 * 0.85, 2)
+    branch = follow(first_station(shooting, z), Course(MU_K, most=45), "start", 0)
+    folds = [f for f in branch.bifurcations if f.kind == "fold"]
+    for ratio in (0.667985, 0.918464):
+        (item,) = [f for f in folds if abs(f.value / 0.3 - ratio) < 2e-6]
+        assert item.residual < 1e-8
+        assert np.abs(item.station.orbit.multipliers - 1.0).min() < 1e-7
+    assert max(s.orbit.residual for s in branch.stations) < 1e-8
+    assert not branch.stations[0].orbit.stable
+    assert not branch.stations[-1].orbit.stable
 
 
 @pytest.mark.parametrize(("key", "values", "words"), [
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
-    ("pressure.frequency_ratio", {}, "not periodic"), ("engine.frequncy", {}, "did you mean engine.frequency"),
+    ("pressure.frequency_ratio", {}, "not periodic"),
+    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("engine.frequncy", {}, "did you mean engine.frequency"),
     ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
 ])
 def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:

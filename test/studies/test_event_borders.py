@@ -42,6 +42,7 @@ class DenHartog:
 
     dimension, height_scale, forcing_period, piecewise = 2, 1.0, 1, True
     scales = np.ones(2)
+    divisible = False
 
     def __init__(self, beta: float) -> None:
         self.beta = beta
@@ -77,6 +78,9 @@ class DenHartog:
                 jump[1, 1] = (pull + s * sign) / (pull - s * sign)
                 x, m, by, sign = np.array([x[0], 0.0]), jump @ m, jump @ by, -sign
         return Image(x, m, by[:, None])
+
+    def evaluate_each(self, states: Floats, values: Values, firsts: list[int], cycles: list[int]) -> list[Image]:
+        return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         return Observation(float(abs(x[0])), 0.0, "+-", (float(abs(x[0])),))

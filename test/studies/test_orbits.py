@@ -51,15 +51,18 @@ def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
 
 
 def test_segments_of_one_cycle_give_the_same_orbit() -> None:
-    whole = Shooting.single(TextbookMap(logistic, 1), 4, Window(0.5, 4.0))
+    map_ = TextbookMap(logistic, 1)
+    whole = Shooting.single(map_, 4, Window(0.5, 4.0))
     z = find_orbit(whole, (3.52,), [np.array([0.37])])
     assert z is not None
-    parts, fine = whole.recut(z)
-    assert parts.segments == (1, 1, 1, 1)
+    values = (3.52,)
+    nodes = [map_.evaluate(whole.nodes(z)[0], values, 0, k).value for k in range(4)]
+    parts = Shooting(map_, 4, whole.windows, (1, 1, 1, 1))
+    fine = parts.point(np.array(nodes), values)
     found = parts.linearise(fine)
     assert np.abs(found.residual).max() < 1e-12
     expected = multipliers_of(whole.linearise(z).monodromy)[0]
-    assert multipliers_of(found.monodromy)[0] == pytest.approx(expected, abs=1e-10)
+    assert multipliers_of(*found.blocks)[0] == pytest.approx(expected, abs=1e-10)
     again = newton(parts, fine + np.array([1e-3, 0.0, -1e-3, 0.0, 0.0]))
     assert again == pytest.approx(fine, abs=1e-10)
 

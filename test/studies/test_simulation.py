@@ -13,10 +13,11 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.studies import simulation
 from tcc_sim.studies.point import handed_over
 from tcc_sim.studies.simulation import Plan, Start, simulate
 from tcc_sim.studies.sweep import sweep
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import Cycles, State
 
 PLAN = Plan(cycles=60, discard=20, damping=True, lyapunov=True)
 
@@ -196,3 +197,22 @@ def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:  # type: ignor
     assert [untimed(r) for r in again.records if r] == [untimed(r) for r in whole.records if r]
     cold = sweep(system, "engine.frequency", values, Plan(cycles=15))
     assert not np.allclose(cold.column("max_slip_speed")[1:], whole.column("max_slip_speed")[1:])
+
+
+def test_what_further_cycles_leave_is_settled_and_not_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def leaves(cycles: Cycles, further: Cycles, period: int) -> bool:
+        asked.append((cycles.section[-1].tolist(), further.section[0].tolist(), len(further), period))
+        return False
+
+    whole = simulate("stick", cycles=400, discard=380)
+    monkeypatch.setattr(simulation, "stays", leaves)
+    found = simulate("stick", cycles=400, discard=380)
+    assert whole.summary is not None
+    assert found.summary is not None
+    assert (whole.summary.settled, whole.confirmed) == (True, True)
+    assert (found.summary.settled, found.confirmed) == (True, False)
+    ((end, start, count, period),) = asked
+    assert (start, period) == (end, found.summary.period)
+    assert count >= 10

@@ -15,6 +15,7 @@ class TextbookMap:
     height_scale = 1.0
     forcing_period = 1
     piecewise = False
+    divisible = False
 
     def __init__(self, step: Step, dimension: int) -> None:
         self.step, self.dimension = step, dimension
@@ -30,6 +31,9 @@ class TextbookMap:
         if not np.isfinite(x).all():
             raise ArithmeticError("not finite")
         return Image(x, jacobian, by_parameter)
+
+    def evaluate_each(self, states, values: Values, firsts, cycles) -> list[Image]:
+        return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         largest = float(np.abs(x).max())

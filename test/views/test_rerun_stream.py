@@ -1,15 +1,17 @@
 """What goes to Rerun: a file that its own tool accepts, with every sample in it, written while it is fed."""
 
+import os
 import re
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tcc_sim.analysis.control import Event
-from tcc_sim.errors import InputError, MissingPackage
+from tcc_sim.errors import InputError, MissingPackage, TccError
 from tcc_sim.trajectory import Cycles
 from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
@@ -188,3 +190,21 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
     with RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "plain.rrd") as stream:
         stream.samples(*batch(0, 500))
     assert "Actuation pressure (Pa)" not in rerun_tool("print", "-vvv", tmp_path / "plain.rrd").stdout
+
+
+def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_line(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """`.venv/bin/tcc-sim watch` in an environment that is not activated."""
+    import rerun
+
+    searched: list[list[str]] = []
+
+    def spawn(self: object, **options: object) -> None:
+        searched.append(os.get_exec_path())
+        raise RuntimeError("Failed to find Rerun Viewer executable in PATH.\n\n  You can install it")
+
+    monkeypatch.setenv("PATH", "/usr/bin")
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
+    with pytest.raises(TccError, match=r"^Rerun's viewer does not start: Failed to find [^\n]* in PATH\.$"):
+        RerunStream("run", 0.04, 100.0, spawn=True)
+    assert searched == [["/usr/bin", str(Path(sys.executable).parent)]]

@@ -23,9 +23,9 @@ SHAPE = (ROWS + 2, COLUMNS)
 
 LINEAR_ORDER = 28
 """Order where all is linear: a term costs little there, and steps grow in proportion to it."""
-FALLING_ORDER = 20
+FALLING_ORDER = 22
 """Order where the friction coefficient varies: a term costs in proportion to its order."""
-SHORTENING = 0.9
+SHORTENING = 0.95
 TYPICAL = 2.0
 """About how many units of time a step lasts."""
 NO_EVENT, BREAKAWAY, REST, LAW_VARIES = range(4)
@@ -88,7 +88,7 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
         size = max(abs(rows[UPWARD, k]), abs(rows[DOWNWARD, k])) / torque
         size = max(size, abs(rows[SPEED, k]) / bounds.speed_scale)
         if size * x**k > bounds.truncation:
-            x = SHORTENING * math.exp(math.log(bounds.truncation / size) / k)
+            x = SHORTENING * root_of(bounds.truncation / size, k)
     x = min(x, remaining / unit)
     return stick_event(bounds, unit, x, LINEAR_ORDER, rows, workspace)
 
@@ -97,8 +97,12 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
 def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, workspace: Any) -> Step:
     """A step in stick up to x, or to where one of the margins to breakaway falls to 0 before."""
     tolerance = bounds.torque_tolerance
-    if (rows[UPWARD, 0] > polynomial.variation(rows, UPWARD, order, x) + tolerance
-            and rows[DOWNWARD, 0] > polynomial.variation(rows, DOWNWARD, order, x) + tolerance):
+    power, upward, downward = x, 0.0, 0.0
+    for k in range(1, order + 1):
+        upward += abs(rows[UPWARD, k]) * power
+        downward += abs(rows[DOWNWARD, k]) * power
+        power *= x
+    if rows[UPWARD, 0] > upward + tolerance and rows[DOWNWARD, 0] > downward + tolerance:
         return Step(unit, x, order, NO_EVENT, 0, 0.0)
     up = polynomial.first_crossing(rows, UPWARD, order, x, 1.0, 0.0, tolerance, workspace)
     down = polynomial.first_crossing(rows, DOWNWARD, order, x, 1.0, 0.0, tolerance, workspace)
@@ -108,24 +112,51 @@ def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, wo
 
 
 @fast
+def root_of(base: float, n: int) -> float:
+    """base^(1/n) for base > 0, at most 1.5 % too small and never too large: enough for a length, and faster than exp.
+
+    Beyond 1e300 it is that of 1e300.
+    """
+    mantissa, exponent = math.frexp(min(base, 1e300))
+    # log2 of 0.5 <= m < 1 from below, by its chord and a parabola.
+    logarithm = (exponent - 2.0 + 2.0 * mantissa) / n
+    whole = math.floor(logarithm)
+    part = logarithm - whole
+    return math.ldexp(1.0 + part * (0.6565 + 0.3435 * part) - 0.004, int(whole))
+
+
+@fast
 def series_length(rows: Any, order: int, x: float, truncation: float, scale: float) -> float:
     """A length of at most x at whose end the last two terms are below `truncation`, of the largest of the first terms
     of the slip speed, and of `scale` for the plate speed.
     """
+    largest, at, power = 0.0, 0, 1.0
+    for i in range(4):
+        term = abs(rows[SLIP, i]) * power
+        if term > largest:
+            largest, at = term, i
+        power *= TYPICAL
     for k in range(order - 1, order + 1):
-        largest, at, power = 0.0, 0, 1.0
-        for i in range(4):
-            term = abs(rows[SLIP, i]) * power
-            if term > largest:
-                largest, at = term, i
-            power *= TYPICAL
         last = abs(rows[SLIP, k])
         if last > 0.0 and largest > 0.0:
-            x = min(x, SHORTENING * math.exp(math.log(truncation * abs(rows[SLIP, at]) / last) / (k - at)))
+            x = min(x, SHORTENING * root_of(truncation * abs(rows[SLIP, at]) / last, k - at))
         last = abs(rows[SPEED, k])
         if last > 0.0:
-            x = min(x, SHORTENING * math.exp(math.log(truncation * scale / last) / k))
+            x = min(x, SHORTENING * root_of(truncation * scale / last, k))
     return x
+
+
+@fast
+def monotone(rows: Any, order: int, x: float, reach: float) -> bool:
+    """Whether the slip speed certainly goes one way over [0, x]; `reach` is a bound on how far it moves."""
+    first = abs(rows[SLIP, 1])
+    if reach > 4.0 * first * x:
+        return False
+    rest, power = 0.0, x
+    for k in range(2, order + 1):
+        rest += k * abs(rows[SLIP, k]) * power
+        power *= x
+    return bool(rest < 0.999 * first)
 
 
 @fast
@@ -175,6 +206,8 @@ def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, 
     sign = float(state.mode)
     reach = polynomial.variation(rows, SLIP, order, x)
     if state.mode == FREE or sign * rows[SLIP, 0] - reach > level + bounds.slip_tolerance:
+        return Step(unit, x, order, NO_EVENT, 0, reach)
+    if sign * rows[SLIP, 1] > 0.0 and sign * rows[SLIP, 0] >= level and monotone(rows, order, x, reach):
         return Step(unit, x, order, NO_EVENT, 0, reach)
     if state.at_rest == 1:
         if sign * rows[SLIP, 1] < -bounds.steepest * unit:

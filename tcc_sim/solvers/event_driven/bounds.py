@@ -9,7 +9,7 @@ from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load
 
 EXACT = 1e-16
 """Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
-SHARE = 5e-3
+SHARE = 1e-2
 """Truncation of one step, of the tolerance asked for."""
 
 STIFF = 10.0
@@ -59,7 +59,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     truncation, far = EXACT, 0.0
     if terms.stribeck is not None:
         truncation = max(SHARE * rtol, EXACT)
-        far = max(math.log(terms.stribeck[0] / (0.03 * SHARE * rtol)), 1.0) / terms.stribeck[1]
+        far = max(math.log(terms.stribeck[0] / (1.5e-4 * rtol)), 1.0) / terms.stribeck[1]
 
     def stiff(inertia: float) -> bool:
         """Whether the fast part dies down long before the slow part and the excitation have changed."""

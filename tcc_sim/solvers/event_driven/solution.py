@@ -66,7 +66,7 @@ def setup_of(system: System, rtol: float) -> Setup:
     terms = constant_law(terms_of(system))
     waves = waves_of(terms)
     waves.setflags(write=False)
-    return Setup(terms, bounds_of(terms, system.cycle, rtol), waves, _event_limit(terms, system.cycle),
+    return Setup(terms, bounds_of(terms, system.cycle, rtol), waves, event_limit(terms, system.cycle),
                  tuple(term is None for term in terms))
 
 
@@ -185,7 +185,7 @@ def constant_law(terms: Terms) -> Terms:
                           pulsation=None if load is None else (ratio * load[0], *load[1:]))
 
 
-def _event_limit(terms: Terms, cycle: float) -> int:
+def event_limit(terms: Terms, cycle: float) -> int:
     """Most events of one engine cycle: 1000, and 40 for each natural or excitation period in it."""
     fastest: Any = math.sqrt(terms.linear[3] / terms.linear[1])
     if terms.pulsation is not None:

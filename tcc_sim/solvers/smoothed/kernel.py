@@ -11,6 +11,7 @@ from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiled import fast
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
+from tcc_sim.solvers.smoothed.carried_tangent import carry
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.limits import Limits
@@ -106,7 +107,7 @@ def finish(degree: int, x: float, whole: bool, method: int, terms: Terms, limits
 @fast
 def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limits, terms: Terms, ratio: float,
               waves: Any, tables: Tables, state: Any, control: Any, drive: Any, work: Any, counters: Any, output: Any,
-              cycles: Any, samples: Any, per_cycle: int, moves: Any, angle: Any) -> int:
+              cycles: Any, samples: Any, per_cycle: int, moves: Any, angle: Any, tangent: Any) -> int:
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
 
     Steps run across the ends of cycles, whose section points are values of the polynomial; they end at the edges of the
@@ -162,6 +163,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
         cut = min((period - tau) / step.unit, x) if after >= period else math.inf
         if after == period:
             cut = x
+        if tangent is not None:
+            carry(tangent, method, place, friction, step.degree, degree, level, step.unit, x, whole, cut, output.cycle,
+                  loaded, limits, terms, waves, tables, drive, work)
         record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period, per_cycle,
                limits.stick_speed, output, cycles, samples, moves, angle, work.bernstein)
         finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)

@@ -163,7 +163,7 @@ def _solve(problem: Problem, setup: Setup) -> Trajectory:
         """March on through some cycles and the rest of one."""
         return kernel.integrate(problem.start_cycle + done, batch, rest, limit, limits, setup.terms, ratio, waves,
                                 setup.tables, *memory, records[done:], samples[done * per_cycle:], per_cycle, moves,
-                                angle)
+                                angle, None)
 
     variant = problem.flywheel_angle, *setup.variant
     if variant not in _compiled:

@@ -89,9 +89,23 @@ def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: A
 
     L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal where it is strong.
     """
+    found, = eliminated(coupling, grip, slope, [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
+    change.set_row(found)
+    measure[0,] = largest(found)
+
+
+def eliminate_rows_text(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
+    """The same for every row of `rows`."""
+    count, parts = rows.shape[0], range(NODES // WIDTH)
+    right = [[rows.row(i, WIDTH * p, count=WIDTH) for p in parts] for i in range(count)]
+    for i, found in enumerate(eliminated(coupling, grip, slope, right)):
+        rows.set_row(found, i, 0)
+
+
+def eliminated(coupling: Any, grip: Any, slope: Any, sides: list[list[Any]]) -> list[Any]:
+    """The solutions for right-hand sides, each in parts of WIDTH numbers."""
     parts = range(NODES // WIDTH)
     columns = [[coupling.row(j, WIDTH * p, count=WIDTH) for p in parts] for j in range(NODES)]
-    right = [change.row(WIDTH * p, count=WIDTH) for p in parts]
     for p in parts:
         added = grip.row(WIDTH * p, count=WIDTH) * slope.row(WIDTH * p, count=WIDTH)
         for lane in range(WIDTH):
@@ -103,19 +117,20 @@ def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: A
         below = {p: columns[k][p] * inverses[k] for p in parts if p > own}
         if lane < WIDTH - 1:
             below[own] = columns[k][own] * inverses[k] * _lanes(lambda i, lane=lane: i > lane)
-        for column in [*columns[k + 1:], right]:
+        for column in [*columns[k + 1:], *sides]:
             head = column[own][lane]
             for p, factor in below.items():
                 column[p] = column[p] - factor * head
-    out: list[Any] = [None] * NODES
-    for k in range(NODES - 1, -1, -1):
-        own, lane = divmod(k, WIDTH)
-        out[k] = right[own][lane] * inverses[k]
-        for p in range(own + (1 if lane > 0 else 0)):
-            right[p] = right[p] - columns[k][p] * out[k]
-    found = row_of(out)
-    change.set_row(found)
-    measure[0,] = largest(found)
+    found = []
+    for right in sides:
+        out: list[Any] = [None] * NODES
+        for k in range(NODES - 1, -1, -1):
+            own, lane = divmod(k, WIDTH)
+            out[k] = right[own][lane] * inverses[k]
+            for p in range(own + (1 if lane > 0 else 0)):
+                right[p] = right[p] - columns[k][p] * out[k]
+        found.append(row_of(out))
+    return found
 
 
 def _lanes(chosen: Any) -> tuple[float, ...]:
@@ -156,6 +171,7 @@ evaluate_residual = unrolled(residual_text)
 follow = unrolled(follow_text)
 divide = unrolled(divide_text)
 eliminate = unrolled(eliminate_text)
+eliminate_rows = unrolled(eliminate_rows_text)
 add_slip = unrolled(add_slip_text)
 slip_polynomial = unrolled(slip_polynomial_text)
 to_powers = unrolled(powers_text)

@@ -1,0 +1,235 @@
+"""Branches of periodic motions beside AUTO-07p in one run: CPU time a point, and the values of the bifurcations.
+
+``python -m tcc_sim.benchmarks.branch_speed`` follows the motions of period one and two of the scene in which they coexist
+(omega/omega_n = 0.36, constant load, 225 kPa) with mu_k, by this package and by AUTO-07p (Debian packages `auto-07p` and
+`gfortran`), whose mesh is refined until it gets through. The forcing is AUTO's usual one, an oscillator that is added (its
+demo `frc`). The time of AUTO is that of its compiled program, without compiling it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.studies.branches import first_station, follow
+from tcc_sim.studies.motions import Plan, check, start_orbit
+from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.walk import Course
+from tcc_sim.trajectory import State
+
+AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
+KEY = "friction.kinetic_coefficient"
+MESHES = (200, 400, 800, 1600)
+"""Mesh intervals that AUTO is given, until it gets through the range."""
+MOST = 45
+"""Points followed to either side from the middle of the branch of period two, enough to pass both of its folds."""
+SAMPLES = 4000
+TIMEOUT = 600.0
+NAMES = {"fold": "LP", "period_doubling": "PD", "neimark_sacker": "TR"}
+"""Kinds of bifurcations as AUTO names them."""
+
+SCRIPT = """
+import json, resource
+import auto
+
+def used():
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+auto.run(e="model", c="model", NMX=1)
+for mesh in {meshes}:
+    before, points, found, complete = used(), 0, [], True
+    for step in (1.0, -1.0):
+        run = auto.run(e="model", c="model", NTST=mesh, DS=0.001 * step)
+        points += len(run[0])
+        kinds = [(s["TY name"], s["PAR(1)"]) for s in run()]
+        found += [k for k in kinds if k[0] in ("LP", "PD", "TR")]
+        complete = complete and not any(k[0] == "MX" for k in kinds)
+    print("RESULT", json.dumps([mesh, points, used() - before, found, complete]), flush=True)
+    if complete:
+        break
+"""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A branch: points, CPU seconds, bifurcations as (AUTO's name, mu_k/mu_s), and what it was followed with."""
+
+    points: int
+    seconds: float
+    bifurcations: tuple[tuple[str, float], ...]
+    manner: str
+    complete: bool = True
+
+
+def coexistence() -> System:
+    """The scene: fig02 at omega/omega_n = 0.36 with a constant load of 225 kPa and mu_k/mu_s = 0.85."""
+    system = load_scene("fig02").system
+    static = system.friction.static_coefficient
+    return replace(system, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.law": "smoothed",
+                            "engine.frequency": 0.36 * system.natural_frequency, KEY: 0.85 * static})
+
+
+def own(system: System, period: int, low: float, high: float) -> tuple[Followed, System]:
+    """This package's branch, and the system that starts on its first motion."""
+    static = system.friction.static_coefficient
+    map_ = check(system, Plan(KEY, low, high, period=period))
+    shooting, z = start_orbit(map_, system, Window(low, high), system.friction.kinetic_coefficient, period)
+    first, course = first_station(shooting, z), Course(KEY, most=MOST)
+    began = time.thread_time()
+    branch = follow(first, course, "start", 0)
+    seconds = time.thread_time() - began
+    found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
+    v, angle, speed = map(float, shooting.nodes(z)[0])
+    started = replace(system, {"initial.slip_speed": v, "initial.plate_angle": angle, "initial.plate_speed": speed})
+    return Followed(len(branch.stations), seconds, found, "default settings"), started
+
+
+def model(system: System) -> str:
+    """The equations with their Jacobian in Fortran; PAR(1) is mu_k, u(4) and u(5) are sine and cosine of the forcing."""
+    d, e, f, c = system.driveline, system.engine, system.friction, system.clutch
+    numbers = {"i1": d.flywheel_inertia, "i2": d.plate_inertia, "damping": d.damping, "stiffness": d.stiffness,
+               "mean": e.mean_torque, "swing": e.torque_amplitude, "omega": e.frequency, "static": f.static_coefficient,
+               "alpha": f.decay, "sigma": f.smoothing, "press": c.area * c.radius * system.pressure.mean}
+    constants = "\n".join(f"  double precision, parameter :: {name} = {value:.17e}".replace("e+", "d+").replace("e-", "d-")
+                          for name, value in numbers.items())
+    return FORTRAN.replace("CONSTANTS", constants)
+
+
+FORTRAN = """subroutine func(ndim, u, icp, par, ijac, f, dfdu, dfdp)
+  implicit none
+  integer, intent(in) :: ndim, icp(*), ijac
+  double precision, intent(in) :: u(ndim), par(*)
+  double precision, intent(out) :: f(ndim)
+  double precision, intent(inout) :: dfdu(ndim, ndim), dfdp(ndim, *)
+  double precision :: fall, excess, step, tf, slope, by, pull, square
+CONSTANTS
+  fall = exp(-alpha*abs(u(1)))
+  excess = (static/par(1) - 1d0)*fall
+  step = tanh(sigma*u(1))
+  tf = par(1)*press*(1d0 + excess)*step
+  pull = (tf - damping*u(3) - stiffness*u(2))/i2
+  square = u(4)*u(4) + u(5)*u(5)
+  f(1) = (mean + swing*u(4) - tf)/i1 - pull
+  f(2) = u(3)
+  f(3) = pull
+  f(4) = u(4) + omega*u(5) - u(4)*square
+  f(5) = -omega*u(4) + u(5) - u(5)*square
+  if (ijac == 0) return
+  slope = par(1)*press*(sigma*(1d0 + excess)*(1d0 - step*step) - alpha*sign(1d0, u(1))*excess*step)
+  by = press*(1d0 - fall)*step
+  dfdu = 0d0
+  dfdu(3, 1) = slope/i2
+  dfdu(3, 2) = -stiffness/i2
+  dfdu(3, 3) = -damping/i2
+  dfdu(1, :) = -dfdu(3, :)
+  dfdu(1, 1) = dfdu(1, 1) - slope/i1
+  dfdu(1, 4) = swing/i1
+  dfdu(2, 3) = 1d0
+  dfdu(4, 4) = 1d0 - square - 2d0*u(4)*u(4)
+  dfdu(4, 5) = omega - 2d0*u(4)*u(5)
+  dfdu(5, 4) = -omega - 2d0*u(4)*u(5)
+  dfdu(5, 5) = 1d0 - square - 2d0*u(5)*u(5)
+  if (ijac == 1) return
+  dfdp(:, 1) = 0d0
+  dfdp(1, 1) = -by/i1 - by/i2
+  dfdp(3, 1) = by/i2
+end subroutine
+subroutine stpnt(ndim, u, par, t)
+  integer, intent(in) :: ndim
+  double precision, intent(inout) :: u(ndim), par(*)
+  double precision, intent(in) :: t
+end subroutine
+subroutine bcnd
+end subroutine
+subroutine icnd
+end subroutine
+subroutine fopt
+end subroutine
+subroutine pvls
+end subroutine
+"""
+
+
+def constants(system: System, period: int, low: float, high: float) -> str:
+    """AUTO's file of constants."""
+    return "\n".join([
+        "dat='model.dat'", f"PAR={{1: {system.friction.kinetic_coefficient!r}, 11: {period * system.cycle!r}}}",
+        "NDIM=5, IPS=2, IRS=0, ILP=1, ICP=[1, 11], NCOL=4, IAD=3, ISP=2, ISW=1, IPLT=0, NBC=0, NINT=0",
+        "NMX=600, NPR=0, MXBF=0, IID=2, ITMX=9, ITNW=10, NWTN=10, JAC=1", "EPSL=1e-8, EPSU=1e-8, EPSS=1e-8",
+        "DS=0.001, DSMIN=1e-5, DSMAX=0.02, IADS=1", f"THL={{11: 0.0}}, UZSTOP={{1: [{low!r}, {high!r}]}}", ""])
+
+
+def auto(system: System, period: int, low: float, high: float) -> list[Followed]:
+    """AUTO's branch from the same motion, one entry for every mesh; empty where AUTO is not installed."""
+    if not (AUTO / "python").is_dir() or shutil.which("gfortran") is None:
+        return []
+    start = system.initial
+    run = solve(system, cycles=period, rtol=1e-11, samples_per_cycle=SAMPLES,
+                state=State(start.slip_speed, start.plate_angle, start.plate_speed)).raise_for_status()
+    phase = system.engine.frequency * run.t
+    rows = np.column_stack([run.t, run.slip_speed, run.plate_angle, run.plate_speed, np.sin(phase), np.cos(phase)])
+    environment = {**os.environ, "AUTO_DIR": str(AUTO), "PATH": os.environ.get("PATH", "") + os.pathsep + str(AUTO / "cmds"),
+                   "PYTHONPATH": os.pathsep.join([str(AUTO / "python"), str(AUTO / "python" / "auto")])}
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        np.savetxt(place / "model.dat", rows, fmt="%.16g")
+        (place / "model.f90").write_text(model(system))
+        (place / "c.model").write_text(constants(system, period, low, high))
+        (place / "run.py").write_text(SCRIPT.format(meshes=MESHES))
+        try:
+            told = subprocess.run(["/usr/bin/python3", "run.py"], cwd=folder, env=environment, capture_output=True, text=True,
+                                  timeout=TIMEOUT, check=False).stdout
+        except subprocess.TimeoutExpired as ended:
+            told = (ended.stdout or b"").decode() if isinstance(ended.stdout, bytes) else ended.stdout or ""
+    static, out = system.friction.static_coefficient, []
+    for line in told.splitlines():
+        if line.startswith("RESULT "):
+            mesh, points, seconds, found, complete = json.loads(line[7:])
+            out.append(Followed(points, seconds, tuple((kind, value / static) for kind, value in found), f"NTST {mesh}",
+                                complete))
+    return out
+
+
+def report(period: int, mine: Followed, others: list[Followed]) -> list[str]:
+    """Lines of a table, and how far the bifurcations of both are apart."""
+    out = []
+    for name, run in [("tcc-sim", mine), *(("AUTO-07p", other) for other in others)]:
+        found = ", ".join(f"{kind} {value:.9f}" for kind, value in run.bifurcations) or "none"
+        ended = "" if run.complete else "; did not get through"
+        out.append(f"period {period}  {name:8}  {run.manner:16}  {run.points:4d} points  "
+                   f"{1e3 * run.seconds / max(run.points, 1):8.2f} ms a point  {found}{ended}")
+    for kind, value in mine.bifurcations:
+        near = [abs(value - other) for run in others if run.complete for name, other in run.bifurcations if name == kind]
+        if near:
+            out.append(f"period {period}  {kind} {value:.10f}: AUTO differs by {min(near):.1e}")
+    return out
+
+
+def main() -> int:
+    """Follow both branches with both programs and print the table."""
+    system, low, high = coexistence(), 0.6, 1.0
+    static = system.friction.static_coefficient
+    for period, (start, stop) in {1: (low, high), 2: (0.6679, 0.925)}.items():
+        own(system, period, 0.84 * static, 0.86 * static)  # Compiling is not following.
+        mine, started = own(system, period, start * static, stop * static)
+        lines = report(period, mine, auto(started, period, start * static, stop * static))
+        sys.stdout.write("\n".join(lines) + "\n")
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,83 @@
+"""`tcc-sim motions`: the page on periodic motions: branches, charts and a basin, with what was found."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from tcc_sim.cli.arguments import new_directory
+from tcc_sim.errors import BasinsInterrupted, InputError, require
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the page goes, and how much it does."""
+    from pathlib import Path
+
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("motions"),
+                        help="new directory for motions.md, its pictures and the JSON behind them (default: motions)")
+    parser.add_argument("--quick", action="store_true", help="a quarter of the values, and a basin of 60 by 60 cells")
+    parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+
+
+CELLS, QUICK_CELLS = 500, 60
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Work out branches, charts and basin, and write the page and its pictures; nothing where it is interrupted."""
+    folder = new_directory(arguments.out)
+    if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
+        raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
+    require("matplotlib", "a picture")
+    from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
+    from tcc_sim.paper.figures import figure_data
+    from tcc_sim.paper.manner import Manner
+    from tcc_sim.paper.motions_page import motions_page
+    from tcc_sim.studies.basin_rows import basins
+    from tcc_sim.studies.basins import Axis
+    from tcc_sim.studies.sweep import values_of_range
+
+    cells = QUICK_CELLS if arguments.quick else CELLS
+    plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",
+                                                                f"initial.plate_angle=-0.1:0.3:{cells}")]
+    branched = Manner(arguments.quick, jobs=arguments.jobs, progress=True, branches=True)
+    plain = Manner(arguments.quick, jobs=arguments.jobs, progress=True)
+    try:
+        branches = figure_data(6, branched)
+        charts = {number: figure_data(number, plain) for number in CHARTS}
+        found, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
+    except (KeyboardInterrupt, BasinsInterrupted):
+        print("tcc-sim: interrupted; nothing is written", file=sys.stderr)
+        return 130
+    _write(folder, branches, charts, found, arguments.words)
+    (folder / "motions.md").write_text(motions_page(branches, charts, found), encoding="utf-8")
+    print(repr(found))
+    print(f"{folder}/motions.md, {folder}/pictures")
+    return 0
+
+
+def _values(found: tuple[str, Any]) -> tuple[str, tuple[float, ...]]:
+    """Key and values as an axis has them."""
+    return found[0], tuple(found[1])
+
+
+def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, Any]], found: Any,
+           words: list[str]) -> None:
+    """Pictures and JSON."""
+    from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.paper.catalogue import AT_036_085, paper_system
+    from tcc_sim.paper.drawings import draw
+    from tcc_sim.paper.figures import figure_system
+    from tcc_sim.paper.manner import Manner
+    from tcc_sim.paper.motions_page import BASINS, BRANCHES, NAMES
+    from tcc_sim.views.basin_map import draw as draw_basins
+
+    pictures = folder / "pictures"
+    pictures.mkdir(parents=True)
+    for number, data in ((6, branches), *charts.items()):
+        name = NAMES.get(number, BRANCHES)
+        draw(data, pictures / name)
+        write_json(folder / f"{name}.json", document("figure", data, figure_system(number, Manner()), words))
+    draw_basins([found], None, pictures / f"{BASINS}.png")
+    write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))

@@ -1,0 +1,151 @@
+"""Drawings of `figure --branches` and of the charts: branches over points, jumps by their cause, curves in a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.views import style
+from tcc_sim.views.branch_diagram import MARKS
+
+Data = dict[str, Any]
+CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "stick_border": "stick border",
+          "period_doubling": "doubling", "neimark_sacker": "torus", "branch_point": "branch point",
+          "grazing_sliding": "grazing", "crossing_sliding": "crossing", "switching_sliding": "switching",
+          "adding_sliding": "adding"}
+"""What stands at a jump; the other kinds are named as they are."""
+UNSTABLE = (0, (3, 1.5))
+NARROWEST = 0.021
+"""Distance of neighbouring labels, in parts of the axis."""
+COLOURS = {("period_doubling", 1): style.BLUE, ("period_doubling", 2): style.SKY, ("fold", 1): style.RED,
+           ("fold", 2): style.ORANGE, ("stick_border", 1): style.INK}
+TINTS = ("#EDEDED", "#FFFFFF", "#DCEBF7", "#FBE6C6", "#DDF0E6", "#F0D3DF")
+"""Of a chart's grid: pure stick, period 1, 2, 3 and more, aperiodic; the last where it failed."""
+GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to 16", "not solved")
+
+
+def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
+    """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
+    periods = sorted({b["period"] for b in curve["branches"]})
+    for branch in curve["branches"]:
+        x, height = np.array(branch["value"]) / unit, np.array(branch["max_slip_speed"])
+        stable = np.array(branch["stable"], dtype=bool)
+        rank = periods.index(branch["period"])
+        for part, dashes, width in ((stable, "-", 1.1), (~stable, UNSTABLE, 0.7)):
+            shown = part[:-1] & part[1:] if dashes == "-" else part[:-1] | part[1:]
+            keep = np.zeros(len(part), dtype=bool)
+            keep[:-1] |= shown
+            keep[1:] |= shown
+            # Pieces between two points that are drawn must not be joined across one that is not.
+            y = np.where(keep, height, np.nan)
+            axis.plot(x, y, linestyle=dashes, linewidth=width + 0.35 * min(rank, 3), color=colour, zorder=2.5)
+    for found in curve["bifurcations"]:
+        axis.plot([found["value"] / unit], [found["max_slip_speed"]], linestyle="none", marker=MARKS[found["kind"]][0],
+                  color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
+
+
+def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequence[str]) -> None:
+    """The cause of every jump, written upwards from the top of the axes, none over another; a thin line leads to it."""
+    jumps = sorted(((j["value"] / unit, max(j["max_slip_speed"]), j, colour) for curve, colour in zip(curves, colours)
+                    for j in curve["jumps"] if j["cause"] not in ("steep", "aperiodic")), key=lambda row: row[0])
+    low, high = axis.get_xlim()
+    places = spread([x for x, _, _, _ in jumps], NARROWEST * (high - low), low, high)
+    for place, (x, _, jump, colour) in zip(places, jumps):
+        axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
+        name = CAUSES.get(jump["cause"], jump["cause"].replace("_", " "))
+        axis.annotate(f"{name} {x:.4f}", (x, 1.0), (place, 1.06), xycoords=("data", "axes fraction"), rotation=90,
+                      textcoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=5.2, color=colour,
+                      annotation_clip=False, arrowprops={"arrowstyle": "-", "linewidth": 0.4, "color": colour,
+                                                         "shrinkA": 0.0, "shrinkB": 0.0})
+
+
+def spread(places: Sequence[float], least: float, low: float, high: float) -> list[float]:
+    """Places in order moved apart to at least `least`, as little as that takes, and kept between `low` and `high`."""
+    out = list(places)
+    for _ in range(200):
+        moved = False
+        for k in range(len(out) - 1):
+            gap = out[k + 1] - out[k]
+            if gap < least * (1.0 - 1e-9):
+                shift = 0.5 * (least - gap)
+                out[k], out[k + 1], moved = out[k] - shift, out[k + 1] + shift, True
+        if out and len(out) * least <= high - low:
+            over, under = max(out[-1] - high, 0.0), max(low - out[0], 0.0)
+            out[-1], out[0], moved = out[-1] - over, out[0] + under, moved or over > 0.0 or under > 0.0
+        if not moved:
+            break
+    return out
+
+
+def top_of(curves: Sequence[Data]) -> tuple[float, int]:
+    """End of the axis of maxima, above branches and settled motions, and how many other points lie beyond."""
+    inside = [0.0]
+    for curve in curves:
+        inside += [max(b["max_slip_speed"]) for b in curve["branches"]]
+        inside += [v for v, done in zip(curve["max_slip_speed"], curve["settled"]) if done and v is not None]
+    top = max(1.12 * max(inside), 1e-6)
+    return top, sum(v is not None and v > top for curve in curves for v in curve["max_slip_speed"])
+
+
+def legend_of(axis: Any, curves: Sequence[Data], beyond: int) -> None:
+    """What lines and marks mean, for all panels, in axes of its own; and how many points lie beyond them."""
+    axis.set_axis_off()
+    looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
+    other = "hollow: section does not repeat" + (f" ({beyond} beyond the axes)" if beyond else "")
+    handles = [*axis.plot([], [], color=style.INK, label="stable (thicker: longer period)"),
+               *axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable"),
+               *axis.plot([], [], marker="o", markersize=2.0, markeredgewidth=0.0, label="sweep", **looks),
+               *axis.plot([], [], marker="o", markersize=2.4, markerfacecolor="white", markeredgewidth=0.5, label=other,
+                          **looks)]
+    for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
+        marker, name = MARKS[kind]
+        handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
+    handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump of the sweep, with its cause")
+    axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
+
+
+def paint_chart(drawn: Any, data: Data) -> None:
+    """Figs. 19 and 20: periods of cold starts as shades, curves of bifurcations over them."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    axis, below = drawn.subplots(2, 1, height_ratios=(1.0, 0.13))
+    below.set_axis_off()
+    axis.grid(False)
+    x, y = np.array(data["x"]), np.array(data["y"])
+    shades = np.array([[_shade(p, r) for p, r in zip(*rows)] for rows in zip(data["period"], data["regime"])])
+    axis.pcolormesh(_edges(x), _edges(y), shades, cmap=ListedColormap(TINTS), rasterized=True,
+                    norm=BoundaryNorm(np.arange(-0.5, len(TINTS)), len(TINTS)))
+    named: dict[str, Any] = {}
+    for curve in sorted(data["curves"], key=lambda c: c["kind"] == "stick_border"):
+        kind, period = curve["kind"], curve["period"]
+        name = "pure stick ends, by (10)" if kind == "stick_border" else f"{MARKS[kind][1]}, period {period}"
+        line, = axis.plot(np.array(curve["value"]) / data["unit"], np.array(curve["second"]) / data["second_unit"],
+                          color=COLOURS.get((kind, min(period, 2)), style.GREEN), linewidth=0.9,
+                          linestyle=(0, (4, 2)) if kind == "stick_border" else "-", zorder=3)
+        named.setdefault(name, line)
+    axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=r"frequency ratio $\omega/\omega_n$",
+             ylabel={"mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$", "psi/pi": r"phase $\psi/\pi$"}[data["second_axis"]])
+    met = sorted(set(shades.ravel().tolist()))
+    handles = [Patch(facecolor=TINTS[k], edgecolor=style.GREY, linewidth=0.4, label=GRID[k]) for k in met]
+    lines = dict(sorted(named.items()))
+    shown = below.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="center", ncols=4,
+                         fontsize=6.8)
+    shown.set_in_layout(False)
+
+
+def _shade(period: int | None, regime: str | None) -> int:
+    """Which shade of TINTS a cold start has."""
+    if period is None:
+        return 5
+    if regime == "stick":
+        return 0
+    return {0: 4, 1: 1, 2: 2}.get(period, 3)
+
+
+def _edges(x: np.ndarray) -> np.ndarray:
+    """Edges of cells about values, which need not be evenly spaced."""
+    middle = 0.5 * (x[1:] + x[:-1])
+    return np.concatenate([[x[0]], middle, [x[-1]]])

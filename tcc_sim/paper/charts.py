@@ -1,0 +1,132 @@
+"""Charts that the paper has not: where motions double, fold and stick in a plane of omega and a second key.
+
+Bifurcations are looked for along some rows of a grid of cold starts and followed in both keys; what a curve has passed
+already is not followed again.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.parameters import System
+from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
+from tcc_sim.paper.figure_branches import creeps
+from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
+from tcc_sim.paper.seen_motions import seen_in, surveyed
+from tcc_sim.studies.bifurcations import Bifurcation, chandrupatla
+from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.maps import Floats
+from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.simulation import Plan
+from tcc_sim.studies.sweep import sweep_grid
+from tcc_sim.studies.two_parameters import Curve, bifurcation_curve, border_curve
+
+FOLLOWED = ("fold", "period_doubling")
+LONGEST = 2
+"""Longest period, in those of the excitation, whose bifurcations are followed."""
+PASSED = 4e-3
+"""Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""
+UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "pressure.phase": math.pi}
+NAMES = {"engine.frequency": "omega/omega_n", "friction.kinetic_coefficient": "mu_k/mu_s", "pressure.phase": "psi/pi"}
+
+
+def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+    """Figs. 19 and 20: the grid of cold starts, and the curves.
+
+    Returns
+    -------
+    `x` and `y` (normalised axes), `period` and `regime` (rows: second axis) of the cold starts, `curves`: `kind`,
+    `period`, `creep` (whether it is the smoothed end of stick), `value`, `second` (SI, as `continue --json`), `ended`.
+    """
+    system = system_of(row.series[0], manner)
+    share = QUICK_SHARE if manner.quick else 1
+    x, y = (np.linspace(*span, (count - 1) // share + 1)
+            for span, count in ((row.span, row.count), (row.second_span, row.second_count)))
+    cuts = np.array(row.cuts[::2] if manner.quick else row.cuts)
+    y = np.unique(np.concatenate([y, cuts]))
+    units = UNITS[row.over], UNITS[row.second]
+    plan = Plan(cycles=100 if manner.quick else 150, discard=50)
+    grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan,
+                      jobs=manner.jobs, progress=manner.progress)
+    windows = (Window(row.span[0] * units[0], row.span[1] * units[0]),
+               Window(row.second_span[0] * units[1], row.second_span[1] * units[1]))
+    curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), windows)
+    both = DrivelineMap(system, (row.over, row.second))
+    for cut in cuts:
+        sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
+        for branch in surveyed(sweep.curve, seen_in(sweep), manner.progress, LONGEST):
+            for found in branch.bifurcations:
+                curve = _followed(found, both, windows, float(cut) * units[1], curves)
+                if curve is not None:
+                    curves.append(_as_json(curve, found.station.orbit.period, creeps(found, sweep.curve.system)))
+    records = [sweep.records for sweep in grid.sweeps]
+    return {"axis": NAMES[row.over], "x": x.tolist(), "unit": units[0], "over": row.over,
+            "second_axis": NAMES[row.second], "y": y.tolist(), "second_unit": units[1], "second_over": row.second,
+            "cycles": plan.cycles, "discarded": 50, "curves": curves,
+            "period": [[None if r is None else r["period"] for r in line] for line in records],
+            "regime": [[None if r is None else r["regime"] for r in line] for line in records]}
+
+
+def _followed(found: Bifurcation, of: DrivelineMap, windows: tuple[Window, Window], second: float,
+              known: list[dict[str, Any]]) -> Curve | None:
+    """The curve of a bifurcation; None where it is not of those followed, or lies on a curve that is known."""
+    if found.kind not in FOLLOWED or found.station.orbit.period > LONGEST * of.forcing_period:
+        return None
+    at = np.array([windows[0].scaled(found.value), windows[1].scaled(second)])
+    for curve in known:
+        if (curve["kind"], curve["period"]) == (found.kind, found.station.orbit.period):
+            points = np.array([[windows[0].scaled(a), windows[1].scaled(b)]
+                               for a, b in zip(curve["value"], curve["second"])])
+            if distance(at, points) < PASSED:
+                return None
+    return bifurcation_curve(found, of, windows, second)
+
+
+def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
+    """A curve as JSON values."""
+    words = f"{curve.kind}, period {period}".replace("_", " ")
+    words = "pure stick ends, by (10)" if curve.kind == "stick_border" else words
+    return {"label": words, "kind": curve.kind, "period": period, "creep": creep, "value": list(curve.values),
+            "second": list(curve.second), "ended": list(curve.ended)}
+
+
+def distance(at: Floats, line: Floats) -> float:
+    """Of a point (2,) from a line through points (n, 2)."""
+    if len(line) < 2:
+        return float(np.linalg.norm(line - at, axis=1).min(initial=math.inf))
+    a, d = line[:-1], np.diff(line, axis=0)
+    size = np.maximum((d * d).sum(axis=1), 1e-300)
+    part = np.clip(((at - a) * d).sum(axis=1) / size, 0.0, 1.0)
+    return float(np.linalg.norm(a + part[:, None] * d - at, axis=1).min())
+
+
+def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, Window],
+                  count: int = 400) -> list[dict[str, Any]]:
+    """Curves on which pure stick ends by (10), corrected, in the plane of two keys."""
+    of = DrivelineMap(system, keys)
+
+    def margin(first: float, second: float) -> float:
+        at = of.system_at((first, second))
+        return stick_margin(at).torque / (at.friction_ratio * at.saturation_mean)
+
+    out: list[dict[str, Any]] = []
+    for part in (0.0, 0.25, 0.5, 0.75, 1.0):
+        second = windows[1].value(part)
+        values = [windows[0].value(u) for u in np.linspace(0.0, 1.0, count)]
+        margins = np.array([margin(v, second) for v in values])
+        for k in np.flatnonzero(margins[1:] * margins[:-1] < 0.0):
+            root = chandrupatla(partial(margin, second=second), values[k], values[k + 1])
+            at = np.array([windows[0].scaled(root), part])
+            known = [np.array([[windows[0].scaled(a), windows[1].scaled(b)] for a, b in zip(c["value"], c["second"])])
+                     for c in out]
+            if any(distance(at, line) < PASSED for line in known):
+                continue
+            curve = border_curve(margin, windows, root, second)
+            if curve is not None:
+                out.append(_as_json(curve, 1, False))
+    return out

@@ -1,0 +1,78 @@
+"""`figure --branches`: the branches of periodic motions behind a figure's points, and what each of its jumps is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.parameters import System
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.paper.evidence import JUMP
+from tcc_sim.paper.seen_motions import seen_in, surveyed
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.studies.bifurcations import Bifurcation
+from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.jumps import jumps_of
+from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.survey import Seen, station_of
+from tcc_sim.studies.sweep import Sweep
+from tcc_sim.trajectory import State
+
+STICK_BORDER = "stick_border"
+CREEP = 3.0
+"""Largest slip speed, in those up to which law (7) counts as stick, at which a motion still creeps in stick."""
+SMOOTH_ENDS = ("fold", "period_doubling", "neimark_sacker", "branch_point")
+
+
+def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict[str, Any]]:
+    """Branches, bifurcations and jumps behind sweeps of one system, for each of them.
+
+    Parameters
+    ----------
+    sweeps : over the same values of one key, in different directions
+    progress : show a count of points on a terminal
+
+    Returns
+    -------
+    For every sweep `branches` and `bifurcations` as `continue --json` has them, and `jumps`: `value`, the two values it
+    is `between`, `max_slip_speed` before and after, `cause`, and the number of its `bifurcation`.
+    """
+    found = [seen_in(sweep) for sweep in sweeps]
+    branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)
+    base = common_cycles(sweeps[0].curve.system)
+    bifurcations = [f for branch in branches for f in branch.bifurcations]
+    shown: dict[str, Any] = {"branches": [b.as_json() for b in branches],
+                             "bifurcations": [f.as_json() for f in bifurcations]}
+    out = []
+    for sweep, row in zip(sweeps, found):
+        forward = sorted(row, key=lambda s: s.value)
+        jumps = []
+        for jump in jumps_of(forward, branches, JUMP, base):
+            entry = jump.as_json(bifurcations)
+            if jump.found is not None and creeps(jump.found, sweep.curve.system):
+                entry["cause"] = STICK_BORDER
+            jumps.append(entry)
+        out.append({**shown, "jumps": jumps})
+    return out
+
+
+def creeps(found: Bifurcation, system: System) -> bool:
+    """Whether a bifurcation of the smoothed law is the end of stick: its motion still creeps."""
+    if system.friction.law != "smoothed" or found.kind not in SMOOTH_ENDS:
+        return False
+    limit = stick_speed_of(terms_of(system))
+    return math.isfinite(limit) and found.station.orbit.seen.largest <= CREEP * limit
+
+
+def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
+    """The periodic orbit at a settled motion, with the names of `continue --json`; None where it has no period."""
+    omega = system.engine.frequency
+    of = DrivelineMap(system, ("engine.frequency",))
+    state = np.array([final.slip_speed, final.plate_angle, final.plate_speed])
+    if not period:
+        return None
+    station = station_of(of, Window(0.5 * omega, 1.5 * omega), Seen(omega, state, cycle, period, largest))
+    return None if station is None else {"period": station.orbit.period, **station.orbit.as_json()}

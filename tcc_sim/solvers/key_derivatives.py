@@ -1,0 +1,73 @@
+"""How the numbers of equations (1) to (7) change with scene keys: exact derivatives, the same for every engine.
+
+The right-hand side is a function of the numbers in NUMBERS; the derivative of a motion by a scene key is that by each
+of them, weighted with a column of `key_derivatives`. The engine frequency is LOG_FREQUENCY: with the phase omega t as
+the variable of the excitation, a change of log omega by d adds -d times the rate of the state to the right-hand side,
+and nothing else changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
+from tcc_sim.trajectory import Floats
+
+NUMBERS = ("flywheel_inertia", "plate_inertia", "damping", "stiffness", "mean_torque", "torque_amplitude", "mean_load",
+           "load_amplitude", "load_phase", "excess", "decay", "smoothing", "log_frequency")
+"""I1, I2, C23, K23; Tm, Tp; Tsm, Tsp, psi; r - 1 = mu_s/mu_k - 1, alpha, sigma; log omega."""
+(FLYWHEEL_INERTIA, PLATE_INERTIA, DAMPING, STIFFNESS, MEAN_TORQUE, TORQUE_AMPLITUDE, MEAN_LOAD, LOAD_AMPLITUDE,
+ LOAD_PHASE, EXCESS_RATIO, DECAY, SMOOTHING, LOG_FREQUENCY) = range(len(NUMBERS))
+
+OF_ITSELF = {"driveline.flywheel_inertia": FLYWHEEL_INERTIA, "driveline.plate_inertia": PLATE_INERTIA,
+             "driveline.damping": DAMPING, "driveline.stiffness": STIFFNESS, "engine.mean_torque": MEAN_TORQUE,
+             "engine.torque_amplitude": TORQUE_AMPLITUDE, "pressure.phase": LOAD_PHASE, "friction.decay": DECAY,
+             "friction.smoothing": SMOOTHING}
+"""Keys that are one of the numbers themselves."""
+
+
+def key_derivatives(system: System, keys: Sequence[str]) -> Floats:
+    """(len(NUMBERS), len(keys)) derivatives of the numbers of the right-hand side by scene keys.
+
+    A number that a scene has no term for (Tp = 0, mu_k = mu_s) has its derivative all the same.
+
+    Raises
+    ------
+    InputError
+        A key that the motion does not depend on continuously, or that is no number.
+    """
+    out = np.zeros((len(NUMBERS), len(keys)))
+    for column, key in zip(out.T, keys):
+        _fill(system, key, column)
+    return out
+
+
+def _fill(system: System, key: str, column: Floats) -> None:
+    """The column of one key."""
+    friction, clutch = system.friction, system.clutch
+    # Tsm = mu_k Pm A R and Tsp = mu_k Pp A R of (5b).
+    loads = np.array([system.saturation_mean, system.saturation_amplitude])
+    if key in OF_ITSELF:
+        column[OF_ITSELF[key]] = 1.0 if key != "engine.torque_amplitude" or system.engine.harmonic else 0.0
+    elif key == "engine.frequency":
+        column[LOG_FREQUENCY] = 1.0 / system.engine.frequency
+    elif key == "friction.static_coefficient":
+        column[EXCESS_RATIO] = 1.0 / friction.kinetic_coefficient
+    elif key == "friction.kinetic_coefficient":
+        column[MEAN_LOAD:LOAD_AMPLITUDE + 1] = loads / friction.kinetic_coefficient
+        column[EXCESS_RATIO] = -friction.static_coefficient / friction.kinetic_coefficient**2
+    elif key == "clutch.area":
+        column[MEAN_LOAD:LOAD_AMPLITUDE + 1] = loads / clutch.area
+    elif key == "clutch.radius":
+        column[MEAN_LOAD:LOAD_AMPLITUDE + 1] = loads / clutch.radius
+    elif key == "pressure.mean":
+        column[MEAN_LOAD] = system.torque_per_pressure
+    elif key == "pressure.amplitude":
+        column[LOAD_AMPLITUDE] = system.torque_per_pressure if system.pressure.harmonic else 0.0
+    elif key not in DEFAULTS:
+        raise unknown_key(key, DEFAULTS)
+    else:
+        raise InputError(f"{key} is no number that a motion depends on continuously")

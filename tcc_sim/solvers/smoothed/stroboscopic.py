@@ -1,0 +1,180 @@
+"""The stroboscopic map of the smoothed law with its exact derivatives, by the state and by the scene's keys.
+
+The derivatives are those of the method (`tangent_series`, `tangent_step`): what the engine returns for a start or a key
+that is a little different, its steps being the same.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
+from tcc_sim.solvers.smoothed import collocation_tables
+from tcc_sim.solvers.smoothed.limits import limits_of
+from tcc_sim.solvers.smoothed.solve import STATUSES
+from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, DONE, STATE, WORK
+from tcc_sim.solvers.smoothed.tangent_march import MOVES, PART, march
+from tcc_sim.solvers.smoothed.tangent_series import CHANGES, LANES, SHARED, Tangent
+from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
+from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.trajectory import Floats, event_sequence
+
+
+class Stroboscopic(NamedTuple):
+    """What some engine cycles make of a state.
+
+    state : (3,) slip speed, plate angle, plate speed after them
+    derivative : (3, 3) by the state before them
+    by_parameter : (3, P) by the keys, each at constant phase omega t
+    events : modes in order: S stick, + and - slip
+    heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
+    heights_by_state, heights_by_parameter : (N, 3), (N, P) derivatives of `heights`
+    stick_time : s
+    """
+
+    state: Floats
+    derivative: Floats
+    by_parameter: Floats
+    events: str
+    heights: Floats
+    heights_by_state: Floats
+    heights_by_parameter: Floats
+    stick_time: float
+
+
+def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
+                     parameters: Sequence[str] = ()) -> Stroboscopic:
+    """The state after engine cycles (whole ones or parts), and its derivatives.
+
+    Parameters
+    ----------
+    state : (3,) slip speed (rad/s), plate angle (rad), plate speed (rad/s)
+    cycles, start_cycle : number of engine cycles, and the phase of the start in cycles
+    rtol : relative tolerance of the steps
+    parameters : scene keys that are one number each
+
+    Raises
+    ------
+    InputError
+        A key that is not one number, or that only says where a solution starts.
+    NumericalFailure
+        The engine stopped early.
+    """
+    return prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles)
+
+
+def terms_for(system: System, changes: Floats) -> Terms:
+    """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
+    terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
+    changed = np.abs(changes).sum(axis=1)
+    if changed[TORQUE_AMPLITUDE] > 0.0 and terms.torque is None:
+        terms = terms._replace(torque=(0.0, omega))
+    if changed[LOAD_AMPLITUDE] > 0.0 and terms.pulsation is None:
+        terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
+    if changed[EXCESS_RATIO] > 0.0 and terms.stribeck is None:
+        terms = terms._replace(stribeck=(0.0, system.friction.decay))
+    return terms
+
+
+class Prepared:
+    """A system with keys, ready to be evaluated at many states."""
+
+    def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
+        changes = key_derivatives(system, keys)
+        terms = terms_for(system, changes)
+        self.period, self.count = system.cycle, 3 + len(keys)
+        self.ratio = system.pressure.frequency_ratio
+        self.limits = limits_of(terms, terms_of(system), self.period, rtol)
+        self.waves = waves_of(terms)
+        load_rate = 0.0 if terms.pulsation is None else terms.pulsation[1]
+        top, levels = collocation_tables.top_of(self.period), collocation_tables.levels_of(self.limits.sigma)
+        self.tables = collocation_tables.tables(terms.linear, tuple(self.waves["rate"].tolist()), load_rate, top, levels)
+        self.torque = collocation_tables.response(terms.linear, top, levels).torque
+        self.terms = terms._replace(torque=None, harmonics=None)
+        groups = math.ceil(self.count / LANES)
+        lanes = np.zeros((len(NUMBERS), groups * LANES))
+        lanes[:, 3:self.count] = changes
+        self.by = np.ascontiguousarray(lanes.reshape(len(NUMBERS), groups, LANES).transpose(1, 0, 2))
+        self.forced = self.by.any(axis=1) @ (1 << np.arange(LANES))
+
+    def over(self, state: Floats, start: float, end: float) -> Stroboscopic:
+        """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
+        return self.each(state[None], [start], [end])[0]
+
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
+        """`over` for several starts, states (m, 3), by one compiled call."""
+        parts = np.zeros(len(states), PART)
+        firsts, lasts = np.floor(starts), np.floor(ends)
+        parts["first"], parts["cycles"] = firsts, lasts - firsts
+        parts["tau"], parts["tail"] = (starts - firsts) * self.period, (ends - lasts) * self.period
+        parts["state"] = states
+        most = int(parts["cycles"].max()) + 1
+        groups, count = len(self.by), len(parts)
+        tangents, heights = np.empty((count, groups, 3, LANES)), np.empty((count, most))
+        climbs = np.empty((count, most, groups, LANES))
+        room = room_of(groups, most)
+        room.tangent.groups["by"], room.tangent.groups["forced"] = self.by, self.forced
+        tangent = room.tangent._replace(torque=self.torque)
+        march(parts, self.limits, self.terms, self.ratio, self.waves, self.tables, tangent, room.state, room.control,
+              room.drive, room.work, room.counters, room.output, room.cycles, room.moves, NO_SAMPLES, tangents, heights,
+              climbs)
+        failed = np.flatnonzero(parts["status"] != DONE)
+        if len(failed):
+            k = int(failed[0])
+            raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of the "
+                                   "engine cycle")
+        by = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1)
+        peaks = climbs.reshape(count, most, -1)
+        out = []
+        for k, part in enumerate(parts):
+            whole = int(part["cycles"]) + (1 if part["tail"] > 0.0 else 0)
+            moves = int(part["moves"])
+            events = event_sequence(part["before"][:moves], part["after"][:moves], int(part["mode"]))
+            out.append(Stroboscopic(part["state"], by[k, :, :3], by[k, :, 3:self.count], events, heights[k, :whole],
+                                    peaks[k, :whole, :3], peaks[k, :whole, 3:self.count], float(part["stick_time"])))
+        return out
+
+
+class Room(NamedTuple):
+    """Work space of the compiled call, used again by every one of a thread."""
+
+    tangent: Tangent
+    state: Any
+    control: Any
+    drive: Any
+    work: Any
+    counters: Any
+    output: Any
+    cycles: Any
+    moves: Any
+
+
+NO_SAMPLES = np.empty((0, 3))
+_rooms = threading.local()
+
+
+def room_of(groups: int, most: int) -> Room:
+    """Work space for so many groups of lanes, and cycles in a part."""
+    known: dict[tuple[int, int], Room] = _rooms.__dict__.setdefault("known", {})
+    if (groups, most) not in known:
+        state, control, drive, work, counters, output, shared = (
+            np.zeros(1, kind)[0] for kind in (STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT, SHARED))
+        tangent = Tangent(np.zeros(groups, CHANGES), shared, np.empty((0, 0, 0)), np.zeros((most, groups, LANES)))
+        known[groups, most] = Room(tangent, state, control, drive, work, counters, output, np.zeros(most + 1, CYCLE),
+                                   np.zeros(MOVES, MOVE))
+    return known[groups, most]
+
+
+@lru_cache(maxsize=16)
+def prepared(system: System, keys: tuple[str, ...], rtol: float) -> Prepared:
+    """One for every system, keys and tolerance."""
+    return Prepared(system, keys, rtol)

@@ -1,0 +1,193 @@
+"""Figures with branches and charts: what is refused, what is drawn from given numbers, and borders of known places."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from documents import valid
+
+from tcc_sim.cli import main
+from tcc_sim.model.closed_form import constant_load_limits
+from tcc_sim.paper import charts, figures
+from tcc_sim.paper.branch_panels import spread, top_of
+from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system
+from tcc_sim.paper.drawings import draw
+from tcc_sim.paper.figure_branches import creeps, motions_behind
+from tcc_sim.paper.histories import orbit_words
+from tcc_sim.paper.manner import Manner
+from tcc_sim.paper.motions_page import motions_page
+from tcc_sim.studies import basin_rows
+from tcc_sim.studies.attractors import Attractor
+from tcc_sim.studies.basins import Axis, Basins
+from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
+
+
+@pytest.mark.parametrize("words", [["2", "--branches"], ["3", "--branches"], ["5", "--branches"], ["7", "--branches"],
+                                   ["9", "--branches"], ["19", "--branches"], ["21"], ["19", "--direction", "up"]])
+def test_what_makes_no_sense_is_refused_in_one_line(words: list[str], tmp_path: Path, capsys) -> None:  # type: ignore
+    assert main(["figure", *words, "--out", str(tmp_path / "new")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_charts_are_numbered_on_from_the_paper_s_figures() -> None:
+    assert list(CHARTS) == [max(FIGURES) + 1, max(FIGURES) + 2]
+    assert {row.second for row in CHARTS.values()} == {"friction.kinetic_coefficient", "pressure.phase"}
+
+
+def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump() -> None:
+    """Above the end of stick by (10) the motion from rest is stuck: period one, no slip, multipliers exp(lambda T), 0."""
+    system = paper_system({"friction.law": "set_valued", "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})
+    values = tuple(np.linspace(0.45, 0.47, 3) * OMEGA_N)
+    found, = motions_behind(sweep_curves([Curve(system, "engine.frequency", values)], Plan(cycles=150, discard=50)))
+    branch, = found["branches"]
+    assert (branch["period"], found["bifurcations"], found["jumps"]) == (1, [], [])
+    assert set(branch["events"]) == {"S"}
+    for value, multipliers in zip(branch["value"], branch["multipliers"]):
+        size = math.exp(-0.6 / (2.0 * 0.22) * 2.0 * math.pi / value)
+        assert [math.hypot(*m) for m in multipliers] == pytest.approx([size, size, 0.0], abs=1e-7)
+
+
+def test_the_end_of_stick_is_told_by_its_creep() -> None:
+    def at(slip: float, kind: str = "fold") -> Any:
+        return SimpleNamespace(kind=kind, station=SimpleNamespace(orbit=SimpleNamespace(seen=SimpleNamespace(largest=slip))))
+
+    system = paper_system({"friction.kinetic_coefficient": 0.25})
+    assert creeps(at(0.08), system)
+    assert not creeps(at(5.0), system)
+    assert not creeps(at(0.08, "grazing_sliding"), system)
+    assert not creeps(at(0.08), paper_system({"friction.law": "set_valued"}))
+
+
+def test_stick_borders_are_those_of_the_closed_form_whatever_mu_k() -> None:
+    limit = constant_load_limits(paper_system())[-1]
+    windows = Window(0.3 * OMEGA_N, 0.5 * OMEGA_N), Window(0.165, 0.29)
+    border, = charts.stick_borders(paper_system(), ("engine.frequency", "friction.kinetic_coefficient"), windows, 40)
+    assert border["value"] == pytest.approx([limit] * len(border["value"]), rel=1e-6)
+    assert (min(border["second"]), max(border["second"])) == (pytest.approx(0.165), pytest.approx(0.29))
+
+
+def test_the_distance_from_a_line() -> None:
+    line = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    assert charts.distance(np.array([0.5, 0.3]), line) == pytest.approx(0.3)
+    assert charts.distance(np.array([2.0, 1.0]), line) == pytest.approx(1.0)
+    assert charts.distance(np.array([-3.0, -4.0]), line) == pytest.approx(5.0)
+    assert charts.distance(np.array([3.0, 4.0]), line[:1]) == pytest.approx(5.0)
+
+
+def test_a_panel_says_what_its_orbit_is() -> None:
+    assert orbit_words({"period": 2}) == ""
+    orbit = {"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]}
+    assert orbit_words({"period": 2, "orbit": orbit}) == ", stable: largest Floquet multiplier 0.5"
+
+
+def test_labels_are_moved_apart_in_order() -> None:
+    placed = spread([0.1, 0.1, 0.11, 0.5, 0.999], 0.05, 0.0, 1.0)
+    assert placed == sorted(placed)
+    assert np.diff(placed).min() >= 0.05 * (1.0 - 1e-6)
+    assert placed[0] >= 0.0
+    assert placed[-1] <= 1.0 + 1e-9
+    assert spread([0.2, 0.8], 0.05, 0.0, 1.0) == [0.2, 0.8]
+    assert spread([], 0.05, 0.0, 1.0) == []
+
+
+def given_curve(**more: Any) -> dict[str, Any]:
+    """A curve with one branch that folds, and a jump there."""
+    branch = {"period": 1, "origin": "start", "value": [20.0, 120.0, 150.0, 120.0], "slip_speed": [0.0] * 4,
+              "plate_angle": [0.1] * 4, "plate_speed": [0.0] * 4, "max_slip_speed": [10.0, 20.0, 30.0, 40.0],
+              "stick_fraction": [0.5] * 4, "stable": [True, True, False, False], "events": ["S+S"] * 4,
+              "multipliers": [[[0.5, 0.0]] * 3] * 4, "ended": ["reached the end", "stopped"], "closed": False}
+    fold = {"kind": "fold", "value": 150.0, "slip_speed": 0.0, "plate_angle": 0.1, "plate_speed": 0.0,
+            "max_slip_speed": 30.0, "multipliers": [[1.0, 0.0]] * 3, "residual": 1e-11, "branch": 0, "period": 1}
+    jump = {"value": 150.0, "between": [145.0, 155.0], "max_slip_speed": [29.0, 50.0], "cause": "fold", "bifurcation": 0}
+    x = 11
+    return {"label": "a curve", "values": {}, "direction": "cold", "max_slip_speed": [10.0] * x, "period": [1] * x,
+            "settled": [True] * (x - 1) + [False], "theta2": [[0.1]] * x, "regime": ["stick-slip"] * x,
+            "branches": [branch], "bifurcations": [fold], "jumps": [jump], **more}
+
+
+def given_figure(number: int, kind: str, curves: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"figure": number, "kind": kind, "title": "a title", "caption": "a caption", "law": "smoothed", "quick": True,
+            "parameters": {}, "marks": [0.3], "axis": "omega/omega_n", "x": np.linspace(0.05, 0.5, 11).tolist(),
+            "unit": OMEGA_N, "cycles": 100, "discarded": 50, "curves": curves, "seconds": 0.0}
+
+
+def given_chart() -> dict[str, Any]:
+    curves = [{"label": "fold, period 2", "kind": "fold", "period": 2, "creep": True, "value": [60.0, 70.0],
+               "second": [0.2, 0.25], "ended": ["one end", "other end"]},
+              {"label": "pure stick ends, by (10)", "kind": "stick_border", "period": 1, "creep": False,
+               "value": [150.0, 150.0], "second": [0.17, 0.29], "ended": ["one end", "one end"]}]
+    return {**given_figure(19, "chart", curves), "y": [0.6, 0.8, 1.0], "second_axis": "mu_k/mu_s", "second_unit": 0.3,
+            "period": [[1, 2, 0, None, 3, 1, 1, 1, 1, 1, 1]] * 3, "regime": [["stick", *["slip"] * 10]] * 3}
+
+
+@pytest.mark.parametrize("data", [given_figure(4, "map", [given_curve(), given_curve(jumps=[])]),
+                                  given_figure(6, "orbit", [given_curve(), given_curve(direction="up")]), given_chart()],
+                         ids=["map", "orbit", "chart"])
+def test_given_branches_are_drawn(data: dict[str, Any], tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    draw(json.loads(json.dumps(data)), tmp_path / "drawn")
+    assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
+
+
+def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
+    curve = given_curve(max_slip_speed=[10.0, 500.0, None, 10.0, 10.0], settled=[True, False, False, True, True])
+    assert top_of([curve]) == (pytest.approx(1.12 * 40.0), 1)
+
+
+def given_basins() -> Basins:
+    orbit = Attractor(2, np.zeros((2, 3)), np.zeros(2, np.int64), np.array([0.25 + 0.0j]), 49.2, 0.1)
+    plane = Axis("initial.slip_speed", (0.0, 60.0)), Axis("initial.plate_angle", (0.0, 0.1))
+    return Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0)
+
+
+def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    pytest.importorskip("matplotlib")
+    data = {6: given_figure(6, "orbit", [given_curve()]), 19: given_chart(), 20: given_chart()}
+    monkeypatch.setattr(figures, "figure_data", lambda number, manner: data[number])
+    monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
+    folder = tmp_path / "motions"
+    assert main(["motions", "--quick", "--out", str(folder)]) == 0
+    page = (folder / "motions.md").read_text()
+    pictures = re.findall(r"\((pictures/[a-z_]+\.png)\)", page)
+    assert len(pictures) == 4
+    for picture in pictures:
+        assert (folder / picture).read_bytes().startswith(b"\x89PNG")
+    for name in ("motions_branches", "motions_chart_mu_k", "motions_chart_psi"):
+        assert valid("figure", json.loads((folder / f"{name}.json").read_text()))["curves"]
+    assert valid("basins", json.loads((folder / "motions_basins.json").read_text()))["attractors"]
+    assert main(["motions", "--quick", "--out", str(folder)]) == 2
+    assert main(["motions", "--jobs", "0", "--out", str(tmp_path / "other")]) == 2
+
+
+def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    def interrupted(number: int, manner: Manner) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(figures, "figure_data", interrupted)
+    assert main(["motions", "--out", str(tmp_path / "motions")]) == 130
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_says_what_was_found() -> None:
+    found = given_basins()
+    branches = given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])
+    page = motions_page(branches, {19: given_chart(), 20: given_chart()}, found)
+    assert page.startswith("# Periodic motions\n")
+    for words in ("| fold | 0 | 1 | 0.38729833 | 30.0000 | 1e-11 |", "continued upward, at 0.387298: 29.00 to 50.00 rad/s, fold",
+                  "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %", "fold, period 2 (smoothed end of stick) | 2"):
+        assert words in page, words
+
+
+def test_all_figures_leave_branches_out_where_there_are_none(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setattr(figures, "KINDS", dict.fromkeys(figures.KINDS, lambda row, manner: {"curves": []}))
+    for number in FIGURES:
+        assert figures.figure_data(number, Manner(quick=True, branches=True))["figure"] == number
