@@ -134,6 +134,7 @@ class Stride:
     wanted : distance between predictor and corrector that is aimed at
     farthest : the same, relative to the step, above which a step is refused
     turn : smallest cosine between neighbouring tangents
+    tried : steps tried until now
     """
 
     length: float = 0.01
@@ -144,6 +145,7 @@ class Stride:
     turn: float = 0.9
     branching: float = 1e-4
     """A change of the determinant's sign is believed in steps this short."""
+    tried: int = 0
 
     def after(self, distance: float) -> float:
         """The next length after a step whose corrector went `distance`."""
@@ -169,6 +171,7 @@ def advance(equations: Equations, here: Point, before: tuple[Point, float] | Non
             guess = guess + bend * (here.tangent - curved[0].tangent)
             if len(climb) and len(curved[0].found.heights) == len(climb):
                 heights = heights + bend * (climb - curved[0].found.climb @ curved[0].tangent)
+        stride.tried += 1
         found = correct(equations, guess, here.tangent, Plane(climb, heights))
         if found is not None:
             along = float(found.tangent @ here.tangent + found.climb @ climb)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
-from tcc_sim.studies.continuation import Point, Stride, advance, correct, null_direction, point_at, tangent_of
+from tcc_sim.studies.continuation import (LARGEST_LEFT, Point, Stride, advance, correct, null_direction, point_at,
+                                            tangent_of)
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import newton
@@ -16,6 +17,8 @@ from tcc_sim.studies.passages import between, collapse, returned, returning
 from tcc_sim.studies.shooting import GROWTH, Shooting
 
 MOST_POINTS = 3000
+MOST_TRIES = 6000
+"""Steps tried along one direction of a branch, the halved ones too, after which it is given up."""
 SAME_END = 1e-6
 """Distance, relative to the range, at which a fold is the end itself where a branch passes into that of its own shift."""
 FLAT_START = 1e-3
@@ -24,6 +27,9 @@ FAR_GROWN = 10.0
 """Growth over a segment per what it may be at first, above which the orbit is cut anew."""
 CHECKED = 20
 """Points after which fewer segments are tried."""
+CANARD = 1e10
+"""Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to no better than 1e-2 over its period,
+and neither value nor sign of such a multiplier can be trusted. Motions along the falling branch of friction get there."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
@@ -70,7 +76,12 @@ class Walk:
             if len(self.stations) > self.course.most:
                 self.sentence = f"stopped after {self.course.most} points at {self._where(here)}"
                 break
+            if self.stride.tried > MOST_TRIES:
+                self.sentence = f"given up after {self.stride.tried} steps tried at {self._where(here)}: no progress"
+                break
             edge = self._edge(here)
+            if edge is not None and self._too_steep(edge):
+                break
             if edge is not None:
                 self._take(edge)
                 self.sentence = f"{self.course.name} reached {edge.value:.9g}, the end of the range"
@@ -79,13 +90,16 @@ class Walk:
             new = self._onward(here, before)
             if new is None:
                 if not self._turn_at_border(here):
-                    self.sentence = f"no further point was found beyond {self._where(here)}"
+                    self.sentence = (f"no further point was found beyond {self._where(here)}: no step down to "
+                                     f"{self.stride.smallest:.0e} of the natural sizes met a residual of {LARGEST_LEFT:.0e}")
                     break
                 before = None
                 continue
             if not 0.0 <= new.point.z[here.shooting.size] <= 1.0:
                 self.stride.length = 0.5 * length
                 continue
+            if self._too_steep(new):
+                break
             self._take(new)
             before = here.point, float(np.linalg.norm(new.point.z - here.point.z))
             if self.done or self._in_family():
@@ -162,6 +176,14 @@ class Walk:
                     return station_at(here.shooting, new)
             stride.length *= 0.5
         return None
+
+    def _too_steep(self, new: Station) -> bool:
+        """Whether an orbit grows so much that it is not followed; nothing is looked for on the way to it."""
+        if not abs(new.orbit.multipliers[0]) > CANARD:
+            return False
+        self.sentence = (f"ended at {self._where(self.stations[-1])}: beyond it a multiplier is above {CANARD:.0e}, a "
+                         "canard, which double precision does not resolve")
+        return True
 
     def _in_family(self) -> bool:
         """Whether the last two points belong to motions with a multiplier of exactly 1 at one parameter."""

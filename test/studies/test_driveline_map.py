@@ -81,6 +81,31 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
     assert not branch.stations[-1].orbit.stable
 
 
+def test_a_canard_ends_a_branch_with_a_sentence() -> None:
+    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2, switch=1))
+    (branch,) = found.branches
+    assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in sentence
+               for sentence in branch.ended)
+    assert max(abs(s.orbit.multipliers[0]) for s in branch.stations) <= 1e10
+    folds = sorted(f.value / 0.3 for f in found.bifurcations if f.kind == "fold")
+    assert folds == pytest.approx([0.6679846, 0.9184644], abs=1e-7)
+    assert max(f.residual for f in found.bifurcations) < 1e-8
+    # Branch ends in the doubling of period one, which is no fold.
+    assert min(s.value for s in branch.stations[-3:]) / 0.3 == pytest.approx(0.777332546, abs=1e-7)
+    assert all(abs(fold - 0.7773325) > 1e-4 for fold in folds)
+
+
+def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
+    system = coexistence("smoothed", 0.83)
+    unit = system.natural_frequency
+    found = continue_motions(system, Plan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
+    assert found.branches[0].ended == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
+                                       f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
+    at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
+    assert at == {"period_doubling": pytest.approx(0.4164713, abs=1e-7), "fold": pytest.approx(0.4164713, abs=1e-7)}
+    assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].stations) > 1e9
+
+
 @pytest.mark.parametrize(("key", "values", "words"), [
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
