@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
-from tcc_sim.studies.continuation import (LARGEST_LEFT, Point, Stride, advance, correct, null_direction, point_at,
-                                            tangent_of)
+from tcc_sim.studies.continuation import LARGEST_LEFT, Point, Stride, advance, correct, null_direction, point_at, tangent_of
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import newton
