@@ -243,8 +243,8 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
         if z is not None:
             return shooting, z
     named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-    raise NumericalFailure(f"no periodic motion {named} was found from the settled one at this value; "
-                           "try another --period")
+    raise NumericalFailure(f"no motion {named} was found near the settled one, from the {GUESSES} of its section points "
+                           "that come back closest; try another --period")
 
 
 def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:

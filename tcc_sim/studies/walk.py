@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
-from tcc_sim.studies.continuation import (LARGEST_LEFT, Point, Stride, advance, correct, null_direction, point_at,
-                                            tangent_of)
+from tcc_sim.studies.continuation import LARGEST_LEFT, Point, Stride, advance, correct, null_direction, point_at, tangent_of
 from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import newton
@@ -62,6 +61,8 @@ class Walk:
     done: bool = False
     stride: Stride = field(default_factory=Stride)
     climbing: bool = True
+    _anew: int = 0
+    """Number of points when the orbit was cut anew for want of a step."""
     _ends: list[tuple[Floats, Floats]] = field(default_factory=list)
 
     def run(self) -> Walk:
@@ -89,7 +90,7 @@ class Walk:
             length = self.stride.length
             new = self._onward(here, before)
             if new is None:
-                if not self._turn_at_border(here):
+                if not (self._turn_at_border(here) or self._cut_anew(here)):
                     self.sentence = (f"no further point was found beyond {self._where(here)}: no step down to "
                                      f"{self.stride.smallest:.0e} of the natural sizes met a residual of {LARGEST_LEFT:.0e}")
                     break
@@ -194,18 +195,31 @@ class Walk:
                          "can be followed through it")
         return True
 
-    def _recut(self, station: Station) -> Station | None:
-        """The station in other segments, where the growth over one of them is large or fewer may do; None where these
-        stay.
+    def _cut_anew(self, here: Station) -> bool:
+        """Go on in other segments where no step is possible in these: one of them may start where slip does, and Newton's
+        method then goes to and fro between two event sequences. Whether there are other ones.
+        """
+        if self._anew == len(self.stations):
+            return False
+        self._anew = len(self.stations)
+        other = self._recut(here, True)
+        if other is None or other.shooting.segments == here.shooting.segments:
+            return False
+        self.stations[-1], self.stride.length = other, FLAT_START
+        return True
+
+    def _recut(self, station: Station, anew: bool = False) -> Station | None:
+        """The station in other segments, where the growth over one of them is large or fewer may do, or `anew`; None where
+        these stay.
         """
         shooting, grown = station.shooting, float(np.abs(station.point.found.blocks).max())
         if not shooting.map.divisible and (shooting.period == 1 or len(shooting.segments) == shooting.period):
             return None
         fewer = len(shooting.segments) > 1 and len(self.stations) % CHECKED == 0
-        if not (grown > FAR_GROWN * GROWTH or fewer):
+        if not (grown > FAR_GROWN * GROWTH or fewer or anew):
             return None
         finer, z = shooting.cut(station.point.z)
-        if len(finer.segments) == len(shooting.segments) and not grown > FAR_GROWN * GROWTH:
+        if len(finer.segments) == len(shooting.segments) and not (grown > FAR_GROWN * GROWTH or anew):
             return None
         polished = newton(finer, z)
         if polished is None:

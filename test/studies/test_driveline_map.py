@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 from tcc_sim.studies.branches import first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.motions import Plan, check, continue_motions, start_orbit
-from tcc_sim.studies.orbits import orbit_at
-from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.orbits import newton, orbit_at
+from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.walk import Course
 
 CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
@@ -106,6 +106,19 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].stations) > 1e9
 
 
+def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
+    system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
+    map_, window, value = DrivelineMap(system, ("engine.frequency",)), Window(60.0, 120.0), 61.0889
+    shooting = Shooting(map_, 1, (window,), (0.25, 0.28515625, 0.46484375))  # Slip starts at the third node at 61.0891144.
+    x = np.array([0.0, 0.0634500, 19.3206])
+    ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
+    z = newton(shooting, shooting.point(np.array([x, *ends]), (value,)))
+    assert z is not None
+    branch = follow(first_station(shooting, z), Course("engine.frequency", most=60), "start", 0, both=False)
+    assert branch.ended[1].startswith("stopped after 60 points")
+    assert max(s.value for s in branch.stations) > 61.09
+
+
 @pytest.mark.parametrize(("key", "values", "words"), [
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
@@ -117,6 +130,11 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
 def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         DrivelineMap(replace(load_scene("fig02").system, values), (key,))
+
+
+def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
+    with pytest.raises(NumericalFailure, match="no motion of period 3 was found near the settled one"):
+        continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.25, 0.26, period=3))
 
 
 @pytest.mark.parametrize(("plan", "words"), [

@@ -1,0 +1,51 @@
+"""The comparison with AUTO-07p: what AUTO prints, the table, the model it is given, and the limit of its time."""
+
+import pytest
+
+from tcc_sim.benchmarks import branch_speed
+from tcc_sim.benchmarks.branch_speed import Followed, auto, coexistence, constants, model, report, runs_of
+
+TOLD = """noise
+RESULT [200, 50, 0.25, [["LP", 0.27], ["PD", 0.24]], false]
+RESULT [400, 100, 0.5, [["LP", 0.2755]], true]
+"""
+
+
+def test_what_auto_prints_is_read_mesh_by_mesh() -> None:
+    coarse, fine = runs_of(TOLD, 0.3)
+    assert (coarse.points, coarse.seconds, coarse.manner, coarse.complete) == (50, 0.25, "NTST 200", False)
+    assert coarse.bifurcations == (("LP", pytest.approx(0.9)), ("PD", pytest.approx(0.8)))
+    assert (fine.manner, fine.complete) == ("NTST 400", True)
+
+
+def test_the_table_says_how_far_both_are_apart() -> None:
+    mine = Followed(100, 0.05, (("LP", 0.9), ("PD", 0.8), ("TR", 0.7)), "default settings")
+    other = Followed(50, 0.25, (("LP", 0.9 + 2e-7), ("LP", 0.6), ("PD", 0.81)), "NTST 200", False)
+    lines = report(2, mine, [other])
+    assert "0.50 ms a point" in lines[0]
+    assert "5.00 ms a point" in lines[1] and lines[1].endswith("did not get through")
+    assert lines[2].endswith("AUTO differs by 2.0e-07, they agree")
+    assert lines[3].endswith("AUTO differs by 1.0e-02, more than 1e-06")
+    assert lines[4].endswith("AUTO did not come to it")
+    assert len(report(2, mine, [])) == 1
+
+
+def test_without_auto_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(branch_speed.shutil, "which", lambda name: None)
+    assert auto(coexistence(), 1, 0.18, 0.3) == ([], "period 1  AUTO-07p is not installed: apt install auto-07p gfortran")
+
+
+def test_the_model_holds_the_numbers_of_the_scene() -> None:
+    system = coexistence()
+    text = model(system)
+    assert "CONSTANTS" not in text
+    assert f"omega = {system.engine.frequency:.17e}".replace("e+", "d+") in text
+    assert f"press = {0.08 * 0.1 * 225e3:.17e}".replace("e+", "d+") in text
+    assert f"11: {2 * system.cycle!r}" in constants(system, 2, 0.18, 0.3)
+
+
+@pytest.mark.skipif(not branch_speed.installed(), reason="AUTO-07p is not installed")
+def test_auto_is_stopped_in_time() -> None:
+    found, sentence = auto(coexistence(), 1, 0.18, 0.3, limit=0.2)
+    assert found == []
+    assert sentence == "period 1  AUTO-07p was stopped after 0 s; finer meshes are left out"
