@@ -96,8 +96,22 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
         high = _first(math.log(excess) / (decay - 2.0 * sigma), past_nearest)
         if not falls(high):
             return math.inf, 1.0
-    v = _first(high, falls, *_around(fall, 1e-3 / sigma, high))
+    v = _first(high, falls, *(_beside(fall, high, 2.0 * sigma) or _around(fall, 1e-3 / sigma, high)))
     return v, float(smoothed(v, sigma, stribeck))
+
+
+def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float, float] | None:
+    """A narrow bracket of a root of f below `at` by Newton's method with a slope that is nearly f's; None without one."""
+    high = at
+    for _ in range(12):
+        step = f(at) / slope
+        if not 0.0 < at - step < high:
+            return None
+        at -= step
+        if abs(step) <= 1e-14 * at:
+            low, high = at * (1.0 - 1e-13), min(at * (1.0 + 1e-13), high)
+            return (low, high) if f(low) < 0.0 < f(high) else None
+    return None
 
 
 def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float, float]:

@@ -108,7 +108,9 @@ class Chord:
         return station_at(self.a.shooting, point_at(found.z, found.found, tangent))
 
     def root(self, test: Callable[[Station], float]) -> Station | None:
-        """The station where `test` changes sign; None where it does not or the branch is lost on the way."""
+        """The station where `test` changes sign; None where it does not or the branch is lost on the way, with the heights
+        as coordinates and without them.
+        """
         kept: dict[float, Station] = {}
 
         def value(part: float) -> float:
@@ -120,8 +122,10 @@ class Chord:
 
         try:
             return kept[chandrupatla(value, 0.0, 1.0)]
-        except (NumericalFailure, ValueError):
+        except ValueError:
             return None
+        except NumericalFailure:
+            return replace(self, climbing=False).root(test) if self.climbing else None
 
 
 def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:

@@ -23,7 +23,8 @@ def test_the_table_says_how_far_both_are_apart() -> None:
     other = Followed(50, 0.25, (("LP", 0.9 + 2e-7), ("LP", 0.6), ("PD", 0.81)), "NTST 200", False)
     lines = report(2, mine, [other])
     assert "0.50 ms a point" in lines[0]
-    assert "5.00 ms a point" in lines[1] and lines[1].endswith("did not get through")
+    assert "5.00 ms a point" in lines[1]
+    assert lines[1].endswith("did not get through")
     assert lines[2].endswith("AUTO differs by 2.0e-07, they agree")
     assert lines[3].endswith("AUTO differs by 1.0e-02, more than 1e-06")
     assert lines[4].endswith("AUTO did not come to it")

@@ -106,6 +106,17 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].stations) > 1e9
 
 
+def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
+    system = coexistence("smoothed", 0.83)
+    unit = system.natural_frequency
+    plan = Plan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
+    found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
+    for branch in found.branches:
+        values = np.array([s.value for s in branch.stations])
+        turns = np.count_nonzero(np.diff(np.sign(np.diff(values))))
+        assert turns == sum(f.kind == "fold" for f in branch.bifurcations) > 0
+
+
 def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
     map_, window, value = DrivelineMap(system, ("engine.frequency",)), Window(60.0, 120.0), 61.0889
