@@ -57,8 +57,7 @@ def judge(*, jobs: int | None = None, progress: bool = False, claims: tuple[Judg
     NumericalFailure
         A motion that a verdict rests on could not be solved.
     """
-    loose = Evidence(TOLERANCE, jobs, progress)
-    tight = Evidence(TIGHTER, jobs, progress, loose.known)
+    loose, tight = Evidence(TOLERANCE, jobs, progress), Evidence(TIGHTER, jobs, progress)
     out = []
     for claim in claims:
         verdict = Verdict(claim(tight), claim(loose).verdict)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,34 +13,24 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import System, Value
-from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.paper.seen_motions import LAST, LATER, seen_in, surveyed
 from tcc_sim.solvers import solve
-from tcc_sim.studies.attractors import find_attractors, halton
-from tcc_sim.studies.driveline_motion import DrivelineMotion
 from tcc_sim.studies.point import Plan, solve_point
-from tcc_sim.studies.stretches import End, Stretch, stretch_of, stretches_of
-from tcc_sim.studies.survey import size_of
 from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
 from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
-SMOOTHING = "friction.smoothing"
-UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
-"""Values of the keys at 1 on their normalised axes; the other keys have none."""
 JUMP = 0.08
 """Least size of a jump, as a part of the largest value of its curve."""
 BISECTIONS = 8
 """Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
 CYCLES, DISCARD = 150, 50
 """The paper's rule."""
-SEEDS = 24
-LONGEST = 2
-"""Longest period, in those of the excitation, whose branches are followed."""
-LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
-"""Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
+LATER = 500
+"""Further cycles for a motion that the paper's rule leaves before its section repeats."""
+LAST = 100
+"""Cycles at the end of a long run in which its period is looked for."""
 STEADY = 3000
 """Cycles from (13) after which the motion of Fig. 2 is taken for its steady state."""
 
@@ -68,21 +57,19 @@ class Evidence:
     rtol : tolerance of the smoothed engine
     jobs : threads; None takes all cores
     progress : show a bar for every sweep on a terminal
-    known : stable stretches of branches, which no tolerance changes, for several to share
     """
 
     rtol: float
     jobs: int | None = None
     progress: bool = False
-    known: dict[str, list[Stretch]] = field(default_factory=dict)
     _kept: dict[str, Any] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
-        """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
-        scaled = axis * UNITS.get(over, 1.0)
-        key = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
+        """A sweep for every row of scene keys, over omega/omega_n or mu_k/mu_s."""
+        scaled = axis * (OMEGA_N if over == FREQUENCY else STATIC)
+        key = tuple(float(x) for x in (scaled if over == FREQUENCY else np.minimum(scaled, STATIC)))
         names = [json.dumps([sorted(row.items()), key, over, direction, lyapunov, damping]) for row in rows]
         missing = [k for k, name in enumerate(names) if name not in self._kept]
         if missing:
@@ -91,59 +78,6 @@ class Evidence:
                                  progress=self.progress)
             self._kept.update({names[k]: sweep for k, sweep in zip(missing, found)})
         return [self._kept[name] for name in names]
-
-    def stretches(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Stretch]:
-        """The stable stretches of the branches through the motions of cold starts and of sweeps up and down.
-
-        Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
-        """
-        name = json.dumps([sorted(row.items()), axis.tolist(), over])
-        if name not in self.known:
-            sweeps = [self.curves([row], axis, over=over, direction=d)[0] for d in ("cold", "up", "down")]
-            branches = surveyed(sweeps[0].curve, [s for sweep in sweeps for s in seen_in(sweep)], self.progress,
-                                LONGEST)
-            unit = UNITS.get(over, 1.0)
-            values = sweeps[0].curve.values
-            self.known[name] = stretches_of(branches, min(values), max(values), unit)
-        return self.known[name]
-
-    def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
-        """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
-        among, sweep = self.stretches(row, axis, over=over), self.curves([row], axis, over=over)[0]
-        unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
-        base, size = common_cycles(sweep.curve.system), size_of(seen)
-        at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
-        return [at.get(value) for value in sweep.curve.values]
-
-    def told(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[str]:
-        """Every stretch in words: what it is, where it begins and ends, and from where on (13) leads to it."""
-        out = []
-        on = self.reached(row, axis, over=over)
-        for k, stretch in enumerate(self.stretches(row, axis, over=over)):
-            at = [float(x) for x, found in zip(axis, on) if found == k]
-            where = f"at {len(at)} of {len(axis)} values, {min(at):g} to {max(at):g}" if at else "nowhere"
-            out.append(f"{stretch}; within {CYCLES + LATER} cycles (13) leads to it {where}")
-        return out
-
-    def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[End]:
-        """Where a stable motion ends in a jump, whatever was started from, in order."""
-        found = {end.value: end for s in self.stretches(row, axis, over=over) for end in (s.low, s.high) if end.jumps}
-        return [found[value] for value in sorted(found)]
-
-    def heights(self, row: Values, axis: Floats) -> list[list[float]]:
-        """For every frequency ratio the largest slip speed of every stable motion known, that from (13) among them."""
-        among = self.stretches(row, axis)
-        cold = self.curves([row], axis)[0].column("max_slip_speed")
-        return [[float(c), *(h for s in among if math.isfinite(h := s.height(float(x))))] for x, c in zip(axis, cold)]
-
-    def attractors(self, row: Values) -> list[tuple[int, float]]:
-        """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
-        system = paper_system(row)
-        i = system.initial
-        spread = LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3)
-        own = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
-        found = find_attractors(DrivelineMotion(system), [own, *spread])
-        return sorted((a.period, a.largest) for a in found)
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
         """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
@@ -258,34 +192,6 @@ def slips_at(sweep: Sweep) -> Floats:
     return slipping
 
 
-def words_of(ends: Sequence[End]) -> list[str]:
-    """Ends in words."""
-    return [str(end) for end in ends]
-
-
-def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any, *,
-                   worst: bool = False) -> tuple[float, float]:
-    """The part of the places at which one curve is the lowest of all (the highest), where any slips.
-
-    Parameters
-    ----------
-    found : per curve and place the largest slip speeds of all stable motions there
-
-    Returns
-    -------
-    The part at which it is so whichever motion there is on every curve, and at which it is so for some.
-    """
-    sign = -1.0 if worst else 1.0
-    every, some, moving = [], [], []
-    for row in zip(*found):
-        own, others = [sign * h for h in row[curve]], [[sign * h for h in r] for k, r in enumerate(row) if k != curve]
-        every.append(max(own) <= min(min(r) for r in others) + 0.05)
-        some.append(min(own) <= min(max(r) for r in others) + 0.05)
-        moving.append(max(max(r) for r in row) > 0.1)
-    among = np.asarray(where) & np.array(moving)
-    return share_where(np.array(every), among), share_where(np.array(some), among)
-
-
 def share_where(condition: Any, among: Any) -> float:
     """The part of the cases `among` in which `condition` holds; 1 where there are none."""
     return float(condition[among].mean()) if among.any() else 1.0
@@ -301,5 +207,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "LATER", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "ordered_shares",
-           "share_where", "slips_at", "steep", "sticks", "with_kinetic", "words_of"]
+__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
+           "steep", "sticks", "with_kinetic"]

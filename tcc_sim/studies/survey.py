@@ -17,8 +17,8 @@ from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.switching import doubled
 from tcc_sim.studies.walk import Course
 
-MOST_BRANCHES = 10
-MOST_POINTS = 400
+MOST_BRANCHES = 6
+MOST_POINTS = 150
 """Points of a branch in one direction."""
 LONGEST = 4
 """Longest period followed, in periods of the excitation."""

@@ -118,7 +118,7 @@ def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
     series = FIGURES[14].series[0]
     axis = np.linspace(0.05, 0.5, 57)[9:12]
     curve = Curve(paper_system(series.values), "engine.frequency", tuple(float(x) * OMEGA_N for x in axis))
-    swept = sweep_curves([curve], Plan(cycles=100, discard=50), jobs=1)[0]
+    swept = sweep_curves([curve], Plan(cycles=300, discard=250), jobs=1)[0]  # Chaotic transients last up to 80.
     found = coexisting(swept, 1)
     assert stick_margin(curve.at(1)).sticks
     assert {row["index"] for row in found} == {1}
