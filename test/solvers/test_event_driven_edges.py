@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.event_driven.bounds import SHARE, bounds_of
+from tcc_sim.solvers.event_driven.bounds import FAR_SHARE, bounds_of
 from tcc_sim.solvers.event_driven.modes import mode_at_rest
 from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.terms import terms_of
@@ -106,7 +106,7 @@ def test_a_large_state_is_no_failure():
 def test_beyond_the_far_speed_nothing_is_left_of_the_exponential(ratio, decay):
     system = replace(FIG02, {"friction.kinetic_coefficient": 0.3 / ratio, "friction.decay": decay})
     bounds = bounds_of(terms_of(system), system.cycle, 1e-8)
-    assert (ratio - 1.0) * math.exp(-decay * bounds.far) == pytest.approx(0.03 * SHARE * 1e-8, rel=1e-6)
+    assert (ratio - 1.0) * math.exp(-decay * bounds.far) == pytest.approx(FAR_SHARE * 1e-8, rel=1e-6)
 
 
 @pytest.mark.parametrize("slip_speed", [0.0, 150.0])

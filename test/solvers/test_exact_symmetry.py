@@ -45,9 +45,9 @@ def turned(terms: Terms) -> Terms:
 def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     law, place = ENGINES[engine]
     module = import_module(f"tcc_sim.solvers.{place}")
-    system = replace(System(), {**SCENES[name], "friction.law": law})
 
     def run(state: State) -> Trajectory:
+        system = replace(System(), {**SCENES[name], "friction.law": law})  # What follows from a system is kept with it.
         found: Trajectory = module.solve(Problem(system, state, cycles=3, samples_per_cycle=50))
         return found.raise_for_status()
 

@@ -11,6 +11,8 @@ EXACT = 1e-16
 """Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
 SHARE = 1e-2
 """Truncation of one step, of the tolerance asked for."""
+FAR_SHARE = 1.5e-4
+"""What is left of the exponential of (5), in tolerances, where it counts as gone."""
 
 STIFF = 10.0
 """Damping over the critical one from which the fast part is left to collocation; a series takes it along below."""
@@ -59,7 +61,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     truncation, far = EXACT, 0.0
     if terms.stribeck is not None:
         truncation = max(SHARE * rtol, EXACT)
-        far = max(math.log(terms.stribeck[0] / (1.5e-4 * rtol)), 1.0) / terms.stribeck[1]
+        far = max(math.log(terms.stribeck[0] / (FAR_SHARE * rtol)), 1.0) / terms.stribeck[1]
 
     def stiff(inertia: float) -> bool:
         """Whether the fast part dies down long before the slow part and the excitation have changed."""
