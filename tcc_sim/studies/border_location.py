@@ -41,7 +41,10 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
     """
     low, high = 0.0, 1.0
     left, right = chord.a, chord.b
-    for count in (HALVINGS, MORE_HALVINGS):
+    best: tuple[Station, Station, Bifurcation] | None = None
+    for count in (HALVINGS, MORE_HALVINGS, 0):
+        if not count:
+            left, right = chord.a, chord.b
         for _ in range(count):
             middle = 0.5 * (low + high)
             station = chord.at(middle)
@@ -60,9 +63,14 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
         found = solved(kind, left, right, near)
         if found is not None:
             return left, right, found
-    at = left if left.orbit.residual <= right.orbit.residual else right
-    residual = border_residual(kind, (near[0].margins, near[1].margins))
-    return left, right, Bifurcation(kind, at, max(residual, at.orbit.residual))
+        at = left if left.orbit.residual <= right.orbit.residual else right
+        residual = max(border_residual(kind, (near[0].margins, near[1].margins)), at.orbit.residual)
+        # Where the bracket is as narrow as rounding, both of its ends may be on one side, without the margin that vanishes;
+        # those of the chord are looked at too then.
+        if best is None or residual < best[2].residual:
+            best = left, right, Bifurcation(kind, at, residual)
+    assert best is not None
+    return best
 
 
 def observed(station: Station) -> Station:

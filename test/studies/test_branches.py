@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
+from tcc_sim.studies import walk
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.branches import Branch, first_station, follow
 from tcc_sim.studies.orbits import find_orbit
@@ -172,6 +173,22 @@ def test_the_bialternate_product_has_the_products_of_pairs() -> None:
     pairs = [values[i] * values[j] for i in range(3) for j in range(i)]
     found = np.sort_complex(np.linalg.eigvals(bialternate(m)))
     assert found == pytest.approx(np.sort_complex(np.array(pairs)), abs=1e-12)
+
+
+def test_a_branch_without_progress_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walk, "MOST_TRIES", 5)
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    assert len(branch.stations) <= 13
+    assert all(sentence.startswith("given up after 6 steps tried at p = ") for sentence in branch.ended)
+
+
+def test_a_branch_that_meets_no_residual_says_so() -> None:
+    def torn(x, p):  # The fixed point x = p is gone beyond p = 0.5.
+        return x + 0.5 * (p[0] - x) + (0.1 if p[0] > 0.5 else 0.0) * np.sin(1e9 * x), np.array([[0.5]]), np.array([[0.5]])
+
+    branch = branch_of(torn, 1, 0.0, 1.0, 0.2, [0.2])
+    assert branch.ended[1].startswith("no further point was found beyond p = 0.4999999")
+    assert branch.ended[1].endswith("met a residual of 5e-09")
 
 
 def test_ctrl_c_keeps_the_branch() -> None:

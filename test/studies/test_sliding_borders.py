@@ -6,6 +6,7 @@ from piecewise import Piecewise
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
+from tcc_sim.scene import load_scene
 from tcc_sim.studies.continuation import correct
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.event_borders import differ
@@ -129,3 +130,15 @@ def test_borders_at_which_a_branch_turns_sharply():
     assert kinds.count("adding_sliding") == 2
     assert "grazing_sliding" in kinds
     assert max(f.residual for f in found) < 1e-8
+
+
+def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
+    system = load_scene("fig02").system
+    system = replace(system, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.law": "set_valued",
+                              "friction.kinetic_coefficient": 0.27, "engine.frequency": 63.5})
+    found = continue_motions(system, Plan("engine.frequency", 60.0, 63.5, period=1))
+    assert found.branches[0].ended == ("engine.frequency reached 60, the end of the range",
+                                       "engine.frequency reached 63.5, the end of the range")
+    grazing = [f for f in found.bifurcations if f.kind == "grazing_sliding"]
+    assert [f.value for f in grazing] == pytest.approx([60.4323499, 61.0995394, 61.0868244, 63.0914522], abs=1e-6)
+    assert max(f.residual for f in found.bifurcations) < 1e-8
