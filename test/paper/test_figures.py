@@ -213,7 +213,7 @@ def test_the_first_half_cycle_counts_the_way_slipped() -> None:
     assert math.isnan(first_half(solve(still, cycles=2, samples_per_cycle=50)))
 
 
-@pytest.mark.parametrize("words", [["1"], ["19"], ["four"], ["4", "--jobs", "0"], ["7", "--direction", "up"],
+@pytest.mark.parametrize("words", [["1"], ["21"], ["four"], ["4", "--jobs", "0"], ["7", "--direction", "up"],
                                    ["2", "--law", "set_valued"], ["3", "--direction", "down"]])
 def test_wrong_figures_are_refused(words: list[str], tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
     assert main(["figure", *words, "--out", str(tmp_path / "new")]) == 2
