@@ -47,7 +47,8 @@ class Operation:
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
     publish_clock: bool = quantity(False, "publish /clock")
-    thread_priority: int = quantity(0, "SCHED_FIFO priority of the real-time thread, one less for the others; 0: none", "", 0, 99)
+    thread_priority: int = quantity(0, "SCHED_FIFO priority of the real-time thread, one less for the others; 0: none",
+                                    "", 0, 99)
     cpu_affinity: tuple[int, ...] = quantity((), "cores that the real-time thread may run on; empty: all", "", 0, 1023)
     lock_memory: bool = quantity(False, "lock the process's memory, so that the real-time thread meets no page fault")
 

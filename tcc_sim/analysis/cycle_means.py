@@ -28,7 +28,9 @@ class CycleMeans:
         self._t = self._v = np.empty(0)
 
     def feed(self, t: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """Take the next samples, (n,) arrays: s, and the signal; ends (s) and means of the cycles that they complete."""
+        """Take the next samples, (n,) arrays: s, and the signal; ends (s) and means of the cycles that they
+        complete.
+        """
         t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
         first, last = math.ceil(t[0] / self.cycle - _SLACK), math.floor(t[-1] / self.cycle + _SLACK)
         if last - first > len(t):

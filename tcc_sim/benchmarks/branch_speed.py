@@ -1,9 +1,9 @@
 """Branches of periodic motions beside AUTO-07p in one run: CPU time a point, and the values of the bifurcations.
 
-``python -m tcc_sim.benchmarks.branch_speed`` follows the motions of period one and two of the scene in which they coexist
-(omega/omega_n = 0.36, constant load, 225 kPa) with mu_k, by this package and by AUTO-07p (Debian packages `auto-07p` and
-`gfortran`), whose mesh is refined until it gets through. The forcing is AUTO's usual one, an oscillator that is added (its
-demo `frc`). The time of AUTO is that of its compiled program, without compiling it.
+``python -m tcc_sim.benchmarks.branch_speed`` follows the motions of period one and two of the scene in which they
+coexist (omega/omega_n = 0.36, constant load, 225 kPa) with mu_k, by this package and by AUTO-07p (Debian packages
+`auto-07p` and `gfortran`), whose mesh is refined until it gets through. The forcing is AUTO's usual one, an oscillator
+that is added (its demo `frc`). The time of AUTO is that of its compiled program, without compiling it.
 """
 
 from __future__ import annotations
@@ -102,12 +102,15 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
 
 
 def model(system: System) -> str:
-    """The equations with their Jacobian in Fortran; PAR(1) is mu_k, u(4) and u(5) are sine and cosine of the forcing."""
+    """The equations with their Jacobian in Fortran; PAR(1) is mu_k, u(4) and u(5) are sine and cosine of the
+    forcing.
+    """
     d, e, f, c = system.driveline, system.engine, system.friction, system.clutch
     numbers = {"i1": d.flywheel_inertia, "i2": d.plate_inertia, "damping": d.damping, "stiffness": d.stiffness,
                "mean": e.mean_torque, "swing": e.torque_amplitude, "omega": e.frequency, "static": f.static_coefficient,
                "alpha": f.decay, "sigma": f.smoothing, "press": c.area * c.radius * system.pressure.mean}
-    constants = "\n".join(f"  double precision, parameter :: {name} = {value:.17e}".replace("e+", "d+").replace("e-", "d-")
+    constants = "\n".join(f"  double precision, parameter :: {name} = {value:.17e}".replace("e+", "d+").replace("e-",
+                                                                                                                "d-")
                           for name, value in numbers.items())
     return FORTRAN.replace("CONSTANTS", constants)
 
@@ -190,7 +193,8 @@ def auto(system: System, period: int, low: float, high: float, limit: float = TI
                 state=State(start.slip_speed, start.plate_angle, start.plate_speed)).raise_for_status()
     phase = system.engine.frequency * run.t
     rows = np.column_stack([run.t, run.slip_speed, run.plate_angle, run.plate_speed, np.sin(phase), np.cos(phase)])
-    environment = {**os.environ, "AUTO_DIR": str(AUTO), "PATH": os.environ.get("PATH", "") + os.pathsep + str(AUTO / "cmds"),
+    environment = {**os.environ, "AUTO_DIR": str(AUTO),
+                   "PATH": os.environ.get("PATH", "") + os.pathsep + str(AUTO / "cmds"),
                    "PYTHONPATH": os.pathsep.join([str(AUTO / "python"), str(AUTO / "python" / "auto")])}
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

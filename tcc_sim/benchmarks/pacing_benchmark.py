@@ -124,7 +124,8 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             if not loop.clock_started.wait(30.0) and listener is not None:
                 listener.check()
             loop.request(lambda: loop.pause(True))
-            # What is compiled beside the loop at the start holds the interpreter meanwhile; the bare loop has none of it.
+            # What is compiled beside the loop at the start holds the interpreter meanwhile; the bare loop has none of
+            # it.
             loop.plant.general_ready.wait(START_LIMIT)
             done = 0.0
             while done < duration - 1e-9:

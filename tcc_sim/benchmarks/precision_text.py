@@ -93,8 +93,8 @@ def _speed(found: Record) -> list[str]:
     """Cycles per second on the scenes of Fig. 4."""
     lines = ["## Engine cycles a second, on the scenes of Fig. 4", "",
              f"Each program at its loosest tolerance with a section error of at most {found['error']:g} over "
-             f"{found['horizon']} cycles, from the initial state and from a state on the attractor; the time is that of "
-             f"{found['cycles']} cycles from there, on one core.", ""]
+             f"{found['horizon']} cycles, from the initial state and from a state on the attractor; the time is that "
+             f"of {found['cycles']} cycles from there, on one core.", ""]
     for stretch in STRETCHES:
         lines += [f"| {stretch}: mu_k/mu_s | omega/omega_n | `smoothed`: cycles a second | rtol | error | "
                   "at the default rtol | error | XPPAUT cvode: cycles a second | toler | error | ratio |",

@@ -101,7 +101,9 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
 
 
 def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float, float] | None:
-    """A narrow bracket of a root of f below `at` by Newton's method with a slope that is nearly f's; None without one."""
+    """A narrow bracket of a root of f below `at` by Newton's method with a slope that is nearly f's; None without
+    one.
+    """
     high = at
     for _ in range(12):
         step = f(at) / slope

@@ -24,7 +24,9 @@ CLOCK_STARTED = "clock started"
 SENDING = "sending commands"
 """What the commander node logs before its first command."""
 START_LIMIT = 120.0
-"""Real time, s, that a start may take: compiling the kernels for the first time is most of it, on a busy machine too."""
+"""Real time, s, that a start may take: compiling the kernels for the first time is most of it, on a busy machine
+too.
+"""
 END_LIMIT = 30.0
 """Real time, s, that an end may take before the process is killed."""
 

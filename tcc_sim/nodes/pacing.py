@@ -13,7 +13,9 @@ CATCH_UP = 0.1
 SLICE = 0.05
 """Longest sleep, s, between two looks at whether to stop."""
 LEAD, LEAD_PART = 1e-4, 0.1
-"""Most real time, s and as a part of the period, that a sleep ends ahead of the deadline; the rest is waited for awake."""
+"""Most real time, s and as a part of the period, that a sleep ends ahead of the deadline; the rest is waited for
+awake.
+"""
 _LEAD_UP, _LEAD_DOWN = 3_000, 1_000
 """Steps, ns, of the lead after a wake-up that was later or earlier than it: it follows the upper quartile."""
 

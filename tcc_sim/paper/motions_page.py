@@ -25,17 +25,22 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins) -> 
     basins : the coexistence at omega/omega_n = 0.36 and mu_k/mu_s = 0.85
     """
     lines = ["# Periodic motions", "",
-             "Written by `tcc-sim motions`. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing else is",
-             "said. A sweep shows what one initial state leads to; branches show which motions there are, stable or not, and",
-             "where each begins and ends. A residual is the distance of the multiplier from where the bifurcation has it.", "",
+             "Written by `tcc-sim motions`. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing "
+             "else is",
+             "said. A sweep shows what one initial state leads to; branches show which motions there are, stable or "
+             "not, and",
+             "where each begins and ends. A residual is the distance of the multiplier from where the bifurcation has "
+             "it.", "",
              "## Branches behind Fig. 6", "", f"![branches over mu_k/mu_s](pictures/{BRANCHES}.png)", "",
              *_branches(branches), "",
-             "    tcc-sim figure 6 --branches", "    tcc-sim continue SCENE --over friction.kinetic_coefficient=0.165:0.3", "",
+             "    tcc-sim figure 6 --branches",
+             "    tcc-sim continue SCENE --over friction.kinetic_coefficient=0.165:0.3", "",
              "## Where motions begin and end in two parameters"]
     for number, data in charts.items():
         lines += ["", f"![Chart {number}](pictures/{NAMES[number]}.png)", "", *_chart(data), "",
                   f"    tcc-sim figure {number}"]
-    lines += ["", "## Which initial state leads to which motion", "", f"![basins](pictures/{BASINS}.png)", "", *_basins(basins)]
+    lines += ["", "## Which initial state leads to which motion", "", f"![basins](pictures/{BASINS}.png)", "",
+              *_basins(basins)]
     return "\n".join(lines) + "\n"
 
 
@@ -44,8 +49,8 @@ def _branches(data: Data) -> list[str]:
     curve, unit = data["curves"][0], data["unit"]
     lines = ["| branch | period | mu_k/mu_s | stable points | ends |", "| ---: | ---: | --- | ---: | --- |"]
     for k, branch in enumerate(curve["branches"]):
-        lines.append(f"| {k} | {branch['period']} | {min(branch['value']) / unit:.6f} to {max(branch['value']) / unit:.6f} | "
-                     f"{sum(branch['stable'])} of {len(branch['stable'])} | "
+        lines.append(f"| {k} | {branch['period']} | {min(branch['value']) / unit:.6f} to "
+                     f"{max(branch['value']) / unit:.6f} | {sum(branch['stable'])} of {len(branch['stable'])} | "
                      f"{escape('; '.join(dict.fromkeys(branch['ended'])))} |")
     lines += ["", "| bifurcation | branch | period | mu_k/mu_s | largest slip speed (rad/s) | residual |",
               "| --- | ---: | ---: | ---: | ---: | ---: |"]
@@ -57,8 +62,8 @@ def _branches(data: Data) -> list[str]:
     for swept in data["curves"]:
         for jump in swept["jumps"]:
             before, after = jump["max_slip_speed"]
-            told.append(f"- {words[swept['direction']]}, at {jump['value'] / unit:.6f}: {before:.2f} to {after:.2f} rad/s, "
-                        f"{_cause(jump['cause'])}")
+            told.append(f"- {words[swept['direction']]}, at {jump['value'] / unit:.6f}: {before:.2f} to {after:.2f} "
+                        f"rad/s, {_cause(jump['cause'])}")
     return lines + (told if len(told) > 3 else [])
 
 
@@ -88,16 +93,19 @@ def _basins(found: Basins) -> list[str]:
     first, second = found.plane
     lines = [f"omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85: {len(first.values)} by {len(second.values)} cells of "
              f"{escape(first.key)} ({first.values[0]:g} to {first.values[-1]:g} rad/s) and {escape(second.key)} "
-             f"({second.values[0]:g} to {second.values[-1]:g} rad), {float(found.cycles.mean()):.1f} cycles a cell.", "",
+             f"({second.values[0]:g} to {second.values[-1]:g} rad), {float(found.cycles.mean()):.1f} cycles a cell.",
+             "",
              "| period | largest slip speed (rad/s) | largest multiplier | capture radius | part of the plane |",
              "| ---: | ---: | ---: | ---: | ---: |"]
     for k, attractor in enumerate(found.attractors):
         size = "none" if attractor.multipliers is None else f"{abs(attractor.multipliers[0]):.6f}"
         lines.append(f"| {attractor.period or 'none'} | {attractor.largest:.4f} | {size} | {attractor.radius:g} | "
                      f"{100.0 * found.fraction(k):.3f} % |")
-    lines += ["", f"Undecided: {100.0 * found.fraction(UNDECIDED):.3g} %; runaway slip: {100.0 * found.fraction(RUNAWAY):.3g} %."]
+    lines += ["",
+              f"Undecided: {100.0 * found.fraction(UNDECIDED):.3g} %; runaway slip: "
+              f"{100.0 * found.fraction(RUNAWAY):.3g} %."]
     edge = found.boundary()
     if edge is not None:
-        lines.append(f"The boundary has the uncertainty exponent {edge.exponent:.3f} (standard error {edge.error:.3f}), "
-                     f"dimension {edge.dimension:.3f}.")
+        lines.append(f"The boundary has the uncertainty exponent {edge.exponent:.3f} (standard error "
+                     f"{edge.error:.3f}), dimension {edge.dimension:.3f}.")
     return lines

@@ -56,7 +56,8 @@ def substeps(terms: Terms, step: float) -> int:
         beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
         needed = max(needed, 2.0 * step * beta * peak_load(terms) * terms.stribeck[0] * terms.stribeck[1])
     if not needed <= SUBSTEP_LIMIT:
-        raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; fixed_step allows at most {SUBSTEP_LIMIT}")
+        raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
+                         f"fixed_step allows at most {SUBSTEP_LIMIT}")
     return max(1, math.ceil(needed - 1e-9))
 
 

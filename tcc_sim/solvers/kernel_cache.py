@@ -150,8 +150,8 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
 class KernelCache(FunctionCache):  # type: ignore[misc]
     """What a Numba dispatcher asks for compiled code and gives it to: one pair of files for each kind of arguments.
 
-    The key is all that the kernel can reach (`Reach`), how it is compiled, Numba's version and the processor. Nothing is
-    read or walked before the kernel is first called.
+    The key is all that the kernel can reach (`Reach`), how it is compiled, Numba's version and the processor. Nothing
+    is read or walked before the kernel is first called.
     """
 
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:

@@ -23,7 +23,8 @@ from numba.core.typed_passes import NativeLowering
 
 OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 """Part of the key of compiled code."""
-NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune", "GenericRewrites",
+NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
+          "GenericRewrites",
           "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "NativeLowering",
           "NoPythonBackend"}
 """Numba's passes for what makes no array: without closures, array expressions, context managers and annotations."""
@@ -91,7 +92,8 @@ class PartLowering(NativeLowering):  # type: ignore[misc]
             lower = Lower(context, library, descriptor, state.func_ir, metadata=state.metadata)
             lower.lower()
         library.finalize()
-        nowhere = _dynfunc.make_function(descriptor.lookup_module(), state.func_id.func_name, "", 0, lower.env, (library,))
+        nowhere = _dynfunc.make_function(descriptor.lookup_module(), state.func_id.func_name, "", 0, lower.env,
+                                         (library,))
         context.insert_user_function(nowhere, descriptor, [library])
         state.library = library
         state["cr"] = compiler._LowerResult(descriptor, lower.call_helper, cfunc=nowhere, env=lower.env)

@@ -46,8 +46,8 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
         raise InputError("sample times must be two or more and strictly increasing")
     slack = 1e-9 * cycle
     if first_cycle * cycle < t[0] - slack:
-        raise InputError(f"cycle {first_cycle} starts at {first_cycle * cycle:g} s; it must not be before the first sample, "
-                         f"{t[0]:g} s")
+        raise InputError(f"cycle {first_cycle} starts at {first_cycle * cycle:g} s; it must not be before the first "
+                         f"sample, {t[0]:g} s")
     count = max(int(np.floor((t[-1] + slack) / cycle)) - first_cycle, 0)
     ends = (first_cycle + np.arange(count + 1)) * cycle
     place = np.searchsorted(t, ends, side="right")

@@ -1,5 +1,5 @@
-"""What follows from a system alone, kept for the systems that were asked for last: a short solve costs less than to work
-it out again.
+"""What follows from a system alone, kept for the systems that were asked for last: a short solve costs less than to
+work it out again.
 """
 
 from __future__ import annotations

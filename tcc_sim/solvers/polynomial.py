@@ -187,8 +187,8 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
 
 @fast
 def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, rising: bool, noise: float) -> float:
-    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high; x is a
-    guess of it.
+    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high; x is
+    a guess of it.
     """
     for _ in range(80):
         slope, curvature = slope_and_curvature(c, row, degree, x)
@@ -235,7 +235,8 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
                 if abs(difference) > 2.0 * noise:
                     if difference * last < 0.0:
                         changes += 1
-                        place = (i - difference / (difference - last)) / (degree - 1.0)  # The slope is of one degree less.
+                        place = (i - difference / (difference - last)) / (degree
+                                                                          - 1.0)  # The slope is of one degree less.
                     last = difference
         left, width = workspace[top, LEFT], workspace[top, WIDTH]
         if changes == 1:

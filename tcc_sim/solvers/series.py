@@ -79,7 +79,8 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
 
     Parameters
     ----------
-    rows : (ROWS, COLUMNS) array; coefficients 0 of SLIP, ANGLE, SPEED and all of ENGINE and LOAD are given (of LOAD only
+    rows : (ROWS, COLUMNS) array; coefficients 0 of SLIP, ANGLE, SPEED and all of ENGINE and LOAD are given (of LOAD
+        only
         the first where `pulsation` is None), the others of SLIP, ANGLE and SPEED are filled
     unit : unit of time of the coefficients, s
     sign : value of T where it does not vary: the sign of v, or 0 without load
@@ -130,7 +131,8 @@ FRICTION_ORDER_MAXIMUM."""
 def sine_and_cosine(angle: float) -> tuple[float, float]:
     """Sine and cosine of an angle within about 1e6 rad, to the last bit or two, at the price of one.
 
-    S. L. Moshier's polynomials (Cephes, sin.c) on [-pi/4, pi/4]; pi/2 in three parts takes multiples of it away exactly.
+    S. L. Moshier's polynomials (Cephes, sin.c) on [-pi/4, pi/4]; pi/2 in three parts takes multiples of it away
+    exactly.
     """
     turns = math.floor(angle * 0.6366197723675814 + 0.5)
     x = ((angle - turns * 1.570796251296997) - turns * 7.549789415861596e-8) - turns * 5.390302858158119e-15

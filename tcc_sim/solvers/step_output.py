@@ -24,7 +24,9 @@ MOVE = np.dtype([("time", np.float64), ("before", np.int64), ("after", np.int64)
 
 OUTPUT = np.dtype([("cycle", np.int64), ("samples", np.int64), ("moves", np.int64), ("mode", np.int64),
                    ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
-"""How far the output is: whole cycles, samples and transitions kept; the mode now; what the cycle has come to so far."""
+"""How far the output is: whole cycles, samples and transitions kept; the mode now; what the cycle has come to so
+far.
+"""
 
 
 @fast

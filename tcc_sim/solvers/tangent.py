@@ -8,7 +8,15 @@ import numpy as np
 
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiled import compiled, saturation_torque, smoothed_and_slope
-from tcc_sim.solvers.radau_step import NODES, carry_tangent, end_of_step, plate_of_step, slip_within, stages_of_step, workspace
+from tcc_sim.solvers.radau_step import (
+    NODES,
+    carry_tangent,
+    end_of_step,
+    plate_of_step,
+    slip_within,
+    stages_of_step,
+    workspace,
+)
 from tcc_sim.solvers.terms import Terms, excitation_frequency, natural_frequency, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 

@@ -34,7 +34,9 @@ class Terms(NamedTuple):
 
 @per_system
 def terms_of(system: System) -> Terms:
-    """The terms of `system`. An input that comes from a topic is its fallback: what applies where nobody commands it."""
+    """The terms of `system`. An input that comes from a topic is its fallback: what applies where nobody commands
+    it.
+    """
     d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
     omega = e.frequency
     torque = (e.torque_amplitude, omega) if e.harmonic and e.torque_amplitude > 0.0 else None

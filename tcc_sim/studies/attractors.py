@@ -2,7 +2,8 @@
 
 Recurrence alone takes a slow phase of a transient for an attractor, so a repetition counts only where Newton's method
 finds a stable orbit at it. A motion without a period is kept as the cloud of its section points. After G. Datseris and
-A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022), with labels by proximity instead of cells.
+A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022), with labels by proximity instead of
+cells.
 """
 
 from __future__ import annotations
@@ -105,9 +106,11 @@ class Captures:
         self._cycle = np.array([i for _, a in orbits for i in range(a.period)], dtype=np.int64)
         self._reach = np.array([a.radius**2 for _, a in orbits for _ in range(a.period)])
         starts = np.cumsum([0, *(a.period for _, a in orbits)])
-        self._following = np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits) for i in range(a.period)],
+        self._following = np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits)
+                                    for i in range(a.period)],
                                    dtype=np.int64)
-        self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales) for phase in range(forcing_period)])
+        self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales)
+                                       for phase in range(forcing_period)])
                         for k, a in enumerate(attractors) if not a.period]
 
     def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:

@@ -126,7 +126,8 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES
 
 
 def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
-         executor: Executor, width: Callable[[], int], keep: Callable[[int, dict[str, Any]], None], tick: Tick) -> Basins:
+         executor: Executor, width: Callable[[], int], keep: Callable[[int, dict[str, Any]], None],
+         tick: Tick) -> Basins:
     """One plane: attractors from seeds, rows, and attractors again from the cells that came to none."""
     began = time.perf_counter()
     motion = DrivelineMotion(system)

@@ -45,7 +45,8 @@ class Axis:
 
 @dataclass(frozen=True)
 class Boundary:
-    """How uncertain the final state is: the part of cells whose label differs a distance eps away grows as eps^exponent.
+    """How uncertain the final state is: the part of cells whose label differs a distance eps away grows as
+    eps^exponent.
 
     exponent : uncertainty exponent, with the standard error of its fit
     dimension : of the boundary, 2 - exponent
@@ -90,7 +91,8 @@ class Basins:
             "attractors": [{
                 "period": a.period, "max_slip_speed": a.largest,
                 "section": [[float(p[1]), float(p[0])] for p in a.section],
-                "multipliers": None if a.multipliers is None else [[float(m.real), float(m.imag)] for m in a.multipliers],
+                "multipliers": None if a.multipliers is None else [[float(m.real),
+                                                                    float(m.imag)] for m in a.multipliers],
                 "fraction": self.fraction(k), "radius": a.radius} for k, a in enumerate(self.attractors)],
             "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
 
@@ -137,7 +139,9 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 
 
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
-    """(SEEDS + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, and a Halton set."""
+    """(SEEDS + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, and a Halton
+    set.
+    """
     i = system.initial
     unit = np.concatenate([[[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], halton(SEEDS, 2)])
     out = np.tile([i.slip_speed, i.plate_angle, i.plate_speed], (len(unit) + 1, 1))
@@ -148,7 +152,9 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
-    """The uncertainty exponent of a map of labels, from cells that differ from one a few cells away along either axis."""
+    """The uncertainty exponent of a map of labels, from cells that differ from one a few cells away along either
+    axis.
+    """
     sizes, parts = [], []
     for k in EXPONENTS:
         if k >= min(labels.shape):

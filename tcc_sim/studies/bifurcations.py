@@ -108,8 +108,8 @@ class Chord:
         return station_at(self.a.shooting, point_at(found.z, found.found, tangent))
 
     def root(self, test: Callable[[Station], float]) -> Station | None:
-        """The station where `test` changes sign; None where it does not or the branch is lost on the way, with the heights
-        as coordinates and without them.
+        """The station where `test` changes sign; None where it does not or the branch is lost on the way, with the
+        heights as coordinates and without them.
         """
         kept: dict[float, Station] = {}
 

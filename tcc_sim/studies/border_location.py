@@ -1,4 +1,5 @@
-"""Where on a branch the event sequence changes: bracketed by the sequences, then solved for by the margin that vanishes.
+"""Where on a branch the event sequence changes: bracketed by the sequences, then solved for by the margin that
+vanishes.
 
 The orbit's equations with the margin as one more are regular up to the border from the side on which the margin is
 defined, so Newton's method on them finds it; it goes nine tenths of the way at a time, so as not to leave that side.
@@ -65,7 +66,8 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
             return left, right, found
         at = left if left.orbit.residual <= right.orbit.residual else right
         residual = max(border_residual(kind, (near[0].margins, near[1].margins)), at.orbit.residual)
-        # Where the bracket is as narrow as rounding, both of its ends may be on one side, without the margin that vanishes;
+        # Where the bracket is as narrow as rounding, both of its ends may be on one side, without the margin that
+        # vanishes;
         # those of the chord are looked at too then.
         if best is None or residual < best[2].residual:
             best = left, right, Bifurcation(kind, at, residual)

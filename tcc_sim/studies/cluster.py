@@ -42,7 +42,8 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     deadline = time.monotonic() + CONNECT_TIMEOUT
     try:
         # A plain connection says at once that nothing listens; Dask would try again until its time is over.
-        within(deadline, lambda: socket.create_connection((parts[2].strip("[]"), int(parts[3])), CONNECT_TIMEOUT).close())
+        within(deadline, lambda: socket.create_connection((parts[2].strip("[]"), int(parts[3])),
+                                                          CONNECT_TIMEOUT).close())
         import distributed
 
         client = within(max(deadline, time.monotonic() + 0.5 * CONNECT_TIMEOUT), lambda: distributed.Client(

@@ -1,9 +1,9 @@
 """Pseudo-arclength continuation of any curve of solutions, one equation fewer than unknowns.
 
 H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977. Each step is Newton's method in
-the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (heights) are
-coordinates of the arclength beside the unknowns: where a motion grows much while its section hardly moves, steps are
-measured by its size. A step is halved where the corrector goes
+the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (heights)
+are coordinates of the arclength beside the unknowns: where a motion grows much while its section hardly moves, steps
+are measured by its size. A step is halved where the corrector goes
 far from the predictor, where the tangent turns by more than a set angle, or where the determinant of Jacobian and
 tangent changes sign: there the curve has met another one, or the corrector has jumped to it.
 """
@@ -45,8 +45,8 @@ class Point(NamedTuple):
 
 
 class Corrected(NamedTuple):
-    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the heights,
-    where they are coordinates too), and how these climb along the tangent.
+    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the
+    heights, where they are coordinates too), and how these climb along the tangent.
     """
 
     z: Floats
@@ -57,8 +57,8 @@ class Corrected(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values (N,)
-    at the guess.
+    """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values
+    (N,) at the guess.
     """
 
     weights: Floats

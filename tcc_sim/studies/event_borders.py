@@ -1,7 +1,8 @@
 """Where the event sequence of a motion changes along a branch: the bifurcations that only set-valued friction has.
 
 M. di Bernardo, P. Kowalczyk, A. Nordmark, Bifurcations of dynamical systems with sliding, Physica D 170 (2002):
-grazing-, crossing-, switching- and adding-sliding. A sequence is compared as a ring, so an event that passes phase 0 is none.
+grazing-, crossing-, switching- and adding-sliding. A sequence is compared as a ring, so an event that passes phase 0 is
+none.
 """
 
 from __future__ import annotations

@@ -28,7 +28,9 @@ from tcc_sim.studies.two_parameters import KINDS, Curve, bifurcation_curve, bord
 from tcc_sim.studies.walk import Course
 
 SETTLING = (300, 1200, 4800)
-"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for aperiodic."""
+"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for
+aperiodic.
+"""
 LONGEST_PERIOD = 16
 DEEPEST_SWITCH = 8
 GUESSES = 8
@@ -170,8 +172,8 @@ def check(system: System, plan: Plan) -> DrivelineMap:
     if plan.limit and plan.over == "friction.smoothing":
         raise InputError("--limit follows friction.smoothing itself; --over must be another key")
     if plan.period is not None and plan.period % found.forcing_period:
-        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine cycles, "
-                         "and the period must be a multiple of that")
+        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine "
+                         "cycles, and the period must be a multiple of that")
     return found
 
 
@@ -243,8 +245,8 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
         if z is not None:
             return shooting, z
     named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-    raise NumericalFailure(f"no motion {named} was found near the settled one, from the {GUESSES} of its section points "
-                           "that come back closest; try another --period")
+    raise NumericalFailure(f"no motion {named} was found near the settled one, from the {GUESSES} of its section "
+                           "points that come back closest; try another --period")
 
 
 def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
@@ -275,8 +277,9 @@ def _refuse_family(first: Station, system: System) -> None:
     """Raise InputError where the motion is one of infinitely many in pure slip."""
     events = first.orbit.seen.events
     if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
-        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm ({system.engine.mean_torque:g} N m): "
-                         "a family of motions with a multiplier of exactly 1, through which no single branch leads")
+        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm "
+                         f"({system.engine.mean_torque:g} N m): a family of motions with a multiplier of exactly 1, "
+                         "through which no single branch leads")
 
 
 def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:

@@ -101,7 +101,8 @@ def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
     """The orbit of a solution `z` with its linearisation."""
     nodes, values = shooting.nodes(z), shooting.values(z)
     seen = found.seen if found.seen is not None else shooting.map.observe(nodes[0], values, 0, shooting.period)
-    return Orbit(shooting.period, values, nodes, multipliers_of(*found.blocks), seen, float(np.abs(found.residual).max()))
+    return Orbit(shooting.period, values, nodes, multipliers_of(*found.blocks), seen,
+                 float(np.abs(found.residual).max()))
 
 
 def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iterations: int = ITERATIONS) -> Floats | None:

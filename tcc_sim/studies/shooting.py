@@ -88,8 +88,8 @@ class Shooting:
             A period in which the excitation does not repeat.
         """
         if period < 1 or period % of.forcing_period:
-            raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after which "
-                             "the excitation repeats")
+            raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after "
+                             "which the excitation repeats")
         return Shooting(of, period, windows, (period,))
 
     @property
@@ -141,7 +141,8 @@ class Shooting:
                           np.vstack(climbs) / self.map.height_scale)
 
     def cut(self, z: Floats) -> tuple[Shooting, Floats]:
-        """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with them.
+        """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with
+        them.
 
         A map that cannot be divided is cut between cycles.
         """
@@ -185,8 +186,8 @@ class Shooting:
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list[Floats]]:
-    """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its pieces
-    to its end stays within bounds.
+    """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its
+    pieces to its end stays within bounds.
     """
     lengths: list[float] = []
     nodes: list[Floats] = []
@@ -217,4 +218,5 @@ def joined(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
         return seen[0]
     events = "".join(mode for mode, _ in groupby("".join(part.events for part in seen)))
     stick = sum(part.stick_fraction * length for part, length in zip(seen, segments)) / sum(segments)
-    return Observation(max(part.largest for part in seen), stick, events, tuple(h for part in seen for h in part.heights))
+    return Observation(max(part.largest for part in seen), stick, events,
+                       tuple(h for part in seen for h in part.heights))

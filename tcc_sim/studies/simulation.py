@@ -87,8 +87,8 @@ class Plan:
         """
         found = self.discard if isinstance(self.discard, int) else default
         if found >= max(cycles, 1):
-            raise InputError(f"discard is {found}; it must be 0 to {max(cycles - 1, 0)}, since {cycles} whole cycles are "
-                             "solved")
+            raise InputError(f"discard is {found}; it must be 0 to {max(cycles - 1, 0)}, since {cycles} whole cycles "
+                             "are solved")
         return found
 
     def check(self, system: System) -> None:

@@ -24,7 +24,9 @@ FARTHEST = 100.0
 STUCK = 1e-3
 """Slip speed, in natural sizes, at which a smoothed motion on the section is one in stick."""
 NEAR = 0.02
-"""Distance of the set-valued bifurcation from the extrapolated one, relative to the range, at which they are the same."""
+"""Distance of the set-valued bifurcation from the extrapolated one, relative to the range, at which they are the
+same.
+"""
 
 
 def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMap, window: Window,

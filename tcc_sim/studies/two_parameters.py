@@ -45,7 +45,8 @@ def bialternate(m: Floats) -> Floats:
 
 
 def singular(kind: str, blocks: Floats) -> Floats:
-    """The matrix that is singular at this kind of bifurcation, of the derivatives (m, n, n) of the segments of an orbit.
+    """The matrix that is singular at this kind of bifurcation, of the derivatives (m, n, n) of the segments of an
+    orbit.
 
     For a fold or a doubling it is that of x_(k+1) = M_k x_k and M_m x_m = +-x_1.
     """

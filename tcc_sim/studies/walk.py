@@ -8,9 +8,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
-from tcc_sim.studies.continuation import LARGEST_LEFT, Point, Stride, advance, correct, null_direction, point_at, tangent_of
+from tcc_sim.studies.continuation import (
+    LARGEST_LEFT,
+    Point,
+    Stride,
+    advance,
+    correct,
+    null_direction,
+    point_at,
+    tangent_of,
+)
 from tcc_sim.studies.event_borders import differ
-from tcc_sim.studies.maps import FAILURES, Floats
+from tcc_sim.studies.maps import (
+    FAILURES,
+    Floats,
+)
 from tcc_sim.studies.orbits import newton
 from tcc_sim.studies.passages import between, collapse, returned, returning
 from tcc_sim.studies.shooting import GROWTH, Shooting
@@ -19,7 +31,9 @@ MOST_POINTS = 3000
 MOST_TRIES = 6000
 """Steps tried along one direction of a branch, the halved ones too, after which it is given up."""
 SAME_END = 1e-6
-"""Distance, relative to the range, at which a fold is the end itself where a branch passes into that of its own shift."""
+"""Distance, relative to the range, at which a fold is the end itself where a branch passes into that of its own
+shift.
+"""
 FLAT_START = 1e-3
 """First step without the largest sizes among the arclength's coordinates."""
 FAR_GROWN = 10.0
@@ -27,8 +41,9 @@ FAR_GROWN = 10.0
 CHECKED = 20
 """Points after which fewer segments are tried."""
 CANARD = 1e10
-"""Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to no better than 1e-2 over its period,
-and neither value nor sign of such a multiplier can be trusted. Motions along the falling branch of friction get there."""
+"""Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to no better than 1e-2 over its
+period, and neither value nor sign of such a multiplier can be trusted. Motions along the falling branch of friction get
+there."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
@@ -92,7 +107,8 @@ class Walk:
             if new is None:
                 if not (self._turn_at_border(here) or self._cut_anew(here)):
                     self.sentence = (f"no further point was found beyond {self._where(here)}: no step down to "
-                                     f"{self.stride.smallest:.0e} of the natural sizes met a residual of {LARGEST_LEFT:.0e}")
+                                     f"{self.stride.smallest:.0e} of the natural sizes met a residual of "
+                                     f"{LARGEST_LEFT:.0e}")
                     break
                 before = None
                 continue
@@ -191,13 +207,13 @@ class Walk:
         last = self.stations[-2:]
         if len(last) < 2 or any(np.abs(s.orbit.multipliers - 1.0).min() > 1e-7 or abs(s.slope) > 1e-7 for s in last):
             return False
-        self.sentence = (f"met a family of motions with a multiplier of exactly 1 at {self._where(last[-1])}: no branch "
-                         "can be followed through it")
+        self.sentence = (f"met a family of motions with a multiplier of exactly 1 at {self._where(last[-1])}: no "
+                         "branch can be followed through it")
         return True
 
     def _cut_anew(self, here: Station) -> bool:
-        """Go on in other segments where no step is possible in these: one of them may start where slip does, and Newton's
-        method then goes to and fro between two event sequences. Whether there are other ones.
+        """Go on in other segments where no step is possible in these: one of them may start where slip does, and
+        Newton's method then goes to and fro between two event sequences. Whether there are other ones.
         """
         if self._anew == len(self.stations):
             return False
@@ -209,8 +225,8 @@ class Walk:
         return True
 
     def _recut(self, station: Station, anew: bool = False) -> Station | None:
-        """The station in other segments, where the growth over one of them is large or fewer may do, or `anew`; None where
-        these stay.
+        """The station in other segments, where the growth over one of them is large or fewer may do, or `anew`; None
+        where these stay.
         """
         shooting, grown = station.shooting, float(np.abs(station.point.found.blocks).max())
         if not shooting.map.divisible and (shooting.period == 1 or len(shooting.segments) == shooting.period):

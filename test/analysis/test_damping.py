@@ -35,7 +35,8 @@ class Integrated(Piecewise):
 @pytest.mark.parametrize("values", [
     {"initial.slip_speed": 5.0, "initial.plate_angle": 0.1}, {"initial.slip_speed": 30.0, "pressure.amplitude": 0.0},
     {"initial.slip_speed": 0.0, "friction.kinetic_coefficient": 0.1, "initial.plate_angle": 0.1},
-    {"initial.slip_speed": 2.0, "pressure.amplitude": 390e3, "pressure.frequency_ratio": 2.0, "initial.plate_angle": 0.1}])
+    {"initial.slip_speed": 2.0, "pressure.amplitude": 390e3, "pressure.frequency_ratio": 2.0,
+     "initial.plate_angle": 0.1}])
 def test_the_set_valued_averages_agree_with_quadrature_on_located_arcs(values):
     system = replace(System(), {**LOADED, "friction.law": "set_valued", **values})
     truth, end = Integrated(system, rtol=1e-11, atol=1e-12), 2.0 * system.cycle

@@ -33,7 +33,8 @@ def test_the_table_says_how_far_both_are_apart() -> None:
 
 def test_without_auto_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(branch_speed.shutil, "which", lambda name: None)
-    assert auto(coexistence(), 1, 0.18, 0.3) == ([], "period 1  AUTO-07p is not installed: apt install auto-07p gfortran")
+    assert auto(coexistence(), 1, 0.18, 0.3) == ([],
+                                                 "period 1  AUTO-07p is not installed: apt install auto-07p gfortran")
 
 
 def test_the_model_holds_the_numbers_of_the_scene() -> None:

@@ -51,10 +51,12 @@ def test_a_law_that_never_falls_has_no_peak() -> None:
 
 
 def test_the_kinetic_coefficient_may_be_a_twentieth_of_the_static_one_and_no_less() -> None:
-    assert replace(System(), {"friction.static_coefficient": 0.5, "friction.kinetic_coefficient": 0.025}).friction_ratio == 20.0
+    assert replace(System(), {"friction.static_coefficient": 0.5,
+                              "friction.kinetic_coefficient": 0.025}).friction_ratio == 20.0
     with pytest.raises(InputError, match=r"friction.kinetic_coefficient is 0.025; it must be at least one twentieth of "
                                          r"friction.static_coefficient, 0.5"):
-        replace(System(), {"friction.static_coefficient": 0.5, "friction.kinetic_coefficient": math.nextafter(0.025, 0.0)})
+        replace(System(), {"friction.static_coefficient": 0.5,
+                           "friction.kinetic_coefficient": math.nextafter(0.025, 0.0)})
 
 
 def test_the_mean_saturation_torque_of_figure_2_is_500() -> None:

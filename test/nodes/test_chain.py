@@ -101,7 +101,8 @@ def test_a_recorded_scene_comes_to_what_simulate_says(tmp_path: Path) -> None:
     values = {"friction.kinetic_coefficient": 0.285, "engine.frequency": 120.0, "pressure.frequency_ratio": 0.5}
     (tmp_path / "scene.yaml").write_text(load_scene("fig02").with_values(values).text())
     for seconds in ("2.6", "10", "40"):  # On a busy machine ticks are missed, and it takes longer to settle.
-        made = command("demo", "--scene", "scene.yaml", "--duration", seconds, "--out", f"made{seconds}", folder=tmp_path)
+        made = command("demo", "--scene", "scene.yaml", "--duration", seconds, "--out", f"made{seconds}",
+                       folder=tmp_path)
         assert made.returncode == 0, made.stderr
         ended = command("analyse", f"made{seconds}/recording", "--damping", "--json", "-", folder=tmp_path)
         assert ended.returncode == 0, ended.stderr

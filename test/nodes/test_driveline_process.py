@@ -46,7 +46,8 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.
     (["-p", "scene:=fig20"], "driveline_node: there is no scene 'fig20'; did you mean fig02?\n"),
     (["--params-file", "nowhere.yaml"], "driveline_node: --params-file nowhere.yaml: No such file or directory\n")])
 def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words: list[str], line: str) -> None:
-    ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=120, check=False)
+    ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=120,
+                           check=False)
     assert (ended.returncode, ended.stderr) == (2, line)
 
 

@@ -44,7 +44,9 @@ def test_charts_are_numbered_on_from_the_paper_s_figures() -> None:
 
 
 def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump() -> None:
-    """Above the end of stick by (10) the motion from rest is stuck: period one, no slip, multipliers exp(lambda T), 0."""
+    """Above the end of stick by (10) the motion from rest is stuck: period one, no slip, multipliers exp(lambda T),
+    0.
+    """
     system = paper_system({"friction.law": "set_valued", "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})
     values = tuple(np.linspace(0.45, 0.47, 3) * OMEGA_N)
     found, = motions_behind(sweep_curves([Curve(system, "engine.frequency", values)], Plan(cycles=150, discard=50)))
@@ -58,7 +60,8 @@ def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump()
 
 def test_the_end_of_stick_is_told_by_its_creep() -> None:
     def at(slip: float, kind: str = "fold") -> Any:
-        return SimpleNamespace(kind=kind, station=SimpleNamespace(orbit=SimpleNamespace(seen=SimpleNamespace(largest=slip))))
+        return SimpleNamespace(kind=kind,
+                               station=SimpleNamespace(orbit=SimpleNamespace(seen=SimpleNamespace(largest=slip))))
 
     system = paper_system({"friction.kinetic_coefficient": 0.25})
     assert creeps(at(0.08), system)
@@ -107,7 +110,8 @@ def given_curve(**more: Any) -> dict[str, Any]:
               "multipliers": [[[0.5, 0.0]] * 3] * 4, "ended": ["reached the end", "stopped"], "closed": False}
     fold = {"kind": "fold", "value": 150.0, "slip_speed": 0.0, "plate_angle": 0.1, "plate_speed": 0.0,
             "max_slip_speed": 30.0, "multipliers": [[1.0, 0.0]] * 3, "residual": 1e-11, "branch": 0, "period": 1}
-    jump = {"value": 150.0, "between": [145.0, 155.0], "max_slip_speed": [29.0, 50.0], "cause": "fold", "bifurcation": 0}
+    jump = {"value": 150.0, "between": [145.0, 155.0], "max_slip_speed": [29.0, 50.0], "cause": "fold",
+            "bifurcation": 0}
     x = 11
     return {"label": "a curve", "values": {}, "direction": "cold", "max_slip_speed": [10.0] * x, "period": [1] * x,
             "settled": [True] * (x - 1) + [False], "theta2": [[0.1]] * x, "regime": ["stick-slip"] * x,
@@ -115,7 +119,8 @@ def given_curve(**more: Any) -> dict[str, Any]:
 
 
 def given_figure(number: int, kind: str, curves: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"figure": number, "kind": kind, "title": "a title", "caption": "a caption", "law": "smoothed", "quick": True,
+    return {"figure": number, "kind": kind, "title": "a title", "caption": "a caption", "law": "smoothed",
+            "quick": True,
             "parameters": {}, "marks": [0.3], "axis": "omega/omega_n", "x": np.linspace(0.05, 0.5, 11).tolist(),
             "unit": OMEGA_N, "cycles": 100, "discarded": 50, "curves": curves, "seconds": 0.0}
 
@@ -130,7 +135,8 @@ def given_chart() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("data", [given_figure(4, "map", [given_curve(), given_curve(jumps=[])]),
-                                  given_figure(6, "orbit", [given_curve(), given_curve(direction="up")]), given_chart()],
+                                  given_figure(6, "orbit", [given_curve(), given_curve(direction="up")]),
+                                  given_chart()],
                          ids=["map", "orbit", "chart"])
 def test_given_branches_are_drawn(data: dict[str, Any], tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
@@ -182,8 +188,10 @@ def test_the_page_says_what_was_found() -> None:
     branches = given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])
     page = motions_page(branches, {19: given_chart(), 20: given_chart()}, found)
     assert page.startswith("# Periodic motions\n")
-    for words in ("| fold | 0 | 1 | 0.38729833 | 30.0000 | 1e-11 |", "continued upward, at 0.387298: 29.00 to 50.00 rad/s, fold",
-                  "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %", "fold, period 2 (smoothed end of stick) | 2"):
+    for words in ("| fold | 0 | 1 | 0.38729833 | 30.0000 | 1e-11 |",
+                  "continued upward, at 0.387298: 29.00 to 50.00 rad/s, fold",
+                  "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %",
+                  "fold, period 2 (smoothed end of stick) | 2"):
         assert words in page, words
 
 

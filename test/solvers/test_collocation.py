@@ -1,4 +1,6 @@
-"""The long collocation step: its tables against identities of Radau IIA, its linear part and stages against closed solves."""
+"""The long collocation step: its tables against identities of Radau IIA, its linear part and stages against closed
+solves.
+"""
 
 import numba
 import numpy as np

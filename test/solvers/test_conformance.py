@@ -1,4 +1,6 @@
-"""What holds of every registered solver, whatever its method: one suite over the registry, so that a new row is tested."""
+"""What holds of every registered solver, whatever its method: one suite over the registry, so that a new row is
+tested.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,8 @@ def test_a_tighter_setting_is_nearer_the_truth(name: str) -> None:
 @solvers
 def test_turning_every_sign_turns_the_motion(name: str) -> None:
     values = {"engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": (600.0,)}
-    straight = run(name, system_for(name, **values, **{"engine.harmonic_phases": (0.3,)}), cycles=1, samples_per_cycle=9)
+    straight = run(name, system_for(name, **values, **{"engine.harmonic_phases": (0.3,)}), cycles=1,
+                   samples_per_cycle=9)
     turned = run(name, system_for(name, **values, **{
         "engine.harmonic_phases": (0.3 - math.pi,), "engine.mean_torque": -300.0, "initial.slip_speed": -5.0,
         "initial.plate_angle": -0.1, "initial.plate_speed": 5.0}), cycles=1, samples_per_cycle=9)
@@ -130,7 +133,8 @@ def test_a_run_goes_on_from_any_cycle_boundary(name: str) -> None:
     first = run(name, system, cycles=1, flywheel_angle=True)
     rest = run(name, system, cycles=1, start_cycle=1, state=first.final, flywheel_angle=True)
     assert rest.t[0] == system.cycle
-    for one, other in ((rest.final.slip_speed, whole.final.slip_speed), (rest.final.plate_angle, whole.final.plate_angle),
+    for one, other in ((rest.final.slip_speed, whole.final.slip_speed),
+                       (rest.final.plate_angle, whole.final.plate_angle),
                        (rest.final.plate_speed, whole.final.plate_speed),
                        (rest.final.flywheel_angle, whole.final.flywheel_angle)):
         assert one == pytest.approx(other, rel=accuracy(name), abs=1e-6)
@@ -151,7 +155,8 @@ def test_results_do_not_depend_on_the_samples_asked_for(name: str) -> None:
 
 
 @solvers
-@pytest.mark.parametrize("state", [State(math.nan, 0.0, 0.0), State(0.0, math.inf, 0.0), State(0.0, 0.0, 0.0, math.nan)])
+@pytest.mark.parametrize("state", [State(math.nan, 0.0, 0.0), State(0.0, math.inf, 0.0),
+                                   State(0.0, 0.0, 0.0, math.nan)])
 def test_a_start_that_is_no_state_is_refused(name: str, state: State) -> None:
     with pytest.raises(InputError, match="must be finite"):
         solve(system_for(name), cycles=1, solver=name, state=state)

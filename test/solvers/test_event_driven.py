@@ -65,7 +65,8 @@ def test_samples_cycles_and_torques_are_of_one_motion(name):
     moving = slipping & (run.saturation_torque > 0)
     np.testing.assert_allclose(run.friction_torque[moving], (np.sign(run.state) * law)[moving], atol=1e-9)
     plate = np.gradient(run.plate_speed, run.t)
-    balance = d.plate_inertia * plate + d.damping * run.plate_speed + d.stiffness * run.plate_angle - run.friction_torque
+    balance = (d.plate_inertia * plate + d.damping * run.plate_speed + d.stiffness * run.plate_angle
+               - run.friction_torque)
     calm = np.abs(np.gradient(run.friction_torque)) < 5.0
     assert np.median(np.abs(balance[calm])) < 0.05
     for n in range(3):

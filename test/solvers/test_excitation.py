@@ -29,7 +29,8 @@ def test_values_rates_and_coefficients_are_those_of_the_model(name):
     for tau in (0.0, 0.011, 0.03):
         _, loaded = excitation.clamp_edge(tau, 1.0, shift, terms.mean_load, terms.pulsation)
         excitation.excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
-        excitation.expand_excitation(rows, 20, unit, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        excitation.expand_excitation(rows, 20, unit, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+                                     drive)
         h = 1e-6
 
         def torque(t):
@@ -42,7 +43,8 @@ def test_values_rates_and_coefficients_are_those_of_the_model(name):
         assert drive["load"] == pytest.approx(load(tau), rel=1e-13)
         assert drive["torque_rate"] == pytest.approx((torque(tau + h) - torque(tau - h)) / (2 * h), rel=1e-6, abs=1e-4)
         assert drive["load_rate"] == pytest.approx((load(tau + h) - load(tau - h)) / (2 * h), rel=1e-6, abs=1e-4)
-        assert np.polynomial.polynomial.polyval(0.7, rows[ENGINE, :20]) == pytest.approx(torque(tau + 0.7 * unit), rel=1e-13)
+        assert np.polynomial.polynomial.polyval(0.7, rows[ENGINE, :20]) == pytest.approx(torque(tau + 0.7 * unit),
+                                                                                         rel=1e-13)
         coefficients = rows[LOAD, :20] if terms.pulsation else rows[LOAD, :1]
         assert np.polynomial.polynomial.polyval(0.7, coefficients) == pytest.approx(load(tau + 0.7 * unit), rel=1e-13)
 

@@ -138,7 +138,8 @@ def test_several_blocks_give_what_one_gives(monkeypatch: pytest.MonkeyPatch) -> 
         assert whole.cycles is not None
         assert len(parts.cycles) == 3
         for column in ("section", "highest", "lowest", "stick_time"):
-            np.testing.assert_allclose(getattr(parts.cycles, column), getattr(whole.cycles, column), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(getattr(parts.cycles, column), getattr(whole.cycles, column), rtol=1e-9,
+                                       atol=1e-9)
 
 
 def test_samples_fall_on_section_points_and_on_the_end() -> None:

@@ -42,7 +42,8 @@ def test_several_keys_are_columns():
 
 
 @pytest.mark.parametrize(("key", "words"), [
-    ("friction.law", "continuously"), ("initial.slip_speed", "continuously"), ("pressure.frequency_ratio", "continuously"),
+    ("friction.law", "continuously"), ("initial.slip_speed", "continuously"),
+                                            ("pressure.frequency_ratio", "continuously"),
     ("engine.frequncy", "did you mean engine.frequency"), ("engine.harmonic_amplitudes", "continuously")])
 def test_keys_without_a_derivative(key, words):
     with pytest.raises(InputError, match=words):

@@ -79,7 +79,8 @@ def seeded_cases(count: int, seed: int) -> list[Double]:
 def test_the_stated_accuracy_holds_within_the_rule_of_the_sub_steps(seed: int) -> None:
     """Newton's method in 80 bits from the root found says how far it is; what looks far is bisected."""
     w, a, _, sigma, excess, decay = cases = seeded_cases(120_000, seed)
-    found, count = np.array([scalar_root(x, b, g, s, (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
+    found, count = np.array([scalar_root(x, b, g, s,
+                                         (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
     assert count.max() <= ITERATION_BOUND
     long = [x.astype(np.longdouble) for x in (w, a, sigma, excess, decay)]
     x, (target, size, steep, more, fall) = found.astype(np.longdouble), long

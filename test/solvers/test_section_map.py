@@ -73,7 +73,8 @@ def test_equal_coefficients_have_one_sided_derivatives():
     ends = [stroboscopic_map(replace(system, {MU_K: 0.3 - k * 1e-5}), START, 2).state for k in range(5)]
     weights = np.array([25.0, -48.0, 36.0, -16.0, 3.0]) / (12.0 * 1e-5)
     np.testing.assert_allclose(found.by_parameter[:, 0], weights @ np.array(ends), rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(found.by_parameter[:, 1], by_key(system, OMEGA, lambda s: stroboscopic_map(s, START, 2).state),
+    np.testing.assert_allclose(found.by_parameter[:, 1],
+                               by_key(system, OMEGA, lambda s: stroboscopic_map(s, START, 2).state),
                                rtol=1e-7, atol=1e-9)
     assert not found.by_parameter[:, 2].any()
 
@@ -123,7 +124,8 @@ def test_den_hartogs_oscillator():
 
 
 @pytest.mark.parametrize(("changes", "row", "start"), [
-    ({MU_K: 0.3, OMEGA: 41.7}, STUCK, None), ({"engine.mean_torque": 20.0, "engine.torque_amplitude": 900.0}, ARRIVAL, None),
+    ({MU_K: 0.3, OMEGA: 41.7}, STUCK, None), ({"engine.mean_torque": 20.0, "engine.torque_amplitude": 900.0}, ARRIVAL,
+                                              None),
     ({MU_K: 0.3, OMEGA: 66.0, "pressure.amplitude": 1e3}, GRAZING, np.array([20.0, 0.12, 5.0]))])
 def test_margins_have_the_derivatives_of_their_values(changes, row, start):
     system = replace(BASE, changes)

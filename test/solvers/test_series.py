@@ -19,7 +19,9 @@ def weighted(count):
 
 
 def taylor(function, count, radius):
-    """Taylor coefficients of an analytic function by Cauchy's integral over a circle, trapezoids being exact to rounding."""
+    """Taylor coefficients of an analytic function by Cauchy's integral over a circle, trapezoids being exact to
+    rounding.
+    """
     turns = np.exp(2j * np.pi * np.arange(256) / 256)
     found = np.fft.fft(function(radius * turns)) / 256
     return found.real[:count] / radius ** np.arange(count)
@@ -52,7 +54,8 @@ def test_products_are_those_of_polynomials(k):
 
 
 def test_sine_and_cosine_are_good_to_the_last_bits():
-    angles = np.concatenate([np.random.default_rng(0).uniform(-700.0, 700.0, 20000), np.arange(-40, 41) * math.pi / 4, [1e5]])
+    angles = np.concatenate([np.random.default_rng(0).uniform(-700.0, 700.0, 20000), np.arange(-40, 41) * math.pi / 4,
+                             [1e5]])
     found = np.array([series.sine_and_cosine(x) for x in angles])
     assert np.abs(found[:, 0] - np.sin(angles)).max() <= 3e-16
     assert np.abs(found[:, 1] - np.cos(angles)).max() <= 3e-16
@@ -70,7 +73,8 @@ def expand(order, rows, unit, sign, pulsation, decay, excess, sigma, tanh, sech,
 
 
 CASES = {"sliding": (None, None, None, None, None), "falling": (-2.0, 0.22, None, None, None),
-         "layer": (-2.0, 0.22, 50.0, 0.98, 1.0 - 0.98**2), "layer without stribeck": (None, None, 50.0, 0.98, 1.0 - 0.98**2)}
+         "layer": (-2.0, 0.22, 50.0, 0.98, 1.0 - 0.98**2),
+         "layer without stribeck": (None, None, 50.0, 0.98, 1.0 - 0.98**2)}
 
 
 @pytest.mark.parametrize("pulsation", [None, (100.0, 150.0, 0.3)])

@@ -53,7 +53,8 @@ class Kept:
             cut = (PERIOD - tau) / unit
             cut = x if abs(cut - x) < 1e-12 else cut
             polynomial.to_bernstein(rows, SLIP, degree, x, workspace)
-            step_output.record(rows, degree, unit, x, cut, tau, begin, PERIOD, per_cycle, LAYER, self.output, self.cycles,
+            step_output.record(rows, degree, unit, x, cut, tau, begin, PERIOD, per_cycle, LAYER, self.output,
+                               self.cycles,
                                self.samples, self.moves, True if angle else None, workspace)
             begin, tau = end, end - PERIOD * self.output["cycle"]
 
@@ -64,7 +65,9 @@ def cuts(seed: int, count: int) -> list[float]:
 
 
 def crossings() -> list[tuple[float, int]]:
-    """Where the slip speed of MOTIONS meets the edge of the layer, and the mode behind it, by the roots of a polynomial."""
+    """Where the slip speed of MOTIONS meets the edge of the layer, and the mode behind it, by the roots of a
+    polynomial.
+    """
     at = sorted(float(root.real) for level in (LAYER, -LAYER) for root in (SWINGS - level).roots()
                 if abs(root.imag) < 1e-9 and 0.0 < root.real < END)
     return [(t, int(np.sign(v)) * (abs(v) > LAYER)) for t, v in ((t, float(SWINGS(t + 1e-6))) for t in at)]

@@ -20,7 +20,8 @@ HARMONICS = replace(VARYING, {"engine.harmonic_amplitudes": [60.0, 30.0], "engin
                               "pressure.frequency_ratio": 0.5, "pressure.phase": 0.4})
 EQUAL = replace(load_scene("minimal").system, {"friction.law": "smoothed"})
 KEYS = ("driveline.flywheel_inertia", "driveline.plate_inertia", "driveline.damping", "driveline.stiffness",
-        "friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing", "clutch.area",
+        "friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
+        "clutch.area",
         "clutch.radius", "engine.mean_torque", "engine.torque_amplitude", "engine.frequency", "pressure.mean",
         "pressure.amplitude", "pressure.phase")
 
@@ -40,7 +41,8 @@ def rates(phase: float, y: np.ndarray, system: System) -> np.ndarray:
         torque += a * math.sin(n * phase + shift)
     pressure = max(p.mean + p.amplitude * math.sin(p.frequency_ratio * phase + p.phase), 0.0)
     law = 1.0 + (f.static_coefficient / f.kinetic_coefficient - 1.0) * math.exp(-f.decay * abs(v))
-    friction = f.kinetic_coefficient * system.clutch.area * system.clutch.radius * pressure * law * math.tanh(f.smoothing * v)
+    clutch = system.clutch
+    friction = f.kinetic_coefficient * clutch.area * clutch.radius * pressure * law * math.tanh(f.smoothing * v)
     plate = (friction - d.damping * speed - d.stiffness * angle) / d.plate_inertia
     return np.array([(torque - friction) / d.flywheel_inertia - plate, speed, plate]) / e.frequency
 
@@ -61,7 +63,8 @@ def varied(system: System, x: np.ndarray, start: float, end: float, key: str) ->
         falling, step = excess * math.exp(-f.decay * abs(v)), math.tanh(f.smoothing * v)
         part = f.smoothing * (1.0 + falling) * (1.0 - step * step) - f.decay * falling * math.copysign(1.0, v) * step
         pressure = system.pressure
-        load = max(pressure.mean + pressure.amplitude * math.sin(pressure.frequency_ratio * phase + pressure.phase), 0.0)
+        swing = pressure.amplitude * math.sin(pressure.frequency_ratio * phase + pressure.phase)
+        load = max(pressure.mean + swing, 0.0)
         rise = system.torque_per_pressure * load * part / system.engine.frequency
         law[:, 0] = -rise * system.inverse_inertia, 0.0, rise / system.driveline.plate_inertia
         return law
@@ -130,7 +133,8 @@ def test_the_largest_slip_speed_has_its_derivatives() -> None:
     x, key = settled(VARYING), "pressure.mean"
     found = stroboscopic_map(VARYING, x, 2, parameters=(key,))
     mean = VARYING.pressure.mean
-    for column, by in enumerate((found.heights_by_state[:, 0], found.heights_by_state[:, 1], found.heights_by_parameter[:, 0])):
+    columns = found.heights_by_state[:, 0], found.heights_by_state[:, 1], found.heights_by_parameter[:, 0]
+    for column, by in enumerate(columns):
         h = (1e-4, 1e-6, 1e-4 * mean)[column]
         sides = []
         for sign in (1.0, -1.0):

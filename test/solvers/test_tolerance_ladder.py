@@ -1,4 +1,6 @@
-"""The error of the adaptive engine follows its tolerance down to 1e-13, against SciPy near the end of double precision."""
+"""The error of the adaptive engine follows its tolerance down to 1e-13, against SciPy near the end of double
+precision.
+"""
 
 from __future__ import annotations
 

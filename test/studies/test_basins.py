@@ -14,16 +14,27 @@ from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.studies import basin_rows
-from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor, Captures, find_attractors, follow, halton, section_of
+from tcc_sim.studies.attractors import (
+    RUNAWAY,
+    UNDECIDED,
+    Attractor,
+    Captures,
+    find_attractors,
+    follow,
+    halton,
+    section_of,
+)
 from tcc_sim.studies.basin_rows import basins
 from tcc_sim.studies.basins import CYCLES, Axis, boundary_of
 from tcc_sim.studies.driveline_motion import DrivelineMotion, mean_load
 from tcc_sim.trajectory import State
 
-COEXISTENCE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.255,
+COEXISTENCE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0,
+                                 "friction.kinetic_coefficient": 0.255,
                                  "engine.frequency": 0.36 * System().natural_frequency})
 """Period one and a large period two at omega/omega_n = 0.36, mu_k/mu_s = 0.85."""
-RUNNING_AWAY = replace(System(), {"pressure.mean": 150e3, "friction.kinetic_coefficient": 0.15, "pressure.amplitude": 0.0})
+RUNNING_AWAY = replace(System(), {"pressure.mean": 150e3, "friction.kinetic_coefficient": 0.15,
+                                  "pressure.amplitude": 0.0})
 """Tsm = 180 N m holds less than Tm = 300 N m: fast slip never ends."""
 
 
@@ -66,7 +77,8 @@ def cubic(x, p):
 
 def henon_chaos(x, p):
     """Henon's map at a = 1.4, b = 0.3: one strange attractor."""
-    return np.array([1.0 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]]), np.array([[-2.8 * x[0], 1.0], [0.3, 0.0]]), np.zeros((2, 0))
+    return np.array([1.0 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]]), np.array([[-2.8 * x[0], 1.0],
+                                                                           [0.3, 0.0]]), np.zeros((2, 0))
 
 
 def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_iteration():
@@ -187,7 +199,8 @@ SCENE = ["fig02", "--set", "pressure.mean=225000", "--set", "pressure.amplitude=
 def test_the_verb_writes_labels_fractions_and_a_picture(tmp_path: Path, capsys):
     pytest.importorskip("matplotlib")
     files = [tmp_path / name for name in ("b.json", "b.npz", "b.png")]
-    words = ["basins", *SCENE, *PLANE, "--boundary", "--json", str(files[0]), "--out", str(files[1]), "--plot", str(files[2])]
+    words = ["basins", *SCENE, *PLANE, "--boundary", "--json", str(files[0]), "--out", str(files[1]), "--plot",
+             str(files[2])]
     assert main(words) == 0
     assert "period 2" in capsys.readouterr().out
     told = json.loads(files[0].read_text())
@@ -230,7 +243,8 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
 
 
 @pytest.mark.parametrize("words", [
-    ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane", "initial.slip_speed=0:1:3"],
+    ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane",
+                                              "initial.slip_speed=0:1:3"],
     ["--plane", "initial.slip_speed=0:1:3", "--plane", "engine.frequency=1:2:3"], [*PLANE, "--cycles", "3"],
     [*PLANE, "--out", "x.csv"], [*PLANE, "--over", "friction.law=1:2:3"], [*PLANE, "--jobs", "0"],
     ["--plane", "initial.slip_speed=0:1:3000", "--plane", "initial.plate_angle=0:1:3000"],

@@ -184,7 +184,8 @@ def test_a_branch_without_progress_is_given_up(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_branch_that_meets_no_residual_says_so() -> None:
     def torn(x, p):  # The fixed point x = p is gone beyond p = 0.5.
-        return x + 0.5 * (p[0] - x) + (0.1 if p[0] > 0.5 else 0.0) * np.sin(1e9 * x), np.array([[0.5]]), np.array([[0.5]])
+        return x + 0.5 * (p[0] - x) + (0.1 if p[0] > 0.5 else 0.0) * np.sin(1e9
+                                                                            * x), np.array([[0.5]]), np.array([[0.5]])
 
     branch = branch_of(torn, 1, 0.0, 1.0, 0.2, [0.2])
     assert branch.ended[1].startswith("no further point was found beyond p = 0.4999999")

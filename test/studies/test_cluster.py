@@ -95,7 +95,8 @@ def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address: st
 
     monkeypatch.setattr(distributed, "Client", too_far)
     out = tmp_path / "out.jsonl"
-    assert main(["sweep", "slip", "--over", "engine.torque_amplitude=1:2:2", "--dask", address.format(port=port), "--out",
+    assert main(["sweep", "slip", "--over", "engine.torque_amplitude=1:2:2", "--dask", address.format(port=port),
+                 "--out",
                  str(out)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
@@ -110,7 +111,8 @@ def test_a_port_that_is_no_scheduler_is_given_up_in_time(monkeypatch) -> None:  
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         with pytest.raises(InputError, match="no Dask scheduler"):
-            sweep(System(), "engine.frequency", [100.0], Plan(cycles=5), dask=f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+            sweep(System(), "engine.frequency", [100.0], Plan(cycles=5),
+                  dask=f"tcp://127.0.0.1:{silent.getsockname()[1]}")
 
 
 def test_what_does_not_come_back_is_not_waited_for() -> None:

@@ -120,7 +120,8 @@ def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
 def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
     map_, window, value = DrivelineMap(system, ("engine.frequency",)), Window(60.0, 120.0), 61.0889
-    shooting = Shooting(map_, 1, (window,), (0.25, 0.28515625, 0.46484375))  # Slip starts at the third node at 61.0891144.
+    shooting = Shooting(map_, 1, (window,), (0.25, 0.28515625,
+                                             0.46484375))  # Slip starts at the third node at 61.0891144.
     x = np.array([0.0, 0.0634500, 19.3206])
     ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
     z = newton(shooting, shooting.point(np.array([x, *ends]), (value,)))

@@ -55,7 +55,8 @@ def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type:
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
     body = [line for line in lines if line[:12].strip() in ("200000", "300000")]
-    assert [line.split()[:2] for line in body] == [[p, k] for p in ("200000", "300000") for k in ("0.24", "0.27", "0.3")]
+    assert [line.split()[:2] for line in body] == [[p, k] for p in ("200000", "300000") for k in ("0.24", "0.27",
+                                                                                                  "0.3")]
 
 
 @pytest.mark.parametrize(("over", "words"), [

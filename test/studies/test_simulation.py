@@ -171,7 +171,8 @@ def load_phase(system, cycle: int) -> float:  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize(("before", "after", "largest"), [
-    (0.5, 0.5, 1e-12), (0.5, 2.0 / 3.0, 0.17), (0.7, 0.71, 0.005), (2.0, 0.5, 1e-12), (math.sqrt(0.5), math.sqrt(0.5), 0.0),
+    (0.5, 0.5, 1e-12), (0.5, 2.0 / 3.0, 0.17), (0.7, 0.71, 0.005), (2.0, 0.5, 1e-12),
+                                                          (math.sqrt(0.5), math.sqrt(0.5), 0.0),
     (math.sqrt(0.5), math.sqrt(0.7), 1e-3)])
 def test_the_load_goes_on_at_the_nearest_phase_where_its_own_ratio_is_swept(before: float, after: float,
                                                                             largest: float) -> None:
@@ -182,7 +183,8 @@ def test_the_load_goes_on_at_the_nearest_phase_where_its_own_ratio_is_swept(befo
         assert start.state == State(1.0, 2.0, 3.0)
         apart = abs(load_phase(new, start.cycle) - load_phase(old, cycle))
         assert min(apart, 1.0 - apart) <= largest + 1e-12
-    assert handed_over(replace(old, {"pressure.amplitude": 0.0}), start, replace(new, {"pressure.amplitude": 0.0})).cycle == 0
+    assert handed_over(replace(old, {"pressure.amplitude": 0.0}), start,
+                       replace(new, {"pressure.amplitude": 0.0})).cycle == 0
 
 
 def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:  # type: ignore[no-untyped-def]

@@ -1,4 +1,6 @@
-"""Bifurcations with sliding on scenes of the driveline, each located once more from SciPy's motion on one side of it."""
+"""Bifurcations with sliding on scenes of the driveline, each located once more from SciPy's motion on one side of
+it.
+"""
 
 import numpy as np
 import pytest

@@ -97,7 +97,8 @@ def test_a_jump_at_a_doubling_names_it_and_its_unstable_branch_is_followed() -> 
 def test_a_steep_rise_is_no_jump() -> None:
     def steep(x, p):
         rise = math.tanh(200.0 * p[0])
-        return np.array([1.5 + rise + 0.5 * (x[0] - 1.5 - rise)]), np.array([[0.5]]), np.array([[100.0 * (1.0 - rise**2)]])
+        return np.array([1.5 + rise + 0.5 * (x[0] - 1.5 - rise)]), np.array([[0.5]]), np.array([[100.0
+                                                                                                 * (1.0 - rise**2)]])
 
     seen = swept(steep, np.linspace(-0.1, 0.1, 21), 1.0)
     branches = surveyed(steep, seen, -0.1, 0.1)

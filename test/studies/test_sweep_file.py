@@ -37,7 +37,8 @@ def test_every_line_has_the_checksum_of_its_text(whole: list[bytes]) -> None:
         values = json.loads(line)
         body = line[:line.rindex(b', "crc32"')]
         assert values["crc32"] == f"{zlib.crc32(body):08x}"
-        assert {k: v for k, v in values.items() if k != "crc32"} == {k: v for k, v in decoded(line).items() if k != "crc32"}
+        assert {k: v for k, v in values.items() if k != "crc32"} == {k: v for k, v in decoded(line).items()
+                                                                     if k != "crc32"}
     assert decoded(encoded({"curve": 3})) == {"curve": 3}
 
 
@@ -113,7 +114,8 @@ def test_a_first_line_that_was_cut_short_is_written_again(kept, whole: list[byte
 
 @pytest.mark.parametrize("change", [lambda x: x[:200].replace(b'"cycles": 6', b'"cycles": 7'), lambda x: b"{}",
                                     lambda x: x[:x.index(b'"scene"')].replace(b"40.0", b"41.0") + b'"scene": {'])
-def test_a_first_line_of_another_sweep_that_was_cut_short_stays(change, whole: list[bytes],  # type: ignore[no-untyped-def]
+def test_a_first_line_of_another_sweep_that_was_cut_short_stays(change, whole: list[bytes],
+                                                                # type: ignore[no-untyped-def]
                                                                  tmp_path: Path) -> None:
     out, changed = tmp_path / "sweep.jsonl", change(whole[0])
     assert not whole[0].startswith(changed)

@@ -59,7 +59,8 @@ def root_of_slope(c: Any, row: int, degree: int, low: float, high: float, sign: 
 @fast
 def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below: float,
                  workspace: Any) -> tuple[float, float]:
-    """The smallest local minimum of sign * polynomial within (0, x_end), and its place; (below, -1) where none is lower.
+    """The smallest local minimum of sign * polynomial within (0, x_end), and its place; (below, -1) where none is
+    lower.
 
     Every interval on which the slope changes its sign once is found by Descartes' rule, as in `polynomial.extremes_of`.
     """
@@ -143,7 +144,8 @@ def excitation_change(number: Any, tau: float, shift: float, rates: Rates) -> tu
     sine, _ = sine_and_cosine(rates.engine * tau)
     load_sine, load_cosine = sine_and_cosine(rates.load * tau + shift)
     engine = number[MEAN_TORQUE] + number[TORQUE_AMPLITUDE] * sine
-    return engine, number[MEAN_LOAD] + number[LOAD_AMPLITUDE] * load_sine + number[LOAD_PHASE] * rates.amplitude * load_cosine
+    return (engine,
+            number[MEAN_LOAD] + number[LOAD_AMPLITUDE] * load_sine + number[LOAD_PHASE] * rates.amplitude * load_cosine)
 
 
 @fast
@@ -182,7 +184,8 @@ def note_arrival(mode: int, state: Any, drive: Any, rates: Rates, numbers: Any,
         return
     least[ARRIVAL, VALUE] = margin
     stuck_rate = (drive.torque - spring) / both
-    still = ratio * drive.load_rate + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both
+    still = (ratio * drive.load_rate
+             + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both)
     least[ARRIVAL, GROWS] = 1.0 if still + mode * flywheel * damping * stuck_rate / both > 0.0 else 0.0
     rate = still + mode * flywheel * damping * speed_rate / both
     for b in range(columns.shape[0]):

@@ -123,7 +123,8 @@ class Prepared:
         columns = np.zeros((self.blocks, 3, LANES))
         columns[0, 0, 0] = columns[0, 1, 1] = columns[0, 2, 2] = 1.0
         work, at, drive, output = (np.zeros(1, kind) for kind in (VARIATION, STATE, DRIVE, OUTPUT))
-        at[0] = (state[0], state[1], state[2], 0.0, UNKNOWN, (start - first) * self.period, 0.0, math.inf, 0, UNKNOWN, 0.0)
+        at[0] = (state[0], state[1], state[2], 0.0, UNKNOWN, (start - first) * self.period, 0.0, math.inf, 0, UNKNOWN,
+                 0.0)
         moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + self.blocks * LANES))
         least[:, VALUE] = np.inf
         heights, climbs = np.zeros(n), np.zeros((n, self.blocks, LANES))

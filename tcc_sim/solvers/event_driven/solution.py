@@ -71,7 +71,9 @@ def setup_of(system: System, rtol: float) -> Setup:
 
 
 class Scratch(threading.local):
-    """Where the transitions of a thread's solves go, one after the other: to ask for it anew costs more than a cycle."""
+    """Where the transitions of a thread's solves go, one after the other: to ask for it anew costs more than a
+    cycle.
+    """
 
     moves = np.empty(0, MOVE)
 

@@ -56,8 +56,8 @@ CONVERGED = 1e-10
 """Last terms of the friction's exponential, of its first, up to which its series counts as the exponential."""
 SMALL = 0.02
 EXCESS, HOLD, FALL, LOAD_CHANGE, MIXED, SINE, LOAD_SINE = range(ROWS, ROWS + 7)
-"""Rows of the step's series beside those of the motion: exp(-alpha |v|), that times Ts, dTf/dv, change of Ts, a product;
-sin(omega t) and the load's sine."""
+"""Rows of the step's series beside those of the motion: exp(-alpha |v|), that times Ts, dTf/dv, change of Ts, a
+product; sin(omega t) and the load's sine."""
 class Rates(NamedTuple):
     """omega and omega_f, rad/s; Tsp, N m; whether any disturbance changes the first sine of Te, or that of Ts."""
 

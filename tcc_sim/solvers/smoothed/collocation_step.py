@@ -83,7 +83,9 @@ def first_beyond(peak: float, work: Any) -> int:
 
 @fast
 def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> None:
-    """The polynomials of theta2 and theta2' over the step, and the Chebyshev coefficients of theta2' in work.chebyshev."""
+    """The polynomials of theta2 and theta2' over the step, and the Chebyshev coefficients of theta2' in
+    work.chebyshev.
+    """
     slip, weights, chebyshev = work.slip, work.weights, work.chebyshev
     for i in range(TERMS):
         chebyshev[i] = 0.0
@@ -138,7 +140,8 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
     rung = tables.rungs[level]
     h = rung.length
     weigh(state, limits, terms.mean_torque, waves, work)
-    balance(tables.sources, level, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation, drive, work)
+    balance(tables.sources, level, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation, drive,
+            work)
     accuracy = CONVERGED * limits.creep_tolerance
     if control.method == CREEP:
         beyond = first_beyond(limits.peak, work)

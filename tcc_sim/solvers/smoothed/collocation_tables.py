@@ -5,13 +5,13 @@ With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of m
     theta2' = w - kappa v,    M w' = Te - K23 theta2 - C23 (w - kappa v),
     v' = Te/I1 + (C23 theta2' + K23 theta2)/I2 - beta Ts mubar(v),
 
-so that at the nodes of a step h (a = h A, A the Runge-Kutta matrix) theta2 and w are linear in their values at the start,
-the torque at the nodes and the slip speeds V at the nodes. What is left is
+so that at the nodes of a step h (a = h A, A the Runge-Kutta matrix) theta2 and w are linear in their values at the
+start, the torque at the nodes and the slip speeds V at the nodes. What is left is
 
     b - L V - beta Ts mubar(V) = 0,    L = a^-1 - (C23 dU/dV + K23 dX/dV)/I2,    X = theta2, U = theta2' at the nodes.
 
-All of it is worked out here in NumPy for a ladder of steps (rungs), so that a step costs products only. The rungs are the
-same absolute lengths for all scenes, so that the points of a sweep over a frequency share them.
+All of it is worked out here in NumPy for a ladder of steps (rungs), so that a step costs products only. The rungs are
+the same absolute lengths for all scenes, so that the points of a sweep over a frequency share them.
 
 Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.5.
 """
@@ -30,10 +30,12 @@ from tcc_sim.model.equations import Linear
 NODES = 16
 DEGREE = NODES
 TERMS = 20
-"""Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are added up faster."""
+"""Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are added up
+faster.
+"""
 LEVELS = 22
-"""Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it, and further
-where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2)."""
+"""Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it, and
+further where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2)."""
 USUAL = 50.0
 """The smoothing (s/rad) up to which LEVELS are enough."""
 
@@ -49,7 +51,9 @@ coefficients over the step, and to the end values, of theta2 and of w.
 
 SOURCE = np.dtype([("balance", np.float64, NODES), ("angle", np.float64, TERMS), ("speed", np.float64, TERMS),
                    ("end_angle", np.float64), ("end_speed", np.float64)])
-"""What a unit of something given adds to b, to the Chebyshev coefficients, and to the end values, of theta2 and of w."""
+"""What a unit of something given adds to b, to the Chebyshev coefficients, and to the end values, of theta2 and of
+w.
+"""
 
 TURN = np.dtype([("cosine", np.float64, NODES), ("sine", np.float64, NODES)])
 """Cosine and sine of the angle by which the load's phase has gone on at the nodes."""
@@ -59,7 +63,9 @@ FROM_ANGLE, FROM_SPEED, FROM_MEAN, FROM_WAVES = 0, 1, 2, 3
 
 
 class Tables(NamedTuple):
-    """Of one system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN (levels,)."""
+    """Of one system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN
+    (levels,).
+    """
 
     rungs: NDArray[Any]
     sources: NDArray[Any]
@@ -67,8 +73,8 @@ class Tables(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Of one linear part: the rungs, the sources but those of the waves (levels, FROM_WAVES, numbers of a SOURCE), and the
-    matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
+    """Of one linear part: the rungs, the sources but those of the waves (levels, FROM_WAVES, numbers of a SOURCE), and
+    the matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
     """
 
     rungs: NDArray[Any]
@@ -99,7 +105,9 @@ INVERSE = np.linalg.inv(A)
 TO_CHEBYSHEV = np.zeros((NODES + 1, TERMS))
 TO_CHEBYSHEV[:, :DEGREE + 1] = np.linalg.inv(np.polynomial.chebyshev.chebvander(
     2.0 * np.concatenate([[0.0], C]) - 1.0, DEGREE)).T
-"""Row 0: what a value at the start adds to the Chebyshev coefficients over the step; row j: what the value at node j adds."""
+"""Row 0: what a value at the start adds to the Chebyshev coefficients over the step; row j: what the value at node j
+adds.
+"""
 TO_POWERS = np.zeros((TERMS, TERMS))
 """Row i: coefficients of T_i(2 x - 1) in powers of x."""
 for _i in range(DEGREE + 1):
@@ -160,7 +168,8 @@ def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int,
     """
     known = response(linear, top, levels)
     times = known.rungs["length"][:, None] * C
-    turns = np.stack([np.cos(load_rate * times), np.sin(load_rate * times)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
+    turns = np.stack([np.cos(load_rate * times), np.sin(load_rate * times)], axis=1).reshape(levels, -1).view(TURN)[:,
+                                                                                                                    0]
     sources = np.empty((levels, FROM_WAVES + 2 * len(rates), known.fixed.shape[2]))
     sources[:, :FROM_WAVES] = known.fixed
     for i, rate in enumerate(rates):

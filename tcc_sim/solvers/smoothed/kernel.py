@@ -1,4 +1,6 @@
-"""The compiled loop of the smoothed engine: where the state is, which method steps on, how far, and what is kept of it."""
+"""The compiled loop of the smoothed engine: where the state is, which method steps on, how far, and what is kept of
+it.
+"""
 
 from __future__ import annotations
 
@@ -135,7 +137,8 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
             step = series_step(place, friction, stop - tau, loaded, state, limits, terms, waves, drive, work)
             x = step.x
         else:
-            step = collocation_step(place, edge - tau, loaded, state, control, limits, terms, waves, drive, tables, work,
+            step = collocation_step(place, edge - tau, loaded, state, control, limits, terms, waves, drive, tables,
+                                    work,
                                     counters)
             x = min(step.x, (stop - tau) / step.unit) if step.status != REFUSED else 0.0
         if step.status == REFUSED:

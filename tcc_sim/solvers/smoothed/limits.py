@@ -1,4 +1,6 @@
-"""What a smoothed solve knows before it starts: tolerances, where the parts of the friction law matter, rates, orders."""
+"""What a smoothed solve knows before it starts: tolerances, where the parts of the friction law matter, rates,
+orders.
+"""
 
 from __future__ import annotations
 

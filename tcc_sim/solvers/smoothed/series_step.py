@@ -15,7 +15,9 @@ from tcc_sim.solvers.smoothed.step_size import converging_length, series_length
 from tcc_sim.solvers.terms import Terms
 
 TAIL_OF_TANH = 3.0
-"""sigma |v| above which tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|), and its series converges like that exponential's."""
+"""sigma |v| above which tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|), and its series converges like that
+exponential's.
+"""
 
 
 class Friction(NamedTuple):

@@ -1,9 +1,9 @@
 """The fast adaptive engine for the smoothed friction law (7): the driver of its compiled loop.
 
-Outside the layer |v| < about 10/sigma tanh is 1 to the tolerance and slip is not stiff: Taylor series of high order with
-variable step, without the exponential too where that is below the tolerance. Inside the layer the series hold tanh as
-well, as long as the layer's own rate beta Ts sigma does not limit the step; then, in stick, one collocation step of 16
-nodes does what ten series could not. Steps end at the edges of these regions, found on the step's polynomial by a
+Outside the layer |v| < about 10/sigma tanh is 1 to the tolerance and slip is not stiff: Taylor series of high order
+with variable step, without the exponential too where that is below the tolerance. Inside the layer the series hold tanh
+as well, as long as the layer's own rate beta Ts sigma does not limit the step; then, in stick, one collocation step of
+16 nodes does what ten series could not. Steps end at the edges of these regions, found on the step's polynomial by a
 search that cannot pass a root, and run across the section points, which are values of the polynomial.
 """
 
@@ -75,7 +75,9 @@ KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
 
 
 class Scratch(threading.local):
-    """Memory of a thread, which its solves take one after the other: to ask for it anew costs more than a short solve."""
+    """Memory of a thread, which its solves take one after the other: to ask for it anew costs more than a short
+    solve.
+    """
 
     def __init__(self) -> None:
         self.whole = np.zeros(1, np.dtype(list(KINDS._asdict().items())))

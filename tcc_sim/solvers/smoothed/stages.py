@@ -28,7 +28,9 @@ WIDTH = 4
 
 
 def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """mubar of (7) and its slope at the nodes, with |v| continued as sign * v through v = 0: the kink is a step's end."""
+    """mubar of (7) and its slope at the nodes, with |v| continued as sign * v through v = 0: the kink is a step's
+    end.
+    """
     v = slip.row()
     e = exp(magnitude(v) * (-2.0 * sigma))
     share = 1.0 / (1.0 + e)
@@ -44,7 +46,9 @@ def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: A
 
 
 def guess_text(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """Where mubar meets the demand on its rising branch, to about a per cent: atanh by a quotient, the exponential once."""
+    """Where mubar meets the demand on its rising branch, to about a per cent: atanh by a quotient, the exponential
+    once.
+    """
     asked = demand.row()
     if stribeck is None:
         v = inverse_tanh(limited(asked, -0.98, 0.98))
@@ -67,7 +71,8 @@ def residual_text(coupling: Any, slip: Any, law: Any, grip: Any, balance: Any, s
     sums = [0.0, 0.0, 0.0, 0.0]
     for j in range(NODES):
         sums[j % 4] = sums[j % 4] + coupling.row(j, 0) * speeds[j]
-    change.set_row((balance.row() - grip.row() * law.row() + start.row() * v) - ((sums[0] + sums[1]) + (sums[2] + sums[3])))
+    change.set_row((balance.row() - grip.row() * law.row() + start.row() * v)
+                   - ((sums[0] + sums[1]) + (sums[2] + sums[3])))
 
 
 def follow_text(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
@@ -147,7 +152,7 @@ def add_slip_text(slip: Any, shares: Any, chebyshev: Any) -> None:
 
 
 def slip_polynomial_text(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
-    """The polynomial through v at the start and V at the nodes: Chebyshev coefficients over the step, and powers of x."""
+    """The polynomial through v at the start and V at the nodes: Chebyshev coefficients, and powers of x."""
     speeds = slip.row()
     sums = [v * TO_CHEBYSHEV[0], 0.0]
     for j in range(NODES):
@@ -157,7 +162,7 @@ def slip_polynomial_text(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None
 
 
 def powers_text(chebyshev: Any, powers: Any) -> None:
-    """Powers of x from Chebyshev coefficients over [0, 1]; first those, or the large integers would meet rounding errors."""
+    """Powers of x from Chebyshev coefficients over [0, 1]; first those: large integers would meet rounding."""
     coefficients = chebyshev.row()
     out: Any = 0.0
     for i in range(NODES + 1):
@@ -179,8 +184,8 @@ to_powers = unrolled(powers_text)
 
 @fast
 def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: Stribeck, work: Any) -> None:
-    """A better guess in stick, where V changes little from node to node: b - L V - beta Ts mubar(V) = 0 with V in L V as
-    it was guessed. It costs a third of an iteration, and saves one.
+    """A better guess in stick, where V changes little from node to node: b - L V - beta Ts mubar(V) = 0 with V in L V
+    as it was guessed. It costs a third of an iteration, and saves one.
     """
     evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
     evaluate_residual(0, rung.coupling, work.slip, work.law, work.grip, work.balance, rung.start, v, work.change)

@@ -1,4 +1,6 @@
-"""What the smoothed kernel changes as it goes: named fields of one-element arrays, each one pointer in compiled code."""
+"""What the smoothed kernel changes as it goes: named fields of one-element arrays, each one pointer in compiled
+code.
+"""
 
 from __future__ import annotations
 
@@ -43,13 +45,15 @@ last, streak, patience : length of the last series step, how many of one length 
 slip_before, slip_now, speed_before, speed_now : largest |v| and |theta2'| in the cycle before and in this one
 """
 
-COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64), ("iterations_max", np.int64)])
+COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
+                     ("iterations_max", np.int64)])
 
 WORK = np.dtype([
     ("rows", np.float64, (ROWS, COLUMNS)), ("bernstein", np.float64, WORKSPACE),
     ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES), ("grip", np.float64, NODES),
     ("balance", np.float64, NODES), ("demand", np.float64, NODES), ("change", np.float64, NODES),
-    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 4), ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
+    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 4),
+                 ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
 """Work space.
 
 rows, bernstein : the polynomials of a step, in powers of its time, and what searches on them need

@@ -97,7 +97,8 @@ class Prepared:
         self.waves = waves_of(terms)
         load_rate = 0.0 if terms.pulsation is None else terms.pulsation[1]
         top, levels = collocation_tables.top_of(self.period), collocation_tables.levels_of(self.limits.sigma)
-        self.tables = collocation_tables.tables(terms.linear, tuple(self.waves["rate"].tolist()), load_rate, top, levels)
+        self.tables = collocation_tables.tables(terms.linear, tuple(self.waves["rate"].tolist()), load_rate, top,
+                                                levels)
         self.torque = collocation_tables.response(terms.linear, top, levels).torque
         self.terms = terms._replace(torque=None, harmonics=None)
         groups = math.ceil(self.count / LANES)
@@ -130,8 +131,8 @@ class Prepared:
         failed = np.flatnonzero(parts["status"] != DONE)
         if len(failed):
             k = int(failed[0])
-            raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of the "
-                                   "engine cycle")
+            raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of "
+                                   "the engine cycle")
         by = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1)
         peaks = climbs.reshape(count, most, -1)
         out = []

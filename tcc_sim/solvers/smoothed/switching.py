@@ -1,9 +1,9 @@
 """Which method takes the next step.
 
 Series are cheapest as long as the motion itself, not a decaying rate, limits their step. In stick the decaying rate is
-friction's rho = beta Ts mubar': once the slip speed has come to its slow manifold, collocation steps over it (Hairer and
-Wanner, Solving Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate), series of
-equal length follow each other, the mark of a step that stability limits.
+friction's rho = beta Ts mubar': once the slip speed has come to its slow manifold, collocation steps over it (Hairer
+and Wanner, Solving Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate),
+series of equal length follow each other, the mark of a step that stability limits.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ RETURN = 3.0
 CALM, CALM_MOST = 8, 256
 """Half the series steps after which it is tried again in any case; doubled each time."""
 PROJECTED = 2.0
-"""Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta, so
-it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
+"""Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta,
+so it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
 SETTLED = 32
-"""Series steps within the layer after which what decays has decayed: the state is on the slow manifold itself, not on the
-first-order one, and goes over to stick as it is."""
+"""Series steps within the layer after which what decays has decayed: the state is on the slow manifold itself, not on
+the first-order one, and goes over to stick as it is."""
 CURVED = 0.3
 """Distance of the two then, as sigma delta^2 per error allowed in stick."""
 SLOW = 3.0
@@ -66,7 +66,8 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
                 drive: Any, tables: Tables) -> bool:
     """Go over to stick where the state is on the slow manifold, or so near that it is projected to it.
 
-    The projection leaves w = theta2' + kappa v as it is, and takes back what the decay of delta would have moved theta2.
+    The projection leaves w = theta2' + kappa v as it is, and takes back what the decay of delta would have moved
+    theta2.
     """
     v = state.slip_speed
     rho = limits.beta * drive.load * friction.slope

@@ -17,17 +17,17 @@ from tcc_sim.solvers.terms import Terms
 
 STEPS_PER_CYCLE = 20_000
 NOT_SETTLED = 1e300
-"""Rate since which stick counts as left at the start, 1/s. A change off the slow manifold, which the start may have though
-the state is on it, decays over some series steps before collocation steps over stick."""
+"""Rate since which stick counts as left at the start, 1/s. A change off the slow manifold, which the start may have
+though the state is on it, decays over some series steps before collocation steps over stick."""
 MOVES = 256
 """Transitions of a part that are kept."""
 
 PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
                  ("state", np.float64, 3), ("status", np.int64), ("mode", np.int64), ("moves", np.int64),
                  ("before", np.int8, MOVES), ("after", np.int8, MOVES), ("stick_time", np.float64)])
-"""A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle, and
-at its end within the last one (s); the state at its start, then at its end; how it ended; the mode at its end and the
-transitions on the way; its time in stick (s)."""
+"""A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
+and at its end within the last one (s); the state at its start, then at its end; how it ended; the mode at its end and
+the transitions on the way; its time in stick (s)."""
 
 
 @fast
@@ -60,7 +60,8 @@ def march(parts: Any, limits: Limits, terms: Terms, ratio: float, waves: Any, ta
     ----------
     parts : (m,) array of PART
     ends : (m, groups, 3, LANES) array, filled with the tangents at their ends
-    heights, climbs : (m, n), (m, n, groups, LANES) arrays, filled with the largest |slip speed| of every cycle or part of
+    heights, climbs : (m, n), (m, n, groups, LANES) arrays, filled with the largest |slip speed| of every cycle or part
+        of
         one, and what it changes by
     """
     for k in range(parts.shape[0]):

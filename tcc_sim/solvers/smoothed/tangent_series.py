@@ -1,9 +1,10 @@
 """How small changes of the state and of the scene's numbers pass through the steps of the smoothed engine.
 
-The method is differentiated, not the equations again solved. A series step is differentiated coefficient by coefficient:
-with Ts mubar'(v) as a series of its own the recurrences of the motion are linear in the changes. A collocation step is
-differentiated at its nodes, which needs the matrix of its last Newton step once more. Changes are kept in lanes, four at
-a time: those of slip speed, plate angle and plate speed at the start, and those by numbers of the scene.
+The method is differentiated, not the equations again solved. A series step is differentiated coefficient by
+coefficient: with Ts mubar'(v) as a series of its own the recurrences of the motion are linear in the changes. A
+collocation step is differentiated at its nodes, which needs the matrix of its last Newton step once more. Changes are
+kept in lanes, four at a time: those of slip speed, plate angle and plate speed at the start, and those by numbers of
+the scene.
 
 At the edges of the regions, of the clamp and at v = 0 the accelerations are continuous, so nothing jumps there.
 
@@ -65,7 +66,8 @@ largest |slip speed| of the cycle so far.
 
 class Tangent(NamedTuple):
     """What the kernel carries along: an array of CHANGES (groups,), SHARED, the torque's share in a collocation step
-    (`collocation_tables.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups, LANES).
+    (`collocation_tables.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups,
+    LANES).
     """
 
     groups: NDArray[Any]

@@ -224,7 +224,8 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
             for n in range(NODES):
                 nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * rung.start[n]
             if group.forced & (1 << lane):
-                change_at_nodes(group, lane, h, level, place.sign, loaded, limits, waves, tables, drive, work, pulsation,
+                change_at_nodes(group, lane, h, level, place.sign, loaded, limits, waves, tables, drive, work,
+                                pulsation,
                                 stribeck)
                 for m in range(NODES):
                     for n in range(NODES):
