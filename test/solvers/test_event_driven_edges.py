@@ -137,3 +137,15 @@ def test_at_breakaway_the_rate_of_the_margin_decides(speed, sign):
     for more, mode in ((0.5, 0), (-0.5, sign)):
         drive["load_rate"] = (rate + more) / ratio
         assert mode_at_rest(angle, speed, drive, ratio, 1e-9, linear) == mode
+
+
+def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
+    """Clamped, the flywheel's speed grows by Te t/I1, and the plate comes to rest: in long steps, not in a million."""
+    system = overdamped(driveline__damping=0.6, driveline__plate_inertia=1e-6, engine__mean_torque=-300.0,
+                        engine__torque_amplitude=0.0, pressure__mean=0.0, pressure__amplitude=1e6,
+                        pressure__phase=math.pi, initial__slip_speed=-5.0)
+    run = solve(system, duration=0.2 * math.pi / (system.pressure.frequency_ratio * system.engine.frequency),
+                samples_per_cycle=40)
+    flywheel = run.slip_speed + run.plate_speed
+    np.testing.assert_allclose(flywheel, -5.0 - 300.0 / system.driveline.flywheel_inertia * run.t, rtol=1e-9)
+    assert run.statistics.steps < 200
