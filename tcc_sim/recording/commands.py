@@ -13,13 +13,15 @@ from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE
 
-COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, "target_slip_speed": FLOAT64}
+TARGET = "target_slip_speed"
+COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
 """Topics that tell the driveline or its controller what to do, with their types."""
 
 SET_BACK = 50_000_000
 """A clock that goes back by more than this, ns, was set; by less, messages of several senders were not in order."""
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
+Rows = NDArray[np.int64]
 
 
 class Commands:
@@ -40,7 +42,7 @@ class Commands:
 
     def has_target(self, topics: Mapping[str, str]) -> bool:
         """Whether a recording with these topics holds what a slip controller was asked for."""
-        return any(self._names.get(topic) == "target_slip_speed" for topic in topics)
+        return any(self._names.get(topic) == TARGET for topic in topics)
 
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
         """Take the commands of one chunk, in its order."""
@@ -58,9 +60,9 @@ class Commands:
             self._waiting[name] = (np.concatenate([before[0], np.concatenate([part[1] for part in parts])[order]]),
                                    np.concatenate([before[1], np.concatenate([part[2] for part in parts])[order]]))
 
-    def until(self, batch: JointStates) -> dict[str, tuple[Stamps, Floats]]:
-        """The commands that were received by the end of a batch, (n,) arrays: simulation time (ns) of the first state
-        that came after each, and value in the unit of its topic.
+    def until(self, batch: JointStates) -> dict[str, tuple[Rows, Floats]]:
+        """The commands that were received by the end of a batch, (n,) arrays: row of the first state that came after
+        each, not descending, and value in the unit of its topic.
 
         A clock that is set back does so for the states and for the commands; what lies between two such steps of the
         one belongs to what lies between the same two of the other.
@@ -84,7 +86,7 @@ class Commands:
                 values.append(taken[1])
             place = np.concatenate(places)
             if len(place):
-                found[name] = batch.stamp_ns[place], np.concatenate(values)
+                found[name] = place, np.concatenate(values)
         return found
 
     def _taken(self, name: str, until_ns: int, set_back: bool) -> tuple[Stamps, Floats]:
@@ -122,6 +124,8 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
         place = body + 4 + (12 + name + 7) // 8 * 8
     inside = place + 8 <= np.minimum(offset + length, len(array))
     offset, place = offset[inside], place[inside]
+    little = (array[offset + 22] == 0) & (array[offset + 23] == 1)  # As cdr encodes; no other order of bytes is read.
+    offset, place = offset[little], place[little]
     if not len(place):
         return nothing
     times = sliding_window_view(array, 8)[offset + 6].copy().view("<i8")[:, 0]

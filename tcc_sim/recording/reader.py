@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import RecordingError, one_line
 from tcc_sim.recording import records
-from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures, scalars
+from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, unpack
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
+from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
-MOST_TARGETS = 100_000
-"""Changes of the target slip speed that are kept of a recording."""
 _MOST_NAMED, _LARGEST_COUNT, _MOST_PARTS = 50, 10**18, 100_000
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
@@ -36,7 +34,6 @@ class Run:
     result : what the recorder said at the end (lost messages by topic), of all files together; None where it did not
     warnings : one sentence per damage, complete after `batches()`
     messages : messages read by topic, complete after `batches()`
-    targets : (time of sending in ns, rad/s) of every change of the target slip speed, complete after `batches()`
     size : bytes of all files
     """
 
@@ -49,7 +46,6 @@ class Run:
         self.scenes: list[SceneRecord] = []
         self.result: dict[str, Any] | None = None
         self.topics: dict[str, str] = {}
-        self.targets: list[tuple[int, float]] = []
         self.size = 0
         self._contents: dict[Path, Contents] = {}
         self._publishers: dict[str, int] = {"": 0}
@@ -102,9 +98,8 @@ class Run:
     def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
-        self.targets, self._began = [], Break.START
+        self._began = Break.START
         pressure = _beside(self.joint_states_topic, "applied_pressure")
-        target = _beside(self.joint_states_topic, "target_slip_speed")
         join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
         refused: Counter[str] = Counter()
         for path in self.paths:
@@ -117,10 +112,6 @@ class Run:
                     stamps, values, heads, left_out = pressures(array, messages, found)
                     refused[pressure] += left_out
                     join.add_pressures(stamps, values, self._publisher(heads, channels), heads.number)
-                if found := _of(channels, here, target, FLOAT64):
-                    values, heads, left_out = scalars(array, messages, found)
-                    refused[target] += left_out
-                    self._take_targets(values, heads)
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     batch, heads, left_out = joint_states(array, messages, found)
                     refused[self.joint_states_topic] += left_out
@@ -140,12 +131,6 @@ class Run:
         known = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
                  for channel in numbers.tolist()]
         return np.array(known, dtype=np.int64)[place]
-
-    def _take_targets(self, values: NDArray[np.float64], heads: Heads) -> None:
-        """Keep the changes of the target slip speed."""
-        for value, sent, received in zip(values.tolist(), heads.sent_ns.tolist(), heads.log_ns.tolist()):
-            if (not self.targets or self.targets[-1][1] != value) and len(self.targets) < MOST_TARGETS:
-                self.targets.append((sent if sent > 0 else received, value))
 
     def _runs(self, batch: JointStates, publisher: NDArray[np.int64],
               numbers: NDArray[np.int64]) -> Iterator[JointStates]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.commands import Rows
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
@@ -48,9 +48,8 @@ class ControlLog:
     cycle : engine cycle, s
     """
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], cycle: float,
-                 commands: Commands) -> None:
-        self._scene, self._scenes, self._cycle, self._commands = scene, scenes, cycle, commands
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], cycle: float) -> None:
+        self._scene, self._scenes, self._cycle = scene, scenes, cycle
         self._places = deque(place for place in places if place.number)
         self._index = 0
         self._means = CycleMeans(cycle)
@@ -66,8 +65,11 @@ class ControlLog:
         self._end = -math.inf
         self._means.restart()
 
-    def add(self, batch: JointStates, slip_speed: Floats, stream: CycleStream) -> Fresh:
-        """Take the next batch; `stream` has it already."""
+    def add(self, batch: JointStates, slip_speed: Floats, stream: CycleStream,
+            commands: Mapping[str, tuple[Rows, Floats]]) -> Fresh:
+        """Take the next batch, which `stream` has already, and the commands that came with it, by the row of the first
+        state after each.
+        """
         number, fresh = len(stream.runs) - 1, Fresh()
         if number != self._run:
             if self._run >= 0:
@@ -79,8 +81,8 @@ class ControlLog:
             return fresh
         t = batch.stamp_ns.astype(np.float64) * 1e-9
         self._means_of(t, slip_speed, fresh)
-        for name, signal in self._commands.until(batch).items():
-            fresh.signals[name] = signal
+        for name, (rows, values) in commands.items():
+            fresh.signals[name] = batch.stamp_ns[rows], values
         if batch.applied_pressure is not None:
             change = np.flatnonzero(np.diff(batch.applied_pressure, prepend=math.nan) != 0.0)
             fresh.signals["applied_pressure"] = batch.stamp_ns[change], batch.applied_pressure[change]

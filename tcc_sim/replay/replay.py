@@ -20,7 +20,7 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
-from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.commands import TARGET, Commands
 from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.recording.stamps import StampCounter
@@ -198,20 +198,22 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     held = [(place.index, sources[place.number].commanded) for place in _places(run, sources, "inputs", progress)]
     verifier, pace = Verifier(run.scenes, places, own, run.size, held) if verify else None, Pace()
     commands = Commands(run.joint_states_topic)
-    control = ControlLog(own, run.scenes, places, cycle, commands)
+    control = ControlLog(own, run.scenes, places, cycle)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
-        view = _view(stack, path.name, cycle, own, rrd, spawn, connect, commands.has_target(run.topics))
-        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, stream,
+        controlled = commands.has_target(run.topics)
+        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, controlled, stream,
                               discard)
+        view = _view(stack, path.name, cycle, own, rrd, spawn, connect, controlled)
         for batch in _watched(run, "reading", stack, progress, commands.take):
             slip_speed = batch.flywheel_speed - batch.plate_speed
             state = modes_of(np.nan_to_num(slip_speed), tail.stick_speed)
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                                  batch.friction_torque, batch.run)
-            segments.feed(batch, slip_speed)
+            commanded = commands.until(batch)
+            segments.feed(batch, slip_speed, commanded.get(TARGET))
             tail.add(batch, slip_speed, state, stream)
-            fresh = control.add(batch, slip_speed, stream)
+            fresh = control.add(batch, slip_speed, stream, commanded)
             pace.add(batch)
             if verifier is not None:
                 verifier.feed(batch)

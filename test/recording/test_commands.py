@@ -50,9 +50,10 @@ def found(tmp_path_factory):
         if k in at:
             frame = ("", "clutch", "a_longer_frame")[k // 10 % 3]
             writer.write(channels["actuation_pressure"], log + TICK // 2, log + TICK // 2, framed(2.0e5 + k, frame), k)
-        if k == 300:  # No message of these types: too short, and not a number.
+        if k == 300:  # Too short, not a number, and the bytes in another order.
             writer.write(channels["actuation_pressure"], log + TICK // 2, log, b"\x00\x01\x00\x00", k)
             writer.write(channels["target_slip_speed"], log, log, cdr.float64(math.nan), k)
+            writer.write(channels["target_slip_speed"], log, log, b"\x00\x00\x00\x00" + struct.pack(">d", 7.0), k)
         if k % 100 == 99:
             writer.flush()
     writer.close({"lost": {}})
