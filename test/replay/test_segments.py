@@ -111,7 +111,7 @@ def test_a_target_that_becomes_known_later_is_judged_from_there_on(tmp_path):
     assert segment["tracking"]["largest_error"] < 130.0 * math.exp(-4.0 * 2.9)
 
 
-@pytest.mark.parametrize("steps", [(5000, -3600), (6040, -3600), (6040, -0.06), (6055, 3600), (6070, -3600),
+@pytest.mark.parametrize("steps", [(5000, -3600), (6040, -3600), (6040, -3.2), (6055, 3600), (6070, -3600),
                                    (6060, -3600), (6061, -3600)])
 def test_a_new_target_begins_its_segment_where_it_was_said_whatever_the_clock_does(tmp_path, steps):
     """The clock is set at one state; the new target is said before state 6061, in a chunk that begins with 6000."""
