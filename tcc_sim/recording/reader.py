@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError, one_line
+from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.recording import records
 from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, unpack
@@ -120,7 +120,7 @@ class Run:
         if join is not None:
             yield from join.finish()
             if join.missing:
-                self.warnings.append(f"the applied pressure is missing at {join.missing} ticks")
+                self.warnings.append(f"the applied pressure is missing at {counted(join.missing, 'tick')}")
         self._conclude(refused)
 
     def _publisher(self, heads: Heads, channels: Mapping[int, Channel]) -> NDArray[np.int64]:
@@ -176,16 +176,16 @@ class Run:
             self.warnings.append("some messages carry no checksum: damage in them would go unnoticed")
         if (nameless := set(seen) - set(contents.channels)):
             count = sum(seen[channel] for channel in nameless)
-            self.warnings.append(f"{count} messages belong to channels whose description is lost")
+            self.warnings.append(f"{counted(count, 'message')} of channels whose description is lost left out")
         short = sum(max(0, count - seen[channel]) for channel, count in contents.expected.items()) if complete else 0
         if short:
-            self.warnings.append(f"{short} of {sum(contents.expected.values())} messages could not be read")
+            self.warnings.append(f"{short} of {counted(sum(contents.expected.values()), 'message')} could not be read")
 
     def _conclude(self, refused: Counter[str]) -> None:
         """Add the warnings that only the whole recording allows."""
         for topic, count in refused.items():
             if count:
-                self.warnings.append(f"{count} messages of {topic} have another layout and were left out")
+                self.warnings.append(f"{counted(count, 'message')} of {topic} with another layout left out")
         if not self.complete:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
         if missing := _missing_parts(self.paths):
@@ -193,25 +193,29 @@ class Run:
                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
         stamps = self.stamps
         if stamps.lost:
-            self.warnings.append(f"{stamps.lost} messages of {self.joint_states_topic} are missing, by their stamps")
+            self.warnings.append(f"{counted(stamps.lost, 'message')} of {self.joint_states_topic} missing "
+                                 "by the stamps")
         result = self.result or {}
-        for key, what in (("lost", "were lost while recording"), ("unsent", "could not be sent by their publisher")):
+        for key, what in (("lost", "lost while recording"), ("unsent", "could not be sent by their publisher")):
             counts = result.get(key)
             for topic, count in list(counts.items())[:_MOST_NAMED] if isinstance(counts, dict) else ():
                 if isinstance(count, int) and count > 0 and not (key == "lost" and topic == self.joint_states_topic):
-                    self.warnings.append(f"{min(count, _LARGEST_COUNT)} messages of {one_line(topic)} {what}")
+                    lost = counted(min(count, _LARGEST_COUNT), "message")
+                    self.warnings.append(f"{lost} of {one_line(topic)} {what}")
         again = stamps.resets + stamps.restarts
         if again:
-            self.warnings.append(f"simulation time started again {again} times ({stamps.resets} resets, "
-                                 f"{stamps.restarts} restarts): these are separate runs")
+            self.warnings.append(f"simulation time started again {counted(again, 'time')} "
+                                 f"({counted(stamps.resets, 'reset')}, {counted(stamps.restarts, 'restart')}): "
+                                 "these are separate runs")
         if stamps.repeated:
-            self.warnings.append(f"{stamps.repeated} repeated stamps were left out")
+            self.warnings.append(f"{counted(stamps.repeated, 'repeated stamp')} left out")
         if stamps.late:
-            self.warnings.append(f"{stamps.late} messages of {self.joint_states_topic} were left out: they come from a "
-                                 "publisher that another one had taken over from; several drivelines ran at once")
+            self.warnings.append(f"{counted(stamps.late, 'message')} of {self.joint_states_topic} left out: from "
+                                 "a publisher that another one had taken over from; several drivelines ran at once")
         if stamps.mixed:
-            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth {stamps.returns} "
-                                 "times between two runs; several publishers are mixed, and nothing tells them apart")
+            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth "
+                                 f"{counted(stamps.returns, 'time')} between two runs; several publishers are mixed, "
+                                 "and nothing tells them apart")
 
 
 def open_run(path: Path | str, topic: str | None = None) -> Run:

@@ -17,7 +17,7 @@ from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
-from tcc_sim.errors import InputError, printable
+from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
 from tcc_sim.recording.commands import TARGET, Commands
@@ -82,9 +82,9 @@ class Replay:
     def __repr__(self) -> str:
         found, ended = self.summary, "complete" if self.complete else "cut short"
         period = f"period {found.period}" if found.period else "no period"
-        return (f"<Replay of {self.path.name}: {self.messages} messages, {self.lost_messages} lost, {ended}; "
-                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} "
-                "rad/s>")
+        return (f"<Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
+                f"{ended}; {counted(found.cycles, 'cycle')}, {period}, {found.regime}; largest |slip speed| "
+                f"{found.max_slip_speed:.5g} rad/s>")
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""
@@ -110,7 +110,7 @@ class Replay:
         """The result for a terminal."""
         stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
         gaps = self.continuity.gaps
-        stamps += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ", no gap"
+        stamps += f", {counted(gaps, 'gap')}" if gaps else ", no gap"
         if self.continuity.uneven:
             stamps += f", {self.continuity.uneven} of them uneven"
         if self.continuity.runs > 1:
@@ -128,7 +128,7 @@ class Replay:
             for number, segment in enumerate(self.segments[:SEGMENTS_SHOWN], 1):
                 table += segment.rows(number)
             if len(self.segments) > SEGMENTS_SHOWN:
-                table.append(("", f"{len(self.segments) - SEGMENTS_SHOWN} more segments are in --json"))
+                table.append(("", f"--json has {counted(len(self.segments) - SEGMENTS_SHOWN, 'more segment')}"))
         notes = [f"  note: {text}" for text in self.warnings]
         lines = [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
         return [printable(line) for line in lines]

@@ -18,7 +18,7 @@ from tcc_sim.analysis.cycles import default_discard
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.analysis.tracking import Tracking, tracking
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Rows
@@ -65,7 +65,7 @@ class Segment:
             s = self.summary
             period = f"period {s.period}" if s.period else "no period"
             out.append(("", f"largest |slip speed| {s.max_slip_speed:.6g} rad/s, {s.regime}, {period}, "
-                            f"{s.cycles} cycles"))
+                            f"{counted(s.cycles, 'cycle')}"))
         else:
             out.append(("", "no whole engine cycle that is kept"))
         if self.tracking is not None:

@@ -191,4 +191,4 @@ def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
     bag.close({})
     run, _, stamps, _ = read(tmp_path / "run")
     assert stamps.tolist() == [n * TICK for n in range(3, 10)]
-    assert run.warnings == ["3 messages of /joint_states have another layout and were left out"]
+    assert run.warnings == ["3 messages of /joint_states with another layout left out"]
