@@ -76,7 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
         with draft(arguments.plot) as part:
             plot(found.as_json(), part, arguments.width, title=scene.name)
     if arguments.json is None and arguments.out is None and not interrupted:
-        say("\n".join(sweep_lines(sweeps, *(second[0] if second else ()), width=terminal_width())))
+        key_two, values_two = second[0] if second else ("", ())
+        say("\n".join(sweep_lines(sweeps, key_two, values_two, terminal_width())))
     elif arguments.json != STANDARD_OUTPUT:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
