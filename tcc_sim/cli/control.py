@@ -53,7 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
             say(", ".join(f"{key} {value}" for key, value in values.items()))
         else:
             try:
-                say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0))
+                say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0, tell=_told))
             except KeyboardInterrupt:
                 say("no more is sent")
     return 0
+
+
+def _told(text: str) -> None:
+    """Say at once what goes on, though standard output may be a pipe."""
+    say(text, flush=True)
