@@ -24,9 +24,8 @@ from numba.core.typed_passes import NativeLowering
 OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 """Part of the key of compiled code."""
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
-          "GenericRewrites",
-          "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "NativeLowering",
-          "NoPythonBackend"}
+          "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
+          "NativeLowering", "NoPythonBackend"}
 """Numba's passes for what makes no array: without closures, array expressions, context managers and annotations."""
 
 
@@ -72,7 +71,8 @@ class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "linkonce_odr":
                 function.linkage = "internal"
-        super()._optimize_final_module()
+        passes, builder = self.codegen._module_pass_manager()  # Numba's first round is for what counts references.
+        passes.run(self._final_module, builder)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
