@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
+from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.studies.motions import Motions
@@ -78,22 +79,22 @@ def _print(found: Motions) -> None:
     """The branches, their ends and their bifurcations."""
     for number, branch in enumerate(found.branches):
         values = [s.value for s in branch.stations]
-        print(f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
-              f"{len(values)} points, {sum(s.orbit.stable for s in branch.stations)} stable")
+        say(f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
+            f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.stations)} stable")
         for sentence in dict.fromkeys(branch.ended):
-            print(f"  {sentence}")
+            say(f"  {sentence}")
     for index, item in enumerate(found.bifurcations):
         limit = ""
         if found.plan.limit:
             value = found.limits.get(index)
             limit = "  of the smoothing" if value is None else f"  limit {value:.9g}"
-        print(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
-              f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
+        say(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
+            f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
-        print(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
-              f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
+        say(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
+            f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
     for curve in found.curves:
-        print(f"curve of {curve.kind}: {len(curve.values)} points; {'; '.join(dict.fromkeys(curve.ended))}")
+        say(f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {'; '.join(dict.fromkeys(curve.ended))}")
 
 
 @contextmanager
