@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.summary import summarise_cycles
+from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System, Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
@@ -117,11 +117,8 @@ class Evidence:
         period: int | None = record["period"]
         if period is None or record.get("settled", True):
             return period
-        run = solve(system, cycles=LATER, start_cycle=record["final_cycle"], state=State(*record["final"]),
-                    rtol=self._rtol(system))
-        if run.status is not Status.DONE or run.cycles is None:
-            return -1
-        return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=CYCLES + LATER - LAST).period
+        found = later(system, record, self._rtol(system))
+        return -1 if found is None else found[0].period
 
     def _rtol(self, system: System) -> float | None:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
@@ -176,6 +173,18 @@ class Evidence:
         return found
 
 
+def later(system: System, record: Mapping[str, Any], rtol: float | None = None) -> tuple[Summary, State] | None:
+    """The motion of a record LATER cycles on: what its last LAST cycles are, and its state behind them.
+
+    None where it could not be solved that far.
+    """
+    first = record["final_cycle"]
+    run = solve(system, cycles=LATER, start_cycle=first, state=State(*record["final"]), rtol=rtol)
+    if run.status is not Status.DONE or run.cycles is None:
+        return None
+    return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first + LATER - LAST), run.final
+
+
 def steep(values: Floats) -> NDArray[np.int64]:
     """Where neighbours differ by more than JUMP of the largest value, as a jump or as a steep rise."""
     return np.flatnonzero(np.abs(np.diff(values)) > JUMP * float(np.nanmax(values)))
@@ -207,5 +216,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
-           "steep", "sticks", "with_kinetic"]
+__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "later", "share_where",
+           "slips_at", "steep", "sticks", "with_kinetic"]
