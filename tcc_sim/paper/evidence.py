@@ -21,6 +21,8 @@ from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
+"""Values of the keys at 1 on their normalised axes; the other keys have none."""
 JUMP = 0.08
 """Least size of a jump, as a part of the largest value of its curve."""
 BISECTIONS = 8
@@ -40,7 +42,10 @@ Values = Mapping[str, Value]
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim judged: what was computed, the verdict by the criterion, and why where it is not plainly confirmed."""
+    """A claim judged: what was computed, the verdict by the criterion, and why where it is not plainly confirmed.
+
+    motions : where motions coexist, the stable ones, each with its ends and where the initial state leads to it
+    """
 
     figure: str
     claim: str
@@ -48,6 +53,7 @@ class Finding:
     values: dict[str, Any]
     verdict: str
     why: str = ""
+    motions: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass
@@ -67,9 +73,9 @@ class Evidence:
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
-        """A sweep for every row of scene keys, over omega/omega_n or mu_k/mu_s."""
-        scaled = axis * (OMEGA_N if over == FREQUENCY else STATIC)
-        key = tuple(float(x) for x in (scaled if over == FREQUENCY else np.minimum(scaled, STATIC)))
+        """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
+        scaled = axis * UNITS.get(over, 1.0)
+        key = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
         names = [json.dumps([sorted(row.items()), key, over, direction, lyapunov, damping]) for row in rows]
         missing = [k for k, name in enumerate(names) if name not in self._kept]
         if missing:
