@@ -17,7 +17,7 @@ from tcc_sim.studies.switching import doubled
 
 ALIKE = 1e-3
 """Difference of the largest sizes, relative to themselves, up to which two stretches are one followed twice."""
-NARROW = 1e-4
+NARROW = 1e-3
 """Width, relative to the range, below which a stretch is left out: on canards stability comes and goes within less."""
 MET = 1e-5
 """Distance, relative to the range, at which doubled motions end in a doubling."""
@@ -74,11 +74,11 @@ class Stretch:
 
 def stretches_of(branches: Sequence[Branch], low: float, high: float, unit: float = 1.0) -> list[Stretch]:
     """The stable stretches of branches over a range from `low` to `high`; their parameter is divided by `unit`."""
-    size = max((s.orbit.seen.largest for b in branches for s in b.stations), default=0.0)
+    span = low, high
     out = []
     for number, branch in enumerate(branches):
         for first, last in _runs(branch.stations):
-            ends = [_end(branches, branch, k, beyond, size, (low, high), unit) for k, beyond in ((first, -1), (last, 1))]
+            ends = [_end(branches, branch, first, -1, span, unit), _end(branches, branch, last, 1, span, unit)]
             part = branch.stations[first:last + 1]
             values, heights = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
             if values[-1] < values[0]:
@@ -116,21 +116,32 @@ def _runs(stations: Sequence[Station]) -> list[tuple[int, int]]:
     return [*out, (start, len(stations) - 1)] if start >= 0 else out
 
 
-def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, size: float, span: tuple[float, float],
+def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
          unit: float) -> End:
     """What ends a stretch at one of its points, towards the neighbour `beyond`."""
-    at, (low, high) = branch.stations[point], span
-    if 0 <= point + beyond < len(branch.stations):
-        found = _between(branch, at, branch.stations[point + beyond]) or nearest_bifurcation(branch, point, size,
-                                                                                             high - low)
-    else:
-        found = next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
-                      if f.kind == "period_doubling" and abs(f.value - at.value) <= MET * (high - low)), None)
-        if found is not None:
-            return End(found.value / unit, found.kind, found.residual)
-        if low + 1e-9 * (high - low) < at.value < high - 1e-9 * (high - low):
-            found = nearest_bifurcation(branch, point, size, high - low)
+    at, width = branch.stations[point], span[1] - span[0]
+    size = max((s.orbit.seen.largest for b in branches for s in b.stations), default=0.0)
+    inner = 0 <= point + beyond < len(branch.stations)
+    found = _between(branch, at, branch.stations[point + beyond]) if inner else None
+    # Where doubled motions end a multiplier is 1, more or less: that point may count as stable or not.
+    last = point + beyond if inner else point
+    if found is None and last in (0, len(branch.stations) - 1):
+        begun = _doubling_of(branches, branch, last, width)
+        if begun is not None:
+            return End(begun.value / unit, begun.kind, begun.residual)
+    if not inner and min(at.value - span[0], span[1] - at.value) <= 1e-9 * width:
+        return End(at.value / unit)
+    found = found or nearest_bifurcation(branch, point, size, width)
     return End(at.value / unit) if found is None else End(found.value / unit, found.kind, found.residual, _jumps(found))
+
+
+def _doubling_of(branches: Sequence[Branch], branch: Branch, point: int, width: float) -> Bifurcation | None:
+    """The doubling of motions of half the period in which a branch begins or ends; None where it is none."""
+    at = branch.stations[point].value
+    if point == 0 and isinstance(branch.origin, dict):
+        at = branch.origin["value"]
+    return next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
+                 if f.kind == "period_doubling" and abs(f.value - at) <= MET * width), None)
 
 
 def _between(branch: Branch, stable: Station, other: Station) -> Bifurcation | None:

@@ -42,11 +42,12 @@ def test_the_delay_is_judged_by_the_half_cycles(shares, verdict, monkeypatch) ->
 
 @pytest.mark.parametrize(("differences", "period", "largest", "verdict"), [
     (0.01, 1, 36.3, CONFIRMED), (0.01, 2, 36.3, DEPENDS), (0.01, 1, 63.7, DEPENDS), (0.2, 1, 36.3, NOT_CONFIRMED)])
-def test_solvers_agree_where_their_steady_states_do(differences, period, largest, verdict,
+def test_solvers_agree_where_their_attractors_do(differences, period, largest, verdict,
                                                     monkeypatch) -> None:  # type: ignore
     monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: differences for name, *_ in chosen})
-    given = Given(steady=lambda row: {"period": period, "max_slip_speed": largest, "settled": True}
-                  if law_of(row) == "set_valued" else {"period": 1, "max_slip_speed": 36.3, "settled": True})
+    given = Given(steady=lambda row: {"period": 2, "max_slip_speed": 63.7, "settled": True},
+                  attractors=lambda row: [(period, largest), (2, 63.7)] if law_of(row) == "set_valued"
+                  else [(1, 36.3), (2, 63.6)])
     assert model.solvers_agree(given).verdict == verdict
 
 
