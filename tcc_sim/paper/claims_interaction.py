@@ -198,8 +198,8 @@ def mismatch_with_falling_law(evidence: StableMotions) -> Finding:
         evidence.stretches(rows(17), axis)
         middle = [[evidence.heights(row, axis)[len(axis) // 2]] for row in rows(17)]
         kept += ordered_shares(middle, 1, np.array([True]))[1] == 1.0
-        for series in FIGURES[17].series:
-            motions += evidence.motions(plain(series.label), series.values, axis)
+        for row in rows(17):
+            motions += evidence.motions(f"omega_f = {row['pressure.frequency_ratio']:.3f} omega", row, axis)
     # A ratio at which another choice of motions would put omega_f = omega lowest counts for some choice only.
     for_some = from_start + kept / max(int(LOWER.sum()), 1)
     more = [b > a for a, b in zip(shares["11"], shares["17"])]
