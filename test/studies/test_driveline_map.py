@@ -82,7 +82,7 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
-    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2, switch=1))
+    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2))
     (branch,) = found.branches
     assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in sentence
                for sentence in branch.ended)
