@@ -93,7 +93,8 @@ class Basins:
                 "section": [[float(p[1]), float(p[0])] for p in a.section],
                 "multipliers": None if a.multipliers is None else [[float(m.real),
                                                                     float(m.imag)] for m in a.multipliers],
-                "fraction": self.fraction(k), "radius": a.radius} for k, a in enumerate(self.attractors)],
+                "fraction": self.fraction(k), "radius": a.radius,
+                "state": list(map(float, a.section[0])) if a.period else None} for k, a in enumerate(self.attractors)],
             "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
 
     def __repr__(self) -> str:

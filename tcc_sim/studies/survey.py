@@ -82,7 +82,7 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
             break
         middle = run[len(run) // 2]
         first = station_of(of, window, left.pop(middle))
-        if first is not None and not any(_holds(branch, first) for branch in out):
+        if first is not None and not any(holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
     _doubled(out, course, longest, branches)
     return out
@@ -148,7 +148,7 @@ def _longest_run(left: dict[int, Seen]) -> list[int]:
     return max(runs, key=len, default=[])
 
 
-def _holds(branch: Branch, found: Station) -> bool:
+def holds(branch: Branch, found: Station) -> bool:
     """Whether a branch passes through an orbit, whichever of its cycles it was taken up in."""
     of, orbit = found.shooting.map, found.orbit
     if branch.period != orbit.period:
@@ -175,7 +175,7 @@ def _doubled(branches: list[Branch], course: Course, longest: int, most: int) ->
             if len(branches) >= most or any(abs(window.scaled(found.value) - x) < MET for x in ends):
                 continue
             first = doubled(found)
-            if first is not None and not any(_holds(branch, first) for branch in branches):
+            if first is not None and not any(holds(branch, first) for branch in branches):
                 origin = {"kind": found.kind, "value": found.value, "branch": number}
                 began = f"began in the period doubling at {course.name} = {found.value:.9g}"
                 follow(first, course, origin, len(branches), both=False, began=began, keep=branches)

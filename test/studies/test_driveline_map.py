@@ -9,9 +9,10 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
+from tcc_sim.studies.beginnings import start_orbit
 from tcc_sim.studies.branches import first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.motions import Plan, check, continue_motions, start_orbit
+from tcc_sim.studies.motions import Plan, check, continue_motions
 from tcc_sim.studies.orbits import newton, orbit_at
 from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.walk import Course
