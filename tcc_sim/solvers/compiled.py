@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.types.misc import unliteral
 
 from tcc_sim.model import equations, friction
 from tcc_sim.solvers.kernel_cache import KernelCache
@@ -28,7 +29,8 @@ def compiled(function: Function, **options: bool) -> Function:
     if dispatcher is not function:  # NUMBA_DISABLE_JIT gives the function back as it is.
         part = numba.njit(function, pipeline_class=PartCompiler, **numba_options)
         dispatcher._cache = KernelCache(function, options)  # type: ignore[arg-type]
-        dispatcher.get_call_template = part.get_call_template
+        dispatcher.get_call_template = lambda kinds, names: part.get_call_template(
+            tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
         dispatcher.get_overload = part.get_overload
     return cast(Function, dispatcher)
 

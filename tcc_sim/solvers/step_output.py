@@ -6,7 +6,7 @@ and may run across the end of that cycle; its polynomials are the rows SLIP, ANG
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,15 @@ OUTPUT = np.dtype([("cycle", np.int64), ("samples", np.int64), ("moves", np.int6
 """How far the output is: whole cycles, samples and transitions kept; the mode now; what the cycle has come to so
 far.
 """
+
+
+class Store(NamedTuple):
+    """Where a run is kept: arrays of CYCLE, of states (rows of samples), of MOVE; and how many samples to a cycle."""
+
+    cycles: Any
+    samples: Any
+    per_cycle: int
+    moves: Any
 
 
 @fast
@@ -141,8 +150,7 @@ def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, outp
 
 @fast
 def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
-           per_cycle: int, stick_speed: float, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any,
-           workspace: Any) -> None:
+           stick_speed: float, output: Any, store: Store, angle: Any, workspace: Any) -> None:
     """Keep what a step over [0, x] says.
 
     The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
@@ -152,10 +160,10 @@ def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float
     cut : where in [0, x] the engine cycle ends; beyond x where it does not
     tau, time : start of the step in its cycle, and since the start of cycle 0, s
     stick_speed : |v| up to which the mode is stick
-    output, cycles, samples, moves : how far the output is (OUTPUT), and arrays of CYCLE, of states, of MOVE
+    output, store : how far the output is (OUTPUT), and where it is kept
     angle : not None where theta1 is kept too
     """
-    if per_cycle > 0:
-        keep_samples(rows, degree, unit, x, tau, period, per_cycle, output, samples, angle)
-    behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
-    keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)
+    if store.per_cycle > 0:
+        keep_samples(rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
+    behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, store.moves, workspace)
+    keep_cycle(rows, degree, x, cut, behind, output, store.cycles, workspace)

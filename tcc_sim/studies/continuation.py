@@ -24,6 +24,12 @@ LARGEST_LEFT = 5e-9
 """Residual above which no point is accepted."""
 SQUARED = 1e-5
 """A Newton step below this leaves an error of its square; the residual before it then decides too."""
+SLOWEST = 0.7
+"""Share of the step before above which Newton's method is given up: a shorter step of the walk costs less."""
+CONTRACTION = 0.15
+"""Share of Newton's first step that the second one is aimed to be: four of them then reach rounding."""
+MORE_REFUSED = 1.2
+"""Growth of the step's length at most after a longer one was refused."""
 
 
 class Equations(Protocol):
@@ -46,7 +52,8 @@ class Point(NamedTuple):
 
 class Corrected(NamedTuple):
     """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the
-    heights, where they are coordinates too), and how these climb along the tangent.
+    heights, where they are coordinates too), how these climb along the tangent, and what share of its first step
+    Newton's second one was.
     """
 
     z: Floats
@@ -54,6 +61,7 @@ class Corrected(NamedTuple):
     tangent: Floats
     distance: float
     climb: Floats
+    contraction: float
 
 
 class Plane(NamedTuple):
@@ -68,13 +76,14 @@ class Plane(NamedTuple):
 FLAT = Plane(np.empty(0), np.empty(0))
 
 
-def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT,
-            tolerance: float = TOLERANCE) -> Corrected | None:
-    """Newton from `guess` to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0.
+def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT, tolerance: float = TOLERANCE,
+            start: Floats | None = None) -> Corrected | None:
+    """Newton to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0, from `start`.
 
-    None where it does not converge.
+    It starts at the guess where nothing else is given. None where it does not converge.
     """
-    z, last, away = guess.copy(), np.inf, 0.0
+    z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
+    contraction = 0.0
     size, climbs = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     for _ in range(ITERATIONS):
@@ -100,9 +109,10 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
         if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
             climb = found.climb @ tangent if climbs else plane.weights
-            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb)
-        if length > last:
+            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb, contraction)
+        if length > (SLOWEST if length > SQUARED else 1.0) * last:
             return None
+        contraction = contraction or (length / last if last < np.inf else 0.0)
         last = length
     return None
 
@@ -147,10 +157,14 @@ class Stride:
     """A change of the determinant's sign is believed in steps this short."""
     tried: int = 0
 
-    def after(self, distance: float) -> float:
-        """The next length after a step whose corrector went `distance`."""
-        factor = 2.0 if distance <= 0.0 else (self.wanted / distance) ** (1.0 / 3.0)
-        return min(self.length * min(max(factor, 0.5), 2.0), self.largest)
+    def after(self, found: Corrected, refused: bool) -> float:
+        """The next length after a step; the corrector's way goes as the third power of the length.
+
+        refused : whether a longer one has just been, which the next one is not to be then
+        """
+        ways = (found.distance / self.wanted, found.contraction / CONTRACTION)
+        factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
+        return min(self.length * min(max(factor, 0.5), MORE_REFUSED if refused else 2.0), self.largest)
 
 
 def advance(equations: Equations, here: Point, before: tuple[Point, float] | None, stride: Stride,
@@ -162,7 +176,7 @@ def advance(equations: Equations, here: Point, before: tuple[Point, float] | Non
     """
     climb = here.found.climb @ here.tangent if climbing and len(here.found.heights) else FLAT.weights
     reach = float(np.sqrt(1.0 + climb @ climb))
-    curved = before
+    curved, refused = before, False
     while stride.length >= stride.smallest:
         length = stride.length / reach
         guess, heights = here.z + length * here.tangent, here.found.heights[:len(climb)] + length * climb
@@ -180,8 +194,8 @@ def advance(equations: Equations, here: Point, before: tuple[Point, float] | Non
             turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
             jumped = new.sign != here.sign and stride.length > stride.branching
             if found.distance <= stride.farthest * stride.length and not turned and not jumped:
-                stride.length = stride.after(found.distance)
+                stride.length = stride.after(found, refused)
                 return new, float(np.linalg.norm(new.z - here.z))
         stride.length *= 0.5
-        curved = None
+        curved, refused = None, True
     return None

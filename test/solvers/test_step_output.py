@@ -53,9 +53,9 @@ class Kept:
             cut = (PERIOD - tau) / unit
             cut = x if abs(cut - x) < 1e-12 else cut
             polynomial.to_bernstein(rows, SLIP, degree, x, workspace)
-            step_output.record(rows, degree, unit, x, cut, tau, begin, PERIOD, per_cycle, LAYER, self.output,
-                               self.cycles,
-                               self.samples, self.moves, True if angle else None, workspace)
+            step_output.record(rows, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
+                               step_output.Store(self.cycles, self.samples, per_cycle, self.moves),
+                               True if angle else None, workspace)
             begin, tau = end, end - PERIOD * self.output["cycle"]
 
 

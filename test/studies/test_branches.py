@@ -1,6 +1,7 @@
 """Branches of textbook maps: folds, doublings, Neimark-Sacker, branch points, closed branches, switching, curves."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -188,7 +189,7 @@ def test_a_branch_that_meets_no_residual_says_so() -> None:
                                                                             * x), np.array([[0.5]]), np.array([[0.5]])
 
     branch = branch_of(torn, 1, 0.0, 1.0, 0.2, [0.2])
-    assert branch.ended[1].startswith("no further point was found beyond p = 0.4999999")
+    assert re.match(r"no further point was found beyond p = (0\.5|0\.4999999\d*): ", branch.ended[1])
     assert branch.ended[1].endswith("met a residual of 5e-09")
 
 

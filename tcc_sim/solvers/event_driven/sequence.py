@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from tcc_sim.solvers.event_driven.modes import FREE, NEGATIVE, POSITIVE, STICK, 
 from tcc_sim.solvers.event_driven.stiff_arcs import stiff_arc
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
-from tcc_sim.solvers.step_output import end_cycle, keep_cycle, keep_samples, keep_stick
+from tcc_sim.solvers.step_output import Store, end_cycle, keep_cycle, keep_samples, keep_stick
 from tcc_sim.solvers.terms import Terms
 
 DONE, FULL, CHATTERING, EXHAUSTED, NOT_FINITE = range(5)
@@ -41,6 +41,31 @@ COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", n
 
 AHEAD = 0.6
 """Longest step, in engine cycles: it meets the end of one cycle at most."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    phase : omega_f/omega, and psi (rad)
+    event_limit : most events of one engine cycle
+    """
+
+    bounds: Bounds
+    terms: Terms
+    waves: Any
+    phase: tuple[float, float]
+    event_limit: int
+
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes; `nodes` and `matrices` are the work space of stiff arcs, None without them."""
+
+    state: Any
+    drive: Any
+    counters: Any
+    output: Any
+    nodes: Any
+    matrices: Any
 
 
 @fast
@@ -142,14 +167,14 @@ def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
 
 
 @fast
-def keep(step: Step, mode: int, tau: float, period: float, per_cycle: int, ends: bool, rows: Any, output: Any,
-         cycles: Any, samples: Any, angle: Any, workspace: Any) -> None:
+def keep(step: Step, mode: int, tau: float, period: float, ends: bool, rows: Any, output: Any, store: Store, angle: Any,
+         workspace: Any) -> None:
     """Samples, extremes, time in stick and section of a step that starts at `tau`; `ends` if it ends with the cycle."""
-    first = output.samples
-    if per_cycle > 0:
-        keep_samples(rows, step.degree, step.unit, step.x, tau, period, per_cycle, output, samples, angle)
+    first, cycles = output.samples, store.cycles
+    if store.per_cycle > 0:
+        keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output, store.samples, angle)
         for i in range(first, output.samples):
-            samples[i, 4] = mode
+            store.samples[i, 4] = mode
     cut = math.inf
     if ends:
         cut = step.x
@@ -187,15 +212,14 @@ def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> 
 
 
 @compiled
-def integrate(first: int, whole: int, rest: float, per_cycle: int, step_limit: int, event_limit: int,
-              phase: tuple[float, float], bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any,
-              counters: Any, output: Any, cycles: Any, samples: Any, moves: Any, angle: Any, nodes: Any,
-              matrices: Any) -> int:
+def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
+              angle: Any) -> int:
     """Solve engine cycles from number `first` on: `whole` of them, and then `rest` seconds.
 
-    `phase` is omega_f/omega and psi. Goes on where `state`, `counters` and `output` are; returns how it ended.
-    `nodes` and `matrices` are the work space of stiff arcs, None for a system that has none.
+    Goes on where `memory` is; returns how it ended. `angle` is None where theta1 is not asked for.
     """
+    bounds, terms, waves, phase, event_limit = setup
+    state, drive, counters, output, nodes, matrices = memory
     rows = np.zeros(SHAPE)
     workspace = np.zeros(polynomial.WORKSPACE)
     period = bounds.period
@@ -222,10 +246,9 @@ def integrate(first: int, whole: int, rest: float, per_cycle: int, step_limit: i
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
         if step.x > 0.0:
-            keep(step, mode, tau, period, per_cycle, n == whole - 1 and state.tau == goal, rows, output, cycles,
-                 samples, angle, workspace)
+            keep(step, mode, tau, period, n == whole - 1 and state.tau == goal, rows, output, store, angle, workspace)
         if event and state.mode != mode:
-            note_move((first + n) * period + state.tau, mode, state.mode, output, moves)
+            note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
         if output.cycle > n:
             state.tau -= period
             state.load_edge -= period
@@ -240,6 +263,6 @@ def integrate(first: int, whole: int, rest: float, per_cycle: int, step_limit: i
             break
         if counters.cycle_steps >= step_limit:
             return EXHAUSTED
-        if output.cycle > n and output.moves + event_limit + 1 > moves.shape[0]:
+        if output.cycle > n and output.moves + event_limit + 1 > store.moves.shape[0]:
             return FULL
     return DONE

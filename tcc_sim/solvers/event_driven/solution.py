@@ -12,7 +12,7 @@ import dataclasses
 import math
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,18 +30,22 @@ from tcc_sim.solvers.event_driven.sequence import (
     FULL,
     NOT_FINITE,
     UNKNOWN,
+    Memory,
+    Setup,
     integrate,
 )
 from tcc_sim.solvers.event_driven.stiff_arcs import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
+from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Modes, Statistics, Status, Trajectory, Transitions
 
 STEP_MAXIMUM = 1_000_000
 """Most steps of one engine cycle."""
+MOVES = 65536
+"""Transitions kept in one call of the compiled loop, and those of one more cycle."""
 STATUS = {DONE: Status.DONE, CHATTERING: Status.EVENT_LIMIT, EXHAUSTED: Status.STEP_LIMIT,
           NOT_FINITE: Status.NOT_FINITE}
 
@@ -50,24 +54,19 @@ _compiled: set[tuple[bool, ...]] = set()
 """Which terms are absent, for every kernel that has been called."""
 
 
-class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` is copied for every solve, which keeps sines in it."""
-
-    terms: Terms
-    bounds: Bounds
-    waves: NDArray[Any]
-    event_limit: int
-    variant: tuple[bool, ...]
-
-
 @per_system
 def setup_of(system: System, rtol: float) -> Setup:
-    """What a solve of a system needs to know beforehand."""
+    """What a solve of a system needs to know beforehand; `waves` is to be copied for every solve."""
     terms = constant_law(terms_of(system))
     waves = waves_of(terms)
     waves.setflags(write=False)
-    return Setup(terms, bounds_of(terms, system.cycle, rtol), waves, event_limit(terms, system.cycle),
-                 tuple(term is None for term in terms))
+    return Setup(bounds_of(terms, system.cycle, rtol), terms, waves,
+                 (system.pressure.frequency_ratio, system.pressure.phase), event_limit(terms, system.cycle))
+
+
+def stiff_work(bounds: Bounds) -> tuple[NDArray[Any], NDArray[Any]] | tuple[None, None]:
+    """Nodes and matrices of stiff arcs, where there are any."""
+    return (np.zeros(VALUES), np.zeros(MATRICES)) if bounds.stiff_slip or bounds.stiff_stick else (None, None)
 
 
 class Scratch(threading.local):
@@ -99,8 +98,8 @@ def solve(problem: Problem) -> Trajectory:
     if problem.cycles is None:
         rest = problem.end - problem.start - whole * cycle
         rest = rest if rest > 1e-12 * cycle else 0.0
-    terms, bounds, waves, limit, variant = setup_of(
-        system, SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol)
+    setup = setup_of(system, SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol)
+    terms, limit = setup.terms, setup.event_limit
     times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
@@ -109,21 +108,20 @@ def solve(problem: Problem) -> Trajectory:
     output["highest"] = output["lowest"] = s.slip_speed
     cycles, samples = np.zeros((whole + 2, CYCLE.itemsize // 8)), np.zeros((len(times), 5))
     cycles[0, :3] = s.slip_speed, s.plate_angle, s.plate_speed
-    moves = scratch.room_for(65536 + limit)
-    nodes = matrices = None
-    if bounds.stiff_slip or bounds.stiff_stick:
-        nodes, matrices = np.zeros(VALUES), np.zeros(MATRICES)
-    given = ((system.pressure.frequency_ratio, system.pressure.phase), bounds, terms, waves.copy(), state[0],
-             np.zeros(1, DRIVE)[0], counters[0], output[0], cycles.view(CYCLE)[:, 0], samples, moves,
-             True if problem.flywheel_angle else None, nodes, matrices)
-    variant = problem.flywheel_angle, nodes is None, *variant
+    moves = scratch.room_for(MOVES + limit)
+    nodes, matrices = stiff_work(setup.bounds)
+    given = (setup._replace(waves=setup.waves.copy()),
+             Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], nodes, matrices),
+             Store(cycles.view(CYCLE)[:, 0], samples, problem.samples_per_cycle, moves),
+             True if problem.flywheel_angle else None)
+    variant = problem.flywheel_angle, nodes is None, *(term is None for term in terms)
     if variant not in _compiled:
-        integrate(problem.start_cycle, 0, 0.0, problem.samples_per_cycle, STEP_MAXIMUM, limit, *given)
+        integrate(problem.start_cycle, 0, 0.0, STEP_MAXIMUM, *given)
         _compiled.add(variant)  # Compiling is not solving.
     began = time.perf_counter()
     kept: list[Transitions] = []
     while True:
-        ended = integrate(problem.start_cycle, whole, rest, problem.samples_per_cycle, STEP_MAXIMUM, limit, *given)
+        ended = integrate(problem.start_cycle, whole, rest, STEP_MAXIMUM, *given)
         n = int(output["moves"][0])
         if n:
             kept.append(Transitions(moves["time"][:n].copy(), moves["before"][:n].astype(np.int8),

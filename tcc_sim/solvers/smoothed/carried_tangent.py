@@ -10,13 +10,11 @@ from tcc_sim.solvers.compiled import fast
 from tcc_sim.solvers.key_derivatives import LOG_FREQUENCY
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_step import fill_plate
-from tcc_sim.solvers.smoothed.collocation_tables import NODES, Tables
-from tcc_sim.solvers.smoothed.limits import Limits
+from tcc_sim.solvers.smoothed.collocation_tables import NODES
 from tcc_sim.solvers.smoothed.series_step import Friction
-from tcc_sim.solvers.smoothed.state import SERIES, Place
+from tcc_sim.solvers.smoothed.state import SERIES, Memory, Place, Step
 from tcc_sim.solvers.smoothed.tangent_series import LANES
 from tcc_sim.solvers.smoothed.tangent_step import carry_collocation, carry_series, end_collocation, look_at
-from tcc_sim.solvers.terms import Terms
 
 SAMPLES = 8
 """Parts of a step in which the largest |slip speed| is looked for before Newton's method."""
@@ -91,28 +89,30 @@ def end_cycle(tangent: Any, cycle: int) -> None:
 
 
 @fast
-def carry(tangent: Any, method: int, place: Place, friction: Friction, order: int, degree: int, level: int, unit: float,
-          x: float, whole: bool, cut: float, cycle: int, loaded: bool, limits: Limits, terms: Terms, waves: Any,
-          tables: Tables, drive: Any, work: Any) -> None:
+def carry(tangent: Any, method: int, place: Place, friction: Friction, step: Step, degree: int, x: float, whole: bool,
+          cut: float, loaded: bool, setup: Any, memory: Memory) -> None:
     """Carry the tangent over [0, x] of a step that starts where the state is now; see `kernel.integrate` for the rest.
 
     Parameters
     ----------
-    order, degree : of the series, and of the polynomial of the slip speed
+    degree : of the polynomial of the slip speed
     cut : where the engine cycle ends; beyond x where it does not
+    setup : `kernel.Setup`
     """
+    limits, terms, _, waves, tables = setup
+    drive, work, level, order = memory.drive, memory.work, memory.control.level, step.degree
     rows, series = work.rows, method == SERIES
     rung = tables.rungs[level]
     if series:
-        carry_series(tangent, place, friction, order, unit, loaded, limits, terms, waves, drive, rows, terms.pulsation,
-                     terms.stribeck)
+        carry_series(tangent, place, friction, order, step.unit, loaded, limits, terms, waves, drive, rows,
+                     terms.pulsation, terms.stribeck)
     else:
         fill_plate(rung, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
     carry_peak(tangent, order, degree, 0.0, min(cut, x), series, rung, rows, work)
     if cut <= x:
-        end_cycle(tangent, cycle)
+        end_cycle(tangent, memory.output.cycle)
         carry_peak(tangent, order, degree, cut, x, series, rung, rows, work)
     if not series:
         end_collocation(tangent, level, x, whole, limits, tables)

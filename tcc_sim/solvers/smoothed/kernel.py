@@ -5,7 +5,7 @@ it.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
@@ -29,6 +29,7 @@ from tcc_sim.solvers.smoothed.state import (
     SLIDING,
     STEP_LIMIT,
     STEP_TOO_SMALL,
+    Memory,
     Place,
 )
 from tcc_sim.solvers.smoothed.switching import (
@@ -39,11 +40,24 @@ from tcc_sim.solvers.smoothed.switching import (
     leave_if_short,
     not_a_number,
 )
-from tcc_sim.solvers.step_output import record
+from tcc_sim.solvers.step_output import Store, record
 from tcc_sim.solvers.terms import Terms
 
 EDGE = 1e-6
 """Relative width at the edge of a region within which a state counts as inside: steps end there to a tenth of it."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    ratio : omega_f/omega
+    """
+
+    limits: Limits
+    terms: Terms
+    ratio: float
+    waves: Any
+    tables: Tables
 
 
 @fast
@@ -107,15 +121,16 @@ def finish(degree: int, x: float, whole: bool, method: int, terms: Terms, limits
 
 
 @fast
-def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limits, terms: Terms, ratio: float,
-              waves: Any, tables: Tables, state: Any, control: Any, drive: Any, work: Any, counters: Any, output: Any,
-              cycles: Any, samples: Any, per_cycle: int, moves: Any, angle: Any, tangent: Any) -> int:
+def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
+              angle: Any, tangent: Any) -> int:
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
 
     Steps run across the ends of cycles, whose section points are values of the polynomial; they end at the edges of the
-    clamp and of the regions, and at the end of the run. More parameters than elsewhere, for here all that the parts of
-    the engine share comes together, each as one thing.
+    clamp and of the regions, and at the end of the run. `angle` and `tangent` are None where theta1, and what the state
+    and its largest slip speed change by, are not asked for.
     """
+    limits, terms, ratio, waves, tables = setup
+    state, control, drive, work, counters, output = memory
     period = limits.period
     shift = phase_of(first + output.cycle, ratio, terms.pulsation)
     while True:
@@ -138,8 +153,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
             x = step.x
         else:
             step = collocation_step(place, edge - tau, loaded, state, control, limits, terms, waves, drive, tables,
-                                    work,
-                                    counters)
+                                    work, counters)
             x = min(step.x, (stop - tau) / step.unit) if step.status != REFUSED else 0.0
         if step.status == REFUSED:
             counters.rejected += 1
@@ -158,7 +172,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
             to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
         whole = x == step.x
         after = stop if reached else tau + x * step.unit
-        if method == CREEP and (not whole or after >= period or per_cycle > 0 or angle is not None):
+        if method == CREEP and (not whole or after >= period or store.per_cycle > 0 or angle is not None):
             fill_plate(tables.rungs[level], tables.sources, level, limits.kappa, work)
         if angle is not None:
             work.rows[FLYWHEEL, 0] = state.flywheel_angle
@@ -167,10 +181,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, limits: Limi
         if after == period:
             cut = x
         if tangent is not None:
-            carry(tangent, method, place, friction, step.degree, degree, level, step.unit, x, whole, cut, output.cycle,
-                  loaded, limits, terms, waves, tables, drive, work)
-        record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period, per_cycle,
-               limits.stick_speed, output, cycles, samples, moves, angle, work.bernstein)
+            carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
+        record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period,
+               limits.stick_speed, output, store, angle, work.bernstein)
         finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)
         if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
             state.tau = after

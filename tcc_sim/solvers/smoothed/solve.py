@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,10 @@ from tcc_sim.solvers.smoothed.state import (
     STEP_LIMIT,
     STEP_TOO_SMALL,
     WORK,
+    Memory,
 )
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
+from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions
 
@@ -48,27 +49,6 @@ STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: St
 
 _compiled: set[tuple[bool, ...]] = set()
 """Which terms are absent, for every kernel that has been called."""
-
-
-class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` is copied for every solve, which keeps sines in it."""
-
-    terms: Terms
-    limits: Limits
-    waves: NDArray[Any]
-    tables: collocation_tables.Tables
-    variant: tuple[bool, ...]
-
-
-class Memory(NamedTuple):
-    """What one solve changes as it goes."""
-
-    state: Any
-    control: Any
-    drive: Any
-    work: Any
-    counters: Any
-    output: Any
 
 
 KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
@@ -129,13 +109,13 @@ def _rtol(problem: Problem) -> float:
 
 
 @per_system
-def own_setup(system: System, rtol: float) -> Setup:
+def own_setup(system: System, rtol: float) -> kernel.Setup:
     """`setup_of` for the terms that a system has."""
     return setup_of(system, terms_of(system), rtol)
 
 
-def setup_of(system: System, terms: Terms, rtol: float) -> Setup:
-    """What a solve of a system with given terms needs to know beforehand."""
+def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
+    """What a solve of a system with given terms needs to know beforehand; `waves` is to be copied for every solve."""
     period = system.cycle
     limits = limits_of(terms, terms_of(system), period, rtol)
     waves = waves_of(terms)
@@ -143,17 +123,17 @@ def setup_of(system: System, terms: Terms, rtol: float) -> Setup:
                                        0.0 if terms.pulsation is None else terms.pulsation[1],
                                        collocation_tables.top_of(period), collocation_tables.levels_of(limits.sigma))
     waves.setflags(write=False)
-    return Setup(terms._replace(torque=None, harmonics=None), limits, waves, tables,  # They are the waves.
-                 (terms.pulsation is None, terms.stribeck is None))
+    return kernel.Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
+                        system.pressure.frequency_ratio, waves, tables)
 
 
-def _solve(problem: Problem, setup: Setup) -> Trajectory:
+def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     """Solve batch by batch."""
     limits, period, count = setup.limits, setup.limits.period, problem.whole_cycles
     tail = 0.0 if problem.cycles is not None else max((problem.duration or 0.0) - count * period, 0.0)
     tail = 0.0 if tail < 1e-12 * period else tail
-    memory, waves, start = scratch.at(problem.state, limits), setup.waves.copy(), problem.state
-    per_cycle, ratio = problem.samples_per_cycle, problem.system.pressure.frequency_ratio
+    memory, start, per_cycle = scratch.at(problem.state, limits), problem.state, problem.samples_per_cycle
+    setup = setup._replace(waves=setup.waves.copy())
     samples = np.empty((per_cycle * (count + 1), 4 if problem.flywheel_angle else 3))
     cycles = np.zeros((count + 1, CYCLE.itemsize // 8))
     cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
@@ -163,11 +143,10 @@ def _solve(problem: Problem, setup: Setup) -> Trajectory:
 
     def integrate(done: int, batch: int, rest: float, moves: NDArray[Any]) -> int:
         """March on through some cycles and the rest of one."""
-        return kernel.integrate(problem.start_cycle + done, batch, rest, limit, limits, setup.terms, ratio, waves,
-                                setup.tables, *memory, records[done:], samples[done * per_cycle:], per_cycle, moves,
-                                angle, None)
+        store = Store(records[done:], samples[done * per_cycle:], per_cycle, moves)
+        return kernel.integrate(problem.start_cycle + done, batch, rest, limit, setup, memory, store, angle, None)
 
-    variant = problem.flywheel_angle, *setup.variant
+    variant = problem.flywheel_angle, setup.terms.pulsation is None, setup.terms.stribeck is None
     if variant not in _compiled:
         integrate(0, 0, 0.0, np.empty(0, MOVE))  # Compiling is not solving.
         _compiled.add(variant)

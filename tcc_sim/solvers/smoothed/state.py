@@ -4,7 +4,7 @@ code.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,6 +63,17 @@ change, measure : Newton's correction of V, and the size of the largest
 chebyshev : coefficients over the step of the polynomial in hand
 weights : how much of every source there is
 """
+
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes; `drive` is that of `excitation`, `output` that of `step_output`."""
+
+    state: Any
+    control: Any
+    drive: Any
+    work: Any
+    counters: Any
+    output: Any
 
 
 class Place(NamedTuple):

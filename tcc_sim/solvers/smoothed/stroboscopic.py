@@ -9,22 +9,19 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
 from tcc_sim.solvers.smoothed import collocation_tables
-from tcc_sim.solvers.smoothed.limits import limits_of
-from tcc_sim.solvers.smoothed.solve import STATUSES
-from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, DONE, STATE, WORK
-from tcc_sim.solvers.smoothed.tangent_march import MOVES, PART, march
+from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
+from tcc_sim.solvers.smoothed.state import DONE, Memory
+from tcc_sim.solvers.smoothed.tangent_march import MOVES, PART, integrate_parts
 from tcc_sim.solvers.smoothed.tangent_series import CHANGES, LANES, SHARED, Tangent
-from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT
+from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
@@ -69,7 +66,7 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
     NumericalFailure
         The engine stopped early.
     """
-    return prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles)
+    return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles)
 
 
 def terms_for(system: System, changes: Floats) -> Terms:
@@ -92,15 +89,10 @@ class Prepared:
         changes = key_derivatives(system, keys)
         terms = terms_for(system, changes)
         self.period, self.count = system.cycle, 3 + len(keys)
-        self.ratio = system.pressure.frequency_ratio
-        self.limits = limits_of(terms, terms_of(system), self.period, rtol)
-        self.waves = waves_of(terms)
-        load_rate = 0.0 if terms.pulsation is None else terms.pulsation[1]
-        top, levels = collocation_tables.top_of(self.period), collocation_tables.levels_of(self.limits.sigma)
-        self.tables = collocation_tables.tables(terms.linear, tuple(self.waves["rate"].tolist()), load_rate, top,
-                                                levels)
+        setup = setup_of(system, terms, rtol)
+        self.setup = setup._replace(waves=setup.waves.copy())
+        top, levels = collocation_tables.top_of(self.period), collocation_tables.levels_of(setup.limits.sigma)
         self.torque = collocation_tables.response(terms.linear, top, levels).torque
-        self.terms = terms._replace(torque=None, harmonics=None)
         groups = math.ceil(self.count / LANES)
         lanes = np.zeros((len(NUMBERS), groups * LANES))
         lanes[:, 3:self.count] = changes
@@ -125,41 +117,29 @@ class Prepared:
         room = room_of(groups, most)
         room.tangent.groups["by"], room.tangent.groups["forced"] = self.by, self.forced
         tangent = room.tangent._replace(torque=self.torque)
-        march(parts, self.limits, self.terms, self.ratio, self.waves, self.tables, tangent, room.state, room.control,
-              room.drive, room.work, room.counters, room.output, room.cycles, room.moves, NO_SAMPLES, tangents, heights,
-              climbs)
-        failed = np.flatnonzero(parts["status"] != DONE)
-        if len(failed):
-            k = int(failed[0])
+        integrate_parts(parts, self.setup, room.memory, room.store, tangent, tangents, heights, climbs)
+        if (parts["status"] != DONE).any():
+            k = int(np.flatnonzero(parts["status"] != DONE)[0])
             raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of "
                                    "the engine cycle")
         by = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1)
-        peaks = climbs.reshape(count, most, -1)
-        out = []
-        for k, part in enumerate(parts):
-            whole = int(part["cycles"]) + (1 if part["tail"] > 0.0 else 0)
-            moves = int(part["moves"])
-            events = event_sequence(part["before"][:moves], part["after"][:moves], int(part["mode"]))
-            out.append(Stroboscopic(part["state"], by[k, :, :3], by[k, :, 3:self.count], events, heights[k, :whole],
-                                    peaks[k, :whole, :3], peaks[k, :whole, 3:self.count], float(part["stick_time"])))
-        return out
+        peaks, end = climbs.reshape(count, most, -1), self.count
+        whole = (parts["cycles"] + (parts["tail"] > 0.0)).tolist()
+        moves, modes, stuck = parts["moves"].tolist(), parts["mode"].tolist(), parts["stick_time"].tolist()
+        before, after, passed = parts["before"], parts["after"], parts["state"]
+        return [Stroboscopic(passed[k], by[k, :, :3], by[k, :, 3:end],
+                             event_sequence(before[k, :moves[k]], after[k, :moves[k]], modes[k]), heights[k, :n],
+                             peaks[k, :n, :3], peaks[k, :n, 3:end], stuck[k]) for k, n in enumerate(whole)]
 
 
 class Room(NamedTuple):
     """Work space of the compiled call, used again by every one of a thread."""
 
     tangent: Tangent
-    state: Any
-    control: Any
-    drive: Any
-    work: Any
-    counters: Any
-    output: Any
-    cycles: Any
-    moves: Any
+    memory: Memory
+    store: Store
 
 
-NO_SAMPLES = np.empty((0, 3))
 _rooms = threading.local()
 
 
@@ -167,15 +147,9 @@ def room_of(groups: int, most: int) -> Room:
     """Work space for so many groups of lanes, and cycles in a part."""
     known: dict[tuple[int, int], Room] = _rooms.__dict__.setdefault("known", {})
     if (groups, most) not in known:
-        state, control, drive, work, counters, output, shared = (
-            np.zeros(1, kind)[0] for kind in (STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT, SHARED))
-        tangent = Tangent(np.zeros(groups, CHANGES), shared, np.empty((0, 0, 0)), np.zeros((most, groups, LANES)))
-        known[groups, most] = Room(tangent, state, control, drive, work, counters, output, np.zeros(most + 1, CYCLE),
-                                   np.zeros(MOVES, MOVE))
+        memory = Memory(*(np.zeros(1, kind)[0] for kind in KINDS))
+        tangent = Tangent(np.zeros(groups, CHANGES), np.zeros(1, SHARED)[0], np.empty((0, 0, 0)),
+                          np.zeros((most, groups, LANES)))
+        known[groups, most] = Room(tangent, memory, Store(np.zeros(most + 1, CYCLE), np.empty((0, 3)), 0,
+                                                          np.zeros(MOVES, MOVE)))
     return known[groups, most]
-
-
-@lru_cache(maxsize=16)
-def prepared(system: System, keys: tuple[str, ...], rtol: float) -> Prepared:
-    """One for every system, keys and tolerance."""
-    return Prepared(system, keys, rtol)

@@ -7,18 +7,19 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers.compiled import fast
-from tcc_sim.solvers.smoothed.collocation_tables import Tables
-from tcc_sim.solvers.smoothed.kernel import integrate
+from tcc_sim.solvers.smoothed.kernel import Setup, integrate
 from tcc_sim.solvers.smoothed.limits import Limits
-from tcc_sim.solvers.smoothed.state import DONE
-from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
+from tcc_sim.solvers.smoothed.state import DONE, Memory
+from tcc_sim.solvers.smoothed.switching import PATIENCE, SETTLED
 from tcc_sim.solvers.smoothed.tangent_series import LANES
-from tcc_sim.solvers.terms import Terms
+from tcc_sim.solvers.step_output import Store
 
 STEPS_PER_CYCLE = 20_000
 NOT_SETTLED = 1e300
-"""Rate since which stick counts as left at the start, 1/s. A change off the slow manifold, which the start may have
-though the state is on it, decays over some series steps before collocation steps over stick."""
+"""Rate since which stick counts as left at the start, 1/s: a change off the slow manifold, which the start may have
+though the state is on it, decays over series steps before collocation steps over stick."""
+DECAY = 4
+"""How many: each is some two decay times long, and collocation would leave 3e-7 of such a change."""
 MOVES = 256
 """Transitions of a part that are kept."""
 
@@ -35,8 +36,8 @@ def begin(part: Any, limits: Limits, tangent: Any, state: Any, control: Any, out
     """Set the engine to the start of a part, with the tangent the identity."""
     v, angle, speed = part.state[0], part.state[1], part.state[2]
     state.slip_speed, state.plate_angle, state.plate_speed, state.tau = v, angle, speed, part.tau
-    control.method, control.level, control.slope, control.waited, control.last, control.streak = 0, 0, 0.0, 0, 0.0, 0
-    control.released, control.calm, control.patience = NOT_SETTLED, CALM, PATIENCE
+    control.method, control.level, control.slope, control.last, control.streak = 0, 0, 0.0, 0.0, 0
+    control.released, control.calm, control.waited, control.patience = NOT_SETTLED, SETTLED, SETTLED - DECAY, PATIENCE
     control.slip_before, control.speed_before = 0.0, 0.0
     control.slip_now, control.speed_now = abs(v), abs(speed)
     output.cycle, output.samples, output.moves, output.mode = 0, 0, 0, 0
@@ -51,9 +52,8 @@ def begin(part: Any, limits: Limits, tangent: Any, state: Any, control: Any, out
 
 
 @fast
-def march(parts: Any, limits: Limits, terms: Terms, ratio: float, waves: Any, tables: Tables, tangent: Any, state: Any,
-          control: Any, drive: Any, work: Any, counters: Any, output: Any, cycles: Any, moves: Any, samples: Any,
-          ends: Any, heights: Any, climbs: Any) -> None:
+def integrate_parts(parts: Any, setup: Setup, memory: Memory, store: Store, tangent: Any, ends: Any, heights: Any,
+                    climbs: Any) -> None:
     """Solve all parts.
 
     Parameters
@@ -61,16 +61,15 @@ def march(parts: Any, limits: Limits, terms: Terms, ratio: float, waves: Any, ta
     parts : (m,) array of PART
     ends : (m, groups, 3, LANES) array, filled with the tangents at their ends
     heights, climbs : (m, n), (m, n, groups, LANES) arrays, filled with the largest |slip speed| of every cycle or part
-        of
-        one, and what it changes by
+        of one, and what it changes by
     """
+    state, output, cycles, moves = memory.state, memory.output, store.cycles, store.moves
     for k in range(parts.shape[0]):
         part = parts[k]
-        begin(part, limits, tangent, state, control, output)
-        counters.steps, counters.rejected = 0, 0
-        part.status = integrate(part.first, part.cycles, part.tail, STEPS_PER_CYCLE * (part.cycles + 1), limits, terms,
-                                ratio, waves, tables, state, control, drive, work, counters, output, cycles, samples, 0,
-                                moves, None, tangent)
+        begin(part, setup.limits, tangent, state, memory.control, output)
+        memory.counters.steps, memory.counters.rejected = 0, 0
+        part.status = integrate(part.first, part.cycles, part.tail, STEPS_PER_CYCLE * (part.cycles + 1), setup, memory,
+                                store, None, tangent)
         if part.status != DONE:
             return
         part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
