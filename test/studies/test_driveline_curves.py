@@ -89,8 +89,8 @@ def test_the_curve_of_a_doubling_passes_the_doublings_found_anew_at_its_ends(sys
 
 def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     """A doubling 3e-6 of mu_s off the fold, where the map bends within 1e-5 of the natural sizes."""
-    at = replace(system, {MU_K: 0.3 * 0.7})
-    found = continue_motions(at, Plan(MU_K, 0.3 * 0.6675, 0.3 * 0.72, period=2, switch=1))
+    at = replace(system, {MU_K: 0.3 * 0.74})
+    found = continue_motions(at, Plan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
     parent, child = found.branches
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
     assert doubling.value / 0.3 == pytest.approx(0.66798763, abs=1e-8)
