@@ -5,6 +5,7 @@ import pytest
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
 from tcc_sim.studies.branches import Branch, first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.motions import Plan, continue_motions
@@ -12,6 +13,7 @@ from tcc_sim.studies.orbits import newton
 from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.switching import orbits_at
 from tcc_sim.studies.walk import Course
+from tcc_sim.trajectory import State
 
 MU_K, OMEGA = "friction.kinetic_coefficient", "engine.frequency"
 NATURAL = load_scene("fig02").system.natural_frequency
@@ -102,3 +104,22 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     assert abs(first.multipliers[0]) == pytest.approx(large**2, rel=0.02)
     assert np.abs(first.multipliers - 1.0).min() < 0.01
     assert max(s.orbit.residual for s in child.stations) < 1e-8
+
+
+def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:
+    at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
+    found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
+    (item,) = found.bifurcations
+    assert (item.kind, found.branches[0].period) == ("neimark_sacker", 1)
+    assert item.residual < 1e-8
+    assert abs(item.station.orbit.multipliers[0].imag) > 0.1
+    for side, comes_back in ((1.0 - 3e-4, True), (1.0 + 3e-4, False)):
+        value = side * item.value
+        (orbit,) = orbits_at(found.branches[0], value)
+        start = State(*(orbit.section + np.array([1e-5, 0.0, 0.0])))
+        run = solve(replace(at, {OMEGA: value}), cycles=60, state=start, rtol=1e-12)
+        away = np.abs((run.cycles.section - orbit.section) / np.array([10.0, 0.1, 10.0])).max(axis=1)
+        # Over the turns of the pair, 2.5 rad a cycle, the largest distance goes with its modulus.
+        early, late = away[10:20].max(), away[50:60].max()
+        assert (late < early) == comes_back == (abs(orbit.multipliers[0]) < 1.0)
+        assert late / early == pytest.approx(abs(orbit.multipliers[0]) ** 40, rel=0.4)
