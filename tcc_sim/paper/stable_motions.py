@@ -19,7 +19,8 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import FREQUENCY, KINETIC, UNITS, Evidence, Floats, Values, share_where
 from tcc_sim.paper.seen_motions import seen_in
-from tcc_sim.studies.attractors import find_attractors, halton
+from tcc_sim.studies.attractors import find_attractors
+from tcc_sim.studies.basins import halton
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.driveline_motion import DrivelineMotion
 from tcc_sim.studies.progress import progress_bar

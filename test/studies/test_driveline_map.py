@@ -137,12 +137,20 @@ def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
     ("pressure.frequency_ratio", {}, "not periodic"),
     ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("pressure.phase", {"pressure.amplitude": 0.0}, "no effect where pressure.amplitude is 0"),
+    ("friction.decay", {"friction.kinetic_coefficient": 0.3}, "no effect where friction.kinetic"),
     ("engine.frequncy", {}, "did you mean engine.frequency"),
     ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
 ])
 def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         DrivelineMap(replace(load_scene("fig02").system, values), (key,))
+
+
+def test_a_key_has_effect_beside_another_that_is_free() -> None:
+    system = replace(load_scene("fig02").system, {"pressure.amplitude": 0.0, MU_K: 0.3})
+    assert DrivelineMap(system, ("pressure.amplitude", "pressure.phase")).keys[1] == "pressure.phase"
+    assert DrivelineMap(system, (MU_K, "friction.decay")).keys[1] == "friction.decay"
 
 
 def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
