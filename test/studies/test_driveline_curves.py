@@ -106,6 +106,19 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     assert max(s.orbit.residual for s in child.stations) < 1e-8
 
 
+def test_the_curve_of_a_neimark_sacker_bifurcation_passes_those_found_anew_at_its_ends(system: System) -> None:
+    at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
+    ends = 0.3 * 0.829, 0.3 * 0.831
+    found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1, second=(MU_K, *ends)))
+    (curve,) = found.curves
+    assert curve.kind == "neimark_sacker"
+    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
+    for value, coefficient in ((curve.values[k], curve.second[k]) for k in (0, -1)):
+        beside = replace(at, {MU_K: coefficient})
+        (again,) = continue_motions(beside, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1)).bifurcations
+        assert again.value == pytest.approx(value, rel=1e-8)
+
+
 def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:
     at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
     found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
