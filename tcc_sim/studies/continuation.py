@@ -10,6 +10,7 @@ tangent changes sign: there the curve has met another one, or the corrector has 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -30,12 +31,17 @@ CONTRACTION = 0.15
 """Share of Newton's first step that the second one is aimed to be: four of them then reach rounding."""
 MORE_REFUSED = 1.2
 """Growth of the step's length at most after a longer one was refused."""
+NODES = 3
+"""Points before the last one from which the next is predicted."""
 
 
 class Equations(Protocol):
-    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking."""
+    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking, and
+    `exact` whether the Jacobian is, so that a tangent tells where a curve goes on as well as its points do.
+    """
 
     rounding: ClassVar[float]
+    exact: ClassVar[bool]
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and Jacobian."""
@@ -167,24 +173,21 @@ class Stride:
         return min(self.length * min(max(factor, 0.5), MORE_REFUSED if refused else 2.0), self.largest)
 
 
-def advance(equations: Equations, here: Point, before: tuple[Point, float] | None, stride: Stride,
-            climbing: bool = True) -> tuple[Point, float] | None:
-    """The next point along the curve and the length of its step; None where no step is short enough.
+def advance(equations: Equations, here: Point, before: Sequence[Point], stride: Stride,
+            climbing: bool = True) -> Point | None:
+    """The next point along the curve; None where no step is short enough.
 
-    before : the point before `here` and the step between them, for the curvature
+    before : points before `here`, the nearest one last, from which the predictor takes the curve's bend
     climbing : whether the heights are coordinates of the arclength, where there are any
     """
     climb = here.found.climb @ here.tangent if climbing and len(here.found.heights) else FLAT.weights
     reach = float(np.sqrt(1.0 + climb @ climb))
-    curved, refused = before, False
+    known, refused = behind(here, before, climb), False
+    if not equations.exact and len(known) > 3:
+        del known[1]
     while stride.length >= stride.smallest:
-        length = stride.length / reach
-        guess, heights = here.z + length * here.tangent, here.found.heights[:len(climb)] + length * climb
-        if curved is not None:
-            bend = 0.5 * length**2 / curved[1]
-            guess = guess + bend * (here.tangent - curved[0].tangent)
-            if len(climb) and len(curved[0].found.heights) == len(climb):
-                heights = heights + bend * (climb - curved[0].found.climb @ curved[0].tangent)
+        ahead = extrapolated(known, stride.length * reach)
+        guess, heights = here.z + ahead[:len(here.z)], here.found.heights[:len(climb)] + ahead[len(here.z):]
         stride.tried += 1
         found = correct(equations, guess, here.tangent, Plane(climb, heights))
         if found is not None:
@@ -195,7 +198,40 @@ def advance(equations: Equations, here: Point, before: tuple[Point, float] | Non
             jumped = new.sign != here.sign and stride.length > stride.branching
             if found.distance <= stride.farthest * stride.length and not turned and not jumped:
                 stride.length = stride.after(found, refused)
-                return new, float(np.linalg.norm(new.z - here.z))
+                return new
         stride.length *= 0.5
-        curved, refused = None, True
+        refused, known = True, known[:max(len(known) - 2, 2)]
     return None
+
+
+def behind(here: Point, before: Sequence[Point], climb: Floats) -> list[tuple[float, Floats]]:
+    """Nodes of the predictor: how far each is along the tangent, and its unknowns and heights from those of `here`.
+
+    The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.
+    """
+    size, used = len(here.z), len(climb)
+    nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, climb]) / (1.0 + climb @ climb))]
+    for point in before[:-NODES - 1:-1]:
+        if len(point.z) != size or (used and len(point.found.heights) != used):
+            break
+        away = np.concatenate([point.z - here.z, point.found.heights[:used] - here.found.heights[:used]])
+        at = float(here.tangent @ away[:size] + climb @ away[size:])
+        if not at < nodes[-1][0]:
+            break
+        nodes.append((at, away))
+    return nodes
+
+
+def extrapolated(nodes: list[tuple[float, Floats]], at: float) -> Floats:
+    """The polynomial through nodes in order, by divided differences; a second one at the same place is its slope."""
+    places, column = [place for place, _ in nodes], [value for _, value in nodes]
+    slope = column[1] if places[0] == places[1] else None
+    if slope is not None:
+        column[1] = column[0]
+    out, product = column[0], 1.0
+    for order in range(1, len(nodes)):
+        column = [slope if slope is not None and order == 1 and k == 0 else
+                  (column[k + 1] - column[k]) / (places[k + order] - places[k]) for k in range(len(nodes) - order)]
+        product *= at - places[order - 1]
+        out = out + product * column[0]
+    return out

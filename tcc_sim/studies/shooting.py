@@ -79,6 +79,7 @@ class Shooting:
     segments: tuple[float, ...]
 
     rounding: ClassVar[float] = 1e-10
+    exact: ClassVar[bool] = True
 
     @staticmethod
     def single(of: ParameterMap, period: int, *windows: Window) -> Shooting:
