@@ -229,12 +229,14 @@ def still_complex(point: Point) -> bool:
     return bool(np.any((np.abs(m.imag) > 1e-9) & (np.abs(np.abs(m) - 1.0) < 1e-3)))
 
 
-def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window],
-                      second: float) -> Curve | None:
+def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window], second: float,
+                      smallest: float = 1e-7, most: int = MOST_POINTS) -> Curve | None:
     """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
 
     of : the map with both parameters free
     second : present value of the second one
+    smallest : step, in natural sizes, below which the curve is given up
+    most : points either way
     """
     orbit = found.station.orbit
     shooting = replace(found.station.shooting, map=of, windows=windows)
@@ -245,7 +247,8 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Windo
     ways = []
     for forward in (True, False):
         try:
-            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=1e-7), bounds))
+            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=smallest), bounds,
+                              most))
         except FAILURES:
             return None
     return _joined(found.kind, ways, windows, n)
