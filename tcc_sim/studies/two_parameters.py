@@ -103,7 +103,7 @@ class Defining:
         g = self.test(found)
         gradient = self._gradient(z, g)
         self._known = z.copy(), g, gradient
-        # On a canard g passes from one sign to the other within rounding of z: what counts is how far it is from 0 in z.
+        # On a canard g passes from one sign to the other within rounding of z: how far z is from there counts.
         size = max(float(np.linalg.norm(gradient)), 1.0)
         return found._replace(residual=np.append(found.residual, g / size),
                               jacobian=np.vstack([found.jacobian, gradient / size]))
