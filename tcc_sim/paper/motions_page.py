@@ -70,8 +70,8 @@ def _branches(data: Data) -> list[str]:
 def _cause(cause: str) -> str:
     """The cause of a jump in words."""
     return {"basin_boundary": "both motions go on: the start is on the other side of the boundary of their basins",
-            "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it"}.get(
-        cause, cause.replace("_", " "))
+            "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
+            "not_followed": "a motion beside it that lies on no branch followed"}.get(cause, cause.replace("_", " "))
 
 
 def _chart(data: Data) -> list[str]:

@@ -17,9 +17,11 @@ from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.switching import doubled
 from tcc_sim.studies.walk import Course
 
-MOST_BRANCHES = 6
-MOST_POINTS = 150
+MOST_BRANCHES = 8
+MOST_POINTS = 200
 """Points of a branch in one direction."""
+LARGEST = 0.3
+"""Longest step, in natural sizes: a hundredth of what a picture shows or so."""
 LONGEST = 4
 """Longest period followed, in periods of the excitation."""
 SAME = 0.01
@@ -72,7 +74,7 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
     points, branches : most points of a branch in one direction, and most branches
     """
     out: list[Branch] = [] if into is None else into
-    course = Course(name, most=points, tick=tick)
+    course = Course(name, most=points, tick=tick, largest=LARGEST)
     size = size_of(seen)
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest * of.forcing_period}
     while left and len(out) < branches:
@@ -85,6 +87,22 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
         if first is not None and not any(holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
     _doubled(out, course, longest, branches)
+    return out
+
+
+def left_out(seen: Sequence[Seen], branches: Sequence[Branch], base: int = 1, longest: int = LONGEST) -> list[str]:
+    """Sentences on what a survey did not come to: nothing where it came to an end by itself."""
+    size, out = size_of(seen), []
+    alone = [s for s in seen if s.period and place_of(s, branches, size, base) is None]
+    long = sum(s.period > longest * base for s in alone)
+    if len(alone) > long:
+        reason = f"{MOST_BRANCHES} branches are followed" if len(branches) >= MOST_BRANCHES else "none was found there"
+        out.append(f"{len(alone) - long} of {len(seen)} motions lie on no branch: {reason}")
+    if long:
+        out.append(f"{long} of {len(seen)} motions have a period above {longest * base} and lie on no branch")
+    stopped = sum(any(sentence.startswith("stopped after") for sentence in branch.ended) for branch in branches)
+    if stopped:
+        out.append(f"{stopped} of {len(branches)} branches go on: {MOST_POINTS} points are followed either way")
     return out
 
 

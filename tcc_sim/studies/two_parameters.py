@@ -103,7 +103,7 @@ class Defining:
         g = self.test(found)
         gradient = self._gradient(z, g)
         self._known = z.copy(), g, gradient
-        # On a canard g passes from one sign to the other within rounding of z: what counts is how far it is from 0 in z.
+        # On a canard g passes from one sign to the other within rounding of z: how far z is from there counts.
         size = max(float(np.linalg.norm(gradient)), 1.0)
         return found._replace(residual=np.append(found.residual, g / size),
                               jacobian=np.vstack([found.jacobian, gradient / size]))
@@ -229,12 +229,14 @@ def still_complex(point: Point) -> bool:
     return bool(np.any((np.abs(m.imag) > 1e-9) & (np.abs(np.abs(m) - 1.0) < 1e-3)))
 
 
-def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window],
-                      second: float) -> Curve | None:
+def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window], second: float,
+                      smallest: float = 1e-7, most: int = MOST_POINTS) -> Curve | None:
     """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
 
     of : the map with both parameters free
     second : present value of the second one
+    smallest : step, in natural sizes, below which the curve is given up
+    most : points either way
     """
     orbit = found.station.orbit
     shooting = replace(found.station.shooting, map=of, windows=windows)
@@ -245,7 +247,8 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Windo
     ways = []
     for forward in (True, False):
         try:
-            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=1e-7), bounds))
+            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=smallest), bounds,
+                              most))
         except FAILURES:
             return None
     return _joined(found.kind, ways, windows, n)

@@ -56,12 +56,14 @@ class Course:
     most : points in one direction
     tick : called with every point
     detect : whether bifurcations are looked for
+    largest : step, in natural sizes
     """
 
     name: str
     most: int = MOST_POINTS
     tick: Callable[[Station], None] | None = None
     detect: bool = True
+    largest: float = 0.1
 
 
 @dataclass
@@ -82,7 +84,7 @@ class Walk:
 
     def run(self) -> Walk:
         """Go on until an end; Ctrl-C is an end too, and passed on."""
-        first = self.stations[0]
+        first, self.stride.largest = self.stations[0], self.course.largest
         self.sentence = f"interrupted at {self._where(first)}"
         self._ends = returning(first)
         before: list[Point] = []
