@@ -16,7 +16,6 @@ from tcc_sim.paper.evidence import (
     Values,
     judged,
     share_where,
-    slips_at,
     sticks,
     with_kinetic,
 )
@@ -94,9 +93,9 @@ def amplitude_bifurcations(evidence: Evidence) -> Finding:
 
 
 def _first_slip(evidence: Evidence, number: int, curve: int, law: str) -> float | None:
-    """Lowest ratio at which the clutch slips, to 0.001, with either law."""
+    """Lowest ratio at which the clutch slips once it has settled, to 0.001, with either law."""
     axis = np.round(np.arange(0.05, 0.2501, 0.001), 6)
-    found = slips_at(evidence.curves([{**rows(number)[curve], "friction.law": law}], axis)[0])
+    found = axis[evidence.slips(evidence.curves([{**rows(number)[curve], "friction.law": law}], axis)[0])]
     return float(found.min()) if len(found) else None
 
 
@@ -107,7 +106,8 @@ def pure_stick_below(evidence: Evidence, number: int, place: float) -> Finding:
     lower = closed_form.stick_limits(paper_system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
     limit = None if lower is None else lower / OMEGA_N
     return Finding(str(number), f"psi = 0: pure stick below {place:g}",
-                   f"lowest slipping ratio from (13) within {NEAR:g} of {place:g} with either law",
+                   f"lowest ratio at which the motion from (13) slips for good within {NEAR:g} of {place:g} with "
+                   "either law",
                    {**ends, "(10), whatever mu_k": limit}, judged(all(near), any(near)),
                    "between the lowest slip and the end of pure stick by (10) motions of both kinds exist")
 

@@ -118,6 +118,19 @@ class Evidence:
                 self._settled[name] = np.array(list(threads.map(at, range(len(records)))), dtype=np.int64)
         return self._settled[name]
 
+    def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """(n,) whether the settled motion slips; what has not settled by the paper's rule goes on, as for `periods`."""
+        def at(k: int) -> bool:
+            record = sweep.records[k]
+            if record is None or record.get("settled", True):
+                return record is not None and record["regime"] != "stick"
+            system = sweep.curve.at(k)
+            found = later(system, record, self._rtol(system))
+            return found is not None and found[0].regime != "stick"
+
+        with ThreadPoolExecutor(self.jobs) as threads:
+            return np.array(list(threads.map(at, range(len(sweep.records)))), dtype=bool)
+
     def _period(self, system: System, record: dict[str, Any]) -> int | None:
         """The period of a record, from further cycles where its section does not repeat yet."""
         period: int | None = record["period"]

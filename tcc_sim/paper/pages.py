@@ -22,10 +22,11 @@ def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, co
              "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A "
              "motion that",
              f"the paper's 150 cycles leave before its section repeats goes on for {LATER} more before it counts as "
-             "aperiodic. Where motions coexist the verdict rests on their branches: which stable ones there are,",
-             "where each begins and ends (with the residual of the bifurcation there), and to which of them the "
-             "initial",
-             "state (13) leads.", "",
+             "aperiodic.",
+             "Where motions coexist the verdict rests on their branches: which stable ones there are, where each begins "
+             "and",
+             "ends (with the residual of the bifurcation there), and to which of them the initial state (13) leads.",
+             "",
              "| Fig. | claim | verdict |", "|---|---|---|"]
     lines += [f"| {r['figure']} | {escape(r['claim'])} | {r['verdict']} |" for r in rows]
     lines += ["", f"- {tally(verdicts)}."]

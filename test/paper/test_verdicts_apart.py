@@ -100,6 +100,21 @@ def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ig
     assert Evidence(1e-9, 1).periods(silent).tolist() == [0]  # A record that does not say counts as settled.
 
 
+def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
+    """Fig. 14, psi = 0, law (6) at 0.148: from (13) it slips for 2700 cycles; at 0.13 it sticks, at 0.16 it slips."""
+    kept = Evidence(1e-9, 1)
+    row = {**FIGURES[14].series[0].values, "friction.law": "set_valued"}
+    sweep = kept.curves([row], np.array([0.13, 0.16]))[0]
+    assert kept.slips(sweep).tolist() == [False, True]
+    # A motion in stick whose section changes still is followed until it does not.
+    stuck = kept.curves([row], np.array([0.13]))[0].records[0]
+    assert stuck is not None
+    unsettled = {**stuck, "settled": False, "regime": "stick-slip"}
+    curve = kept.curves([row], np.array([0.13]))[0].curve
+    assert kept.slips(Swept(curve, sweep.plan, [unsettled], 0.0)).tolist() == [False]
+    assert kept.slips(Swept(curve, sweep.plan, [{**unsettled, "settled": True}], 0.0)).tolist() == [True]
+
+
 @pytest.mark.parametrize(("printed", "verdict"), [(300.0, CONFIRMED), (-6.4, NOT_CONFIRMED)])
 def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict, monkeypatch) -> None:  # type: ignore
     """A slip of a + b cos in the simulation and in the series; what is left is the mean of (31)."""
