@@ -23,8 +23,8 @@ def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, co
              "motion that",
              f"the paper's 150 cycles leave before its section repeats goes on for {LATER} more before it counts as "
              "aperiodic.",
-             "Where motions coexist the verdict rests on their branches: which stable ones there are, where each begins "
-             "and",
+             "Where motions coexist the verdict rests on their branches: which stable ones there are, where each "
+             "begins and",
              "ends (with the residual of the bifurcation there), and to which of them the initial state (13) leads.",
              "",
              "| Fig. | claim | verdict |", "|---|---|---|"]
