@@ -170,7 +170,7 @@ class Stride:
         """
         ways = (found.distance / self.wanted, found.contraction / CONTRACTION)
         factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
-        return min(self.length * min(max(factor, 0.5), MORE_REFUSED if refused else 2.0), self.largest)
+        return min(self.length * min(max(float(factor), 0.5), MORE_REFUSED if refused else 2.0), self.largest)
 
 
 def advance(equations: Equations, here: Point, before: Sequence[Point], stride: Stride,
