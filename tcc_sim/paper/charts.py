@@ -31,9 +31,9 @@ LONGEST = 2
 """Longest period, in those of the excitation, whose bifurcations are followed."""
 ENDING = 1.001
 """Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
-SMALLEST = 1e-5
+SMALLEST = 1e-4
 """Shortest step along a curve, in natural sizes: what moves less is a canard, and does not move in the chart."""
-MOST_POINTS = 60
+MOST_POINTS = 50
 """Points of a curve either way; the ends of a curve say where it was stopped."""
 PASSED = 4e-3
 """Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""

@@ -170,7 +170,8 @@ class Stride:
         """
         ways = (found.distance / self.wanted, found.contraction / CONTRACTION)
         factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
-        return min(self.length * min(max(float(factor), 0.5), MORE_REFUSED if refused else 2.0), self.largest)
+        most = MORE_REFUSED if refused else 2.0
+        return min(self.length * min(max(float(factor), 0.5), most), self.largest)
 
 
 def advance(equations: Equations, here: Point, before: Sequence[Point], stride: Stride,

@@ -10,6 +10,7 @@ from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, log
 from tcc_sim.studies import walk
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.branches import Branch, first_station, follow
+from tcc_sim.studies.continuation import extrapolated
 from tcc_sim.studies.orbits import find_orbit
 from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.smoothing_limit import limit_of
@@ -193,6 +194,38 @@ def test_the_bialternate_product_has_the_products_of_pairs() -> None:
     pairs = [values[i] * values[j] for i in range(3) for j in range(i)]
     found = np.sort_complex(np.linalg.eigvals(bialternate(m)))
     assert found == pytest.approx(np.sort_complex(np.array(pairs)), abs=1e-12)
+
+
+def test_the_predictor_is_exact_for_a_polynomial_with_its_slope_or_without() -> None:
+    def at(s: float) -> np.ndarray:
+        return np.array([s**3 - 2.0 * s, 0.5 * s**2 + s])
+
+    known = [(s, at(s)) for s in (-0.1, -0.3, -0.35)]
+    for nodes in ([(0.0, at(0.0)), (0.0, np.array([-2.0, 1.0])), *known], [(0.0, at(0.0)), *known]):
+        assert extrapolated(nodes, 0.7) == pytest.approx(at(0.7), abs=1e-12)
+
+
+def test_a_curve_takes_few_evaluations_a_point() -> None:
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    of = TextbookMap(henon, 2)
+    curve = bifurcation_curve(of_kind(branch, "fold"), of, (Window(-1.0, 2.5), Window(-0.5, 0.9)), 0.3)
+    assert curve is not None
+    # Newton's method takes two or three, each with four differences where no gradient is kept.
+    assert of.evaluations < 11 * len(curve.values)
+
+
+def test_a_bifurcation_takes_few_evaluations() -> None:
+    of = TextbookMap(henon, 2)
+    shooting = Shooting.single(of, 1, Window(-1.0, 1.5))
+    z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
+    assert z is not None
+    counts = []
+    for detect in (True, False):
+        of.evaluations = 0
+        branch = follow(first_station(shooting, z), Course("p", detect=detect), "start", 0)
+        counts.append(of.evaluations)
+    assert counts[0] - counts[1] <= 2 * 20
+    assert len(branch.stations) > 10
 
 
 def test_a_branch_without_progress_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
