@@ -197,12 +197,25 @@ def advance(equations: Equations, here: Point, before: Sequence[Point], stride: 
             new = point_at(found.z, found.found, tangent)
             turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
             jumped = new.sign != here.sign and stride.length > stride.branching
-            if found.distance <= stride.farthest * stride.length and not turned and not jumped:
+            astray = beside(here, new, len(climb) > 0) < stride.turn
+            if found.distance <= stride.farthest * stride.length and not (turned or jumped or astray):
                 stride.length = stride.after(found, refused)
                 return new
         stride.length *= 0.5
         refused, known = True, known[:max(len(known) - 2, 2)]
     return None
+
+
+def beside(here: Point, new: Point, climbing: bool) -> float:
+    """Cosine between the way from one point to the next and the tangent there.
+
+    Along a curve that bends little the way lies between both tangents; elsewhere the corrector has gone to another one.
+    """
+    way, along = new.z - here.z, new.tangent
+    if climbing:
+        way = np.concatenate([way, new.found.heights - here.found.heights])
+        along = np.concatenate([along, new.found.climb @ new.tangent])
+    return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
 def behind(here: Point, before: Sequence[Point], climb: Floats) -> list[tuple[float, Floats]]:

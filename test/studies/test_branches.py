@@ -111,6 +111,12 @@ def test_a_branch_does_not_jump_to_a_neighbour() -> None:
     assert all(s.orbit.section[0] == pytest.approx(math.sin(8.0 * s.value), abs=1e-7) for s in branch.stations)
 
 
+def test_a_doubled_branch_does_not_go_over_to_the_simple_one() -> None:
+    branch = branch_of(logistic, 1, 2.5, 3.5, 3.206, [0.5], 2)
+    assert branch.ended[0].startswith("ended in a period doubling of motions of a shorter period at p = 3")
+    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-9)
+
+
 def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None:
     branches = [branch_of(logistic, 1, 2.5, 3.56, 2.7, [0.6])]
     switch(branches, COURSE, 3)
