@@ -61,7 +61,7 @@ class Place:
 
 def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
            tick: Callable[[Station], None] | None = None, into: list[Branch] | None = None,
-           longest: int = LONGEST, points: int = MOST_POINTS, branches: int = MOST_BRANCHES) -> list[Branch]:
+           longest: int = LONGEST, points: int | None = None, branches: int | None = None) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and those that its doublings beget.
 
     Parameters
@@ -71,13 +71,14 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
     tick : called with every point
     into : takes the branches as they are found
     longest : period followed, in periods of the excitation
-    points, branches : most points of a branch in one direction, and most branches
+    points, branches : most points of a branch in one direction, MOST_POINTS by default; most branches, MOST_BRANCHES
     """
     out: list[Branch] = [] if into is None else into
-    course = Course(name, most=points, tick=tick, largest=LARGEST)
+    course = Course(name, most=MOST_POINTS if points is None else points, tick=tick, largest=LARGEST)
+    many = MOST_BRANCHES if branches is None else branches
     size = size_of(seen)
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest * of.forcing_period}
-    while left and len(out) < branches:
+    while left and len(out) < many:
         left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
         run = _longest_run(left)
         if not run:
@@ -86,7 +87,7 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
         first = station_of(of, window, left.pop(middle))
         if first is not None and not any(holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
-    _doubled(out, course, longest, branches)
+    _doubled(out, course, longest, many)
     return out
 
 
