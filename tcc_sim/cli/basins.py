@@ -44,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.studies.basin_rows import basins
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    plane = [_axis(text) for text in arguments.plane]
-    over = _axis(arguments.over) if arguments.over is not None else None
+    plane = [_axis("--plane", text) for text in arguments.plane]
+    over = _axis("--over", arguments.over) if arguments.over is not None else None
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
     part = None
@@ -82,12 +82,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _axis(text: str) -> Axis:
+def _axis(option: str, text: str) -> Axis:
     """KEY=START:STOP:COUNT."""
     from tcc_sim.studies.basins import Axis
     from tcc_sim.studies.sweep import values_of_range
 
-    key, values = values_of_range(text)
+    key, values = values_of_range(text, option)
     return Axis(key, tuple(values))
 
 

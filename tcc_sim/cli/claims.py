@@ -30,6 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.paper.evidence import Evidence
     from tcc_sim.paper.mean_pressure import table
     from tcc_sim.paper.pages import claims_page, errata_page, pressure_sentence, tally, text
+    from tcc_sim.paper.stable_motions import words_of
 
     for path in (arguments.json, arguments.markdown, arguments.errata):
         if path is not None:
@@ -48,6 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"{row['figure']:<15}  {row['verdict']:<13}  {row['claim']}")
         for name, value in row["values"].items():
             say(f"{'':<32}{name}: {text(value)}")
+        for motion in row["motions"]:
+            say(f"{'':<32}{words_of(motion)}")
         if row["why"]:
             say(f"{'':<32}{row['why']}", flush=True)
 

@@ -32,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key too")
     parser.add_argument("--limit", action="store_true",
                         help="follow every bifurcation of the smoothed law to the set-valued one")
+    parser.add_argument("--seeds", metavar="FILE", type=Path,
+                        help="follow the branches through the attractors that basins --json wrote to FILE instead")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
     add_plot(parser)
@@ -40,15 +42,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.studies.beginnings import seeds_in
     from tcc_sim.studies.motions import Motions, Plan, check, continue_motions
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     key, low, high = _range("--over", arguments.over)
     second = None if arguments.second is None else _range("--second", arguments.second)
-    plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit)
+    seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
+    plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit, seeds)
     check(scene.system, plan)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)

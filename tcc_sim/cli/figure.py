@@ -83,10 +83,14 @@ def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, An
     """Work out one figure, write its numbers and have it drawn."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
+    from tcc_sim.paper.catalogue import plain
     from tcc_sim.paper.figures import figure_data, figure_system
 
     data = figure_data(number, manner)
     write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, manner), words))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
+    for curve in data.get("curves", []):
+        for sentence in curve.get("left_out", []):
+            say(f"  {plain(curve['label']) or curve['direction']}: {sentence}", flush=True)
     return drawn

@@ -17,7 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("motions"),
                         help="new directory for motions.md, its pictures and the JSON behind them (default: motions)")
-    parser.add_argument("--quick", action="store_true", help="a quarter of the values, and a basin of 60 by 60 cells")
+    parser.add_argument("--quick", action="store_true",
+                        help="a quarter of the values, a basin of 60 by 60 cells, and no comparison with AUTO-07p")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
 
 
@@ -30,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
     require("matplotlib", "a picture")
+    from tcc_sim.benchmarks.branch_speed import compared, page_lines
     from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
     from tcc_sim.paper.figures import figure_data
     from tcc_sim.paper.manner import Manner
@@ -47,11 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
         branches = figure_data(6, branched)
         charts = {number: figure_data(number, plain) for number in CHARTS}
         found, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
+        beside = [] if arguments.quick else page_lines(list(compared()))
     except (KeyboardInterrupt, BasinsInterrupted):
         print("tcc-sim: interrupted; nothing is written", file=sys.stderr)
         return 130
     _write(folder, branches, charts, found, arguments.words)
-    (folder / "motions.md").write_text(motions_page(branches, charts, found), encoding="utf-8")
+    (folder / "motions.md").write_text(motions_page(branches, charts, found, beside), encoding="utf-8")
     say(repr(found))
     say(f"{folder}/motions.md, {folder}/pictures")
     return 0

@@ -11,10 +11,10 @@ from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS
 
 Data = dict[str, Any]
-CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "stick_border": "stick border",
-          "period_doubling": "doubling", "neimark_sacker": "torus", "branch_point": "branch point",
-          "grazing_sliding": "grazing", "crossing_sliding": "crossing", "switching_sliding": "switching",
-          "adding_sliding": "adding"}
+CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
+          "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
+          "branch_point": "branch point", "grazing_sliding": "grazing", "crossing_sliding": "crossing",
+          "switching_sliding": "switching", "adding_sliding": "adding"}
 """What stands at a jump; the other kinds are named as they are."""
 UNSTABLE = (0, (3, 1.5))
 NARROWEST = 0.021
@@ -49,7 +49,7 @@ def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
 def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequence[str]) -> None:
     """The cause of every jump, written upwards from the top of the axes, none over another; a thin line leads to it."""
     jumps = sorted(((j["value"] / unit, max(j["max_slip_speed"]), j, colour) for curve, colour in zip(curves, colours)
-                    for j in curve["jumps"] if j["cause"] not in ("steep", "aperiodic")), key=lambda row: row[0])
+                    for j in curve["jumps"] if j["cause"] != "steep"), key=lambda row: row[0])
     low, high = axis.get_xlim()
     places = spread([x for x, _, _, _ in jumps], NARROWEST * (high - low), low, high)
     for place, (x, _, jump, colour) in zip(places, jumps):

@@ -29,6 +29,12 @@ from tcc_sim.studies.two_parameters import Curve, bifurcation_curve, border_curv
 FOLLOWED = ("fold", "period_doubling")
 LONGEST = 2
 """Longest period, in those of the excitation, whose bifurcations are followed."""
+ENDING = 1.001
+"""Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
+SMALLEST = 1e-4
+"""Shortest step along a curve, in natural sizes: what moves less is a canard, and does not move in the chart."""
+MOST_POINTS = 50
+"""Points of a curve either way; the ends of a curve say where it was stopped."""
 PASSED = 4e-3
 """Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""
 UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "pressure.phase": math.pi}
@@ -75,7 +81,8 @@ def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
 def _followed(found: Bifurcation, of: DrivelineMap, windows: tuple[Window, Window], second: float,
               known: list[dict[str, Any]]) -> Curve | None:
     """The curve of a bifurcation; None where it is not of those followed, or lies on a curve that is known."""
-    if found.kind not in FOLLOWED or found.station.orbit.period > LONGEST * of.forcing_period:
+    orbit = found.station.orbit
+    if found.kind not in FOLLOWED or orbit.period > LONGEST * of.forcing_period or abs(orbit.multipliers[0]) > ENDING:
         return None
     at = np.array([windows[0].scaled(found.value), windows[1].scaled(second)])
     for curve in known:
@@ -84,7 +91,7 @@ def _followed(found: Bifurcation, of: DrivelineMap, windows: tuple[Window, Windo
                                for a, b in zip(curve["value"], curve["second"])])
             if distance(at, points) < PASSED:
                 return None
-    return bifurcation_curve(found, of, windows, second)
+    return bifurcation_curve(found, of, windows, second, SMALLEST, MOST_POINTS)
 
 
 def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
@@ -106,7 +113,7 @@ def distance(at: Floats, line: Floats) -> float:
 
 
 def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, Window],
-                  count: int = 400) -> list[dict[str, Any]]:
+                  count: int = 150) -> list[dict[str, Any]]:
     """Curves on which pure stick ends by (10), corrected, in the plane of two keys."""
     of = DrivelineMap(system, keys)
 

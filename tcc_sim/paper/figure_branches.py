@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import signal
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,9 +18,10 @@ from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.jumps import jumps_of
+from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import Seen, station_of
-from tcc_sim.studies.sweep import Sweep
+from tcc_sim.studies.survey import Seen, left_out, station_of
+from tcc_sim.studies.sweep import Sweep, cores
 from tcc_sim.trajectory import State
 
 STICK_BORDER = "stick_border"
@@ -38,7 +41,8 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
     Returns
     -------
     For every sweep `branches` and `bifurcations` as `continue --json` has them, and `jumps`: `value`, the two values it
-    is `between`, `max_slip_speed` before and after, `cause`, and the number of its `bifurcation`.
+    is `between`, `max_slip_speed` before and after, `cause`, and the number of its `bifurcation`; and `left_out`,
+    sentences on what was not followed.
     """
     found = [seen_in(sweep) for sweep in sweeps]
     branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)
@@ -55,8 +59,31 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
             if jump.found is not None and creeps(jump.found, sweep.curve.system):
                 entry["cause"] = STICK_BORDER
             jumps.append(entry)
-        out.append({**shown, "jumps": jumps})
+        out.append({**shown, "jumps": jumps, "left_out": left_out(row, branches, base)})
     return out
+
+
+def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
+                        progress: bool = False) -> list[dict[str, Any]]:
+    """`motions_behind` of every sweep, of systems that differ, each in a process: following branches holds the
+    interpreter lock most of the time.
+    """
+    count = min(len(sweeps), jobs or cores())
+    if count < 2:
+        return [motions_behind([sweep], progress)[0] for sweep in sweeps]
+    # Ctrl-C ends the pool, which ends its processes; they are not to report it themselves.
+    with multiprocessing.get_context("spawn").Pool(count, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool, \
+            progress_bar("curve", len(sweeps), shown=progress) as bar:
+        out = []
+        for found in pool.imap(_alone, sweeps):
+            out.append(found)
+            bar.update()
+        return out
+
+
+def _alone(sweep: Sweep) -> dict[str, Any]:
+    """What is behind one sweep."""
+    return motions_behind([sweep])[0]
 
 
 def creeps(found: Bifurcation, system: System) -> bool:

@@ -16,7 +16,7 @@ from tcc_sim.paper import settled_histories
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, STATIC, PaperFigure, Series, figure_row, paper_system
 from tcc_sim.paper.charts import chart
 from tcc_sim.paper.coexistence import coexisting
-from tcc_sim.paper.figure_branches import motions_behind
+from tcc_sim.paper.figure_branches import motions_behind, motions_behind_each
 from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.studies.sweep import Curve, Plan, Sweep, sweep_curves
@@ -83,8 +83,8 @@ def _curves(row: PaperFigure, manner: Manner, plan: Plan) -> tuple[list[dict[str
         for curve, sweep in zip(curves, found):
             curve["coexisting"] = coexisting(sweep, manner.jobs)
     if manner.branches and row.kind == "map":
-        for curve, sweep in zip(curves, found):
-            curve.update(motions_behind([sweep], manner.progress)[0])
+        for curve, motions in zip(curves, motions_behind_each(found, manner.jobs, manner.progress)):
+            curve.update(motions)
     return curves, axis
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tcc_sim.paper.pages import escape
-from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED
 from tcc_sim.studies.basins import Basins
+from tcc_sim.studies.captures import RUNAWAY, UNDECIDED
 
 Data = Mapping[str, Any]
 NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}
@@ -15,7 +15,7 @@ NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}
 BRANCHES, BASINS = "motions_branches", "motions_basins"
 
 
-def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins) -> str:
+def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, beside: Sequence[str] = ()) -> str:
     """The page.
 
     Parameters
@@ -23,6 +23,7 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins) -> 
     branches : the numbers of Fig. 6 with its branches
     charts : the numbers of the charts
     basins : the coexistence at omega/omega_n = 0.36 and mu_k/mu_s = 0.85
+    beside : lines of the comparison with AUTO-07p
     """
     lines = ["# Periodic motions", "",
              "Written by `tcc-sim motions`. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing "
@@ -40,7 +41,7 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins) -> 
         lines += ["", f"![Chart {number}](pictures/{NAMES[number]}.png)", "", *_chart(data), "",
                   f"    tcc-sim figure {number}"]
     lines += ["", "## Which initial state leads to which motion", "", f"![basins](pictures/{BASINS}.png)", "",
-              *_basins(basins)]
+              *_basins(basins), *([""] if beside else []), *beside]
     return "\n".join(lines) + "\n"
 
 
@@ -70,8 +71,8 @@ def _branches(data: Data) -> list[str]:
 def _cause(cause: str) -> str:
     """The cause of a jump in words."""
     return {"basin_boundary": "both motions go on: the start is on the other side of the boundary of their basins",
-            "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it"}.get(
-        cause, cause.replace("_", " "))
+            "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
+            "not_followed": "a motion beside it that lies on no branch followed"}.get(cause, cause.replace("_", " "))
 
 
 def _chart(data: Data) -> list[str]:

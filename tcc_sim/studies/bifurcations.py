@@ -8,7 +8,7 @@ Eng. Softw. 28, 1997) with a corrector in every evaluation.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,10 @@ from tcc_sim.studies.shooting import Shooting
 
 ROOT_TOLERANCE = 1e-13
 """Width of the bracket, relative to the step, at which a root counts as found."""
+ENOUGH = 1e-11
+"""Residual at which a root counts as found, however wide the bracket is."""
+FORWARD = 0.1
+"""Least cosine between tangent and chord with which the tangents at its ends tell where the branch runs."""
 WORST = 1e-2
 """Residual above which a change of sign is one of rounding, not of a bifurcation."""
 COMPLEX = 1e-6
@@ -90,6 +94,9 @@ class Chord:
     climbing: bool = True
     """Whether the heights are coordinates of the arclength, as they were on the way from a to b."""
 
+    kept: dict[float, Station] = field(default_factory=dict, compare=False, repr=False)
+    """Stations solved for already, by their part of the chord."""
+
     def at(self, part: float) -> Station | None:
         """The station at `part` (0 to 1) of the chord; None where the corrector fails."""
         p, q = self.a.point, self.b.point
@@ -97,35 +104,56 @@ class Chord:
         length = float(np.linalg.norm(chord))
         if part in (0.0, 1.0) or length == 0.0:
             return self.b if part == 1.0 else self.a
-        guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
-        plane, low, high = FLAT, p.found.heights, q.found.heights
+        if part in self.kept:
+            return self.kept[part]
+        start, plane, low, high = None, FLAT, p.found.heights, q.found.heights
         if self.climbing and len(low) and len(low) == len(high):
             guess, plane = p.z + part * chord, Plane((high - low) / length, low + part * (high - low))
-        found = correct(self.a.shooting, guess, chord / length, plane)
+            start = self._start(part, chord / length, plane.weights)
+        else:
+            guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
+        found = correct(self.a.shooting, guess, chord / length, plane, start=start)
         if found is None:
             return None
         tangent = found.tangent if float(found.tangent @ (p.tangent + q.tangent)) > 0.0 else -found.tangent
-        return station_at(self.a.shooting, point_at(found.z, found.found, tangent))
+        self.kept[part] = station_at(self.a.shooting, point_at(found.z, found.found, tangent))
+        return self.kept[part]
 
-    def root(self, test: Callable[[Station], float]) -> Station | None:
+    def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
+        """The cubic through the stations about `part` that are known, with their tangents, there; None where one of
+        them goes back along the chord.
+        """
+        known = {0.0: self.a, 1.0: self.b, **self.kept}
+        low, high = max(k for k in known if k < part), min(k for k in known if k > part)
+        length = float(np.linalg.norm(self.b.point.z - self.a.point.z))
+        whole, slopes = length * (1.0 + float(weights @ weights)), []
+        for station in (known[low], known[high]):
+            tangent = station.point.tangent
+            along = float(row @ tangent + weights @ (station.point.found.climb @ tangent))
+            if not along > FORWARD * float(np.sqrt(1.0 + weights @ weights)):
+                return None
+            slopes.append(tangent * (whole / along * (high - low)))
+        return _hermite(known[low].point.z, known[high].point.z, slopes[0], slopes[1], (part - low) / (high - low))
+
+    def root(self, test: Callable[[Station], float],
+             residual: Callable[[Station], float] | None = None) -> Station | None:
         """The station where `test` changes sign; None where it does not or the branch is lost on the way, with the
         heights as coordinates and without them.
-        """
-        kept: dict[float, Station] = {}
 
+        residual : of what is looked for; where it is ENOUGH nothing better is
+        """
         def value(part: float) -> float:
             station = self.at(part)
             if station is None:
                 raise NumericalFailure("the branch is lost between two of its points")
-            kept[part] = station
-            return test(station)
+            return 0.0 if residual is not None and residual(station) <= ENOUGH else test(station)
 
         try:
-            return kept[chandrupatla(value, 0.0, 1.0)]
+            return self.at(chandrupatla(value, 0.0, 1.0))
         except ValueError:
             return None
         except NumericalFailure:
-            return replace(self, climbing=False).root(test) if self.climbing else None
+            return replace(self, climbing=False, kept={}).root(test, residual) if self.climbing else None
 
 
 def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
@@ -196,7 +224,7 @@ def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
         tests.append(("branch_point", lambda s: s.point.sign,
                       lambda s: float(np.linalg.svd(s.point.found.jacobian, compute_uv=False)[-1])))
     for kind, test, residual in tests:
-        station = branch_point(chord) if kind == "branch_point" else chord.root(test)
+        station = branch_point(chord) if kind == "branch_point" else chord.root(test, residual)
         if station is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(station))):
             continue
         left = max(residual(station), station.orbit.residual)

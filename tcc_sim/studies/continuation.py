@@ -10,6 +10,7 @@ tangent changes sign: there the curve has met another one, or the corrector has 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -24,12 +25,23 @@ LARGEST_LEFT = 5e-9
 """Residual above which no point is accepted."""
 SQUARED = 1e-5
 """A Newton step below this leaves an error of its square; the residual before it then decides too."""
+SLOWEST = 0.7
+"""Share of the step before above which Newton's method is given up: a shorter step of the walk costs less."""
+CONTRACTION = 0.15
+"""Share of Newton's first step that the second one is aimed to be: four of them then reach rounding."""
+MORE_REFUSED = 1.2
+"""Growth of the step's length at most after a longer one was refused."""
+NODES = 3
+"""Points before the last one from which the next is predicted."""
 
 
 class Equations(Protocol):
-    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking."""
+    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking, and
+    `exact` whether the Jacobian is, so that a tangent tells where a curve goes on as well as its points do.
+    """
 
     rounding: ClassVar[float]
+    exact: ClassVar[bool]
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and Jacobian."""
@@ -46,7 +58,8 @@ class Point(NamedTuple):
 
 class Corrected(NamedTuple):
     """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the
-    heights, where they are coordinates too), and how these climb along the tangent.
+    heights, where they are coordinates too), how these climb along the tangent, and what share of its first step
+    Newton's second one was.
     """
 
     z: Floats
@@ -54,6 +67,7 @@ class Corrected(NamedTuple):
     tangent: Floats
     distance: float
     climb: Floats
+    contraction: float
 
 
 class Plane(NamedTuple):
@@ -68,13 +82,14 @@ class Plane(NamedTuple):
 FLAT = Plane(np.empty(0), np.empty(0))
 
 
-def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT,
-            tolerance: float = TOLERANCE) -> Corrected | None:
-    """Newton from `guess` to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0.
+def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT, tolerance: float = TOLERANCE,
+            start: Floats | None = None) -> Corrected | None:
+    """Newton to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0, from `start`.
 
-    None where it does not converge.
+    It starts at the guess where nothing else is given. None where it does not converge.
     """
-    z, last, away = guess.copy(), np.inf, 0.0
+    z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
+    contraction = 0.0
     size, climbs = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     for _ in range(ITERATIONS):
@@ -100,9 +115,10 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
         if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
             climb = found.climb @ tangent if climbs else plane.weights
-            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb)
-        if length > last:
+            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb, contraction)
+        if length > (SLOWEST if length > SQUARED else 1.0) * last:
             return None
+        contraction = contraction or (length / last if last < np.inf else 0.0)
         last = length
     return None
 
@@ -147,30 +163,32 @@ class Stride:
     """A change of the determinant's sign is believed in steps this short."""
     tried: int = 0
 
-    def after(self, distance: float) -> float:
-        """The next length after a step whose corrector went `distance`."""
-        factor = 2.0 if distance <= 0.0 else (self.wanted / distance) ** (1.0 / 3.0)
-        return min(self.length * min(max(factor, 0.5), 2.0), self.largest)
+    def after(self, found: Corrected, refused: bool) -> float:
+        """The next length after a step; the corrector's way goes as the third power of the length.
+
+        refused : whether a longer one has just been, which the next one is not to be then
+        """
+        ways = (found.distance / self.wanted, found.contraction / CONTRACTION)
+        factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
+        most = MORE_REFUSED if refused else 2.0
+        return min(self.length * min(max(float(factor), 0.5), most), self.largest)
 
 
-def advance(equations: Equations, here: Point, before: tuple[Point, float] | None, stride: Stride,
-            climbing: bool = True) -> tuple[Point, float] | None:
-    """The next point along the curve and the length of its step; None where no step is short enough.
+def advance(equations: Equations, here: Point, before: Sequence[Point], stride: Stride,
+            climbing: bool = True) -> Point | None:
+    """The next point along the curve; None where no step is short enough.
 
-    before : the point before `here` and the step between them, for the curvature
+    before : points before `here`, the nearest one last, from which the predictor takes the curve's bend
     climbing : whether the heights are coordinates of the arclength, where there are any
     """
     climb = here.found.climb @ here.tangent if climbing and len(here.found.heights) else FLAT.weights
     reach = float(np.sqrt(1.0 + climb @ climb))
-    curved = before
+    known, refused = behind(here, before, climb), False
+    if not equations.exact and len(known) > 3:
+        del known[1]
     while stride.length >= stride.smallest:
-        length = stride.length / reach
-        guess, heights = here.z + length * here.tangent, here.found.heights[:len(climb)] + length * climb
-        if curved is not None:
-            bend = 0.5 * length**2 / curved[1]
-            guess = guess + bend * (here.tangent - curved[0].tangent)
-            if len(climb) and len(curved[0].found.heights) == len(climb):
-                heights = heights + bend * (climb - curved[0].found.climb @ curved[0].tangent)
+        ahead = extrapolated(known, stride.length * reach)
+        guess, heights = here.z + ahead[:len(here.z)], here.found.heights[:len(climb)] + ahead[len(here.z):]
         stride.tried += 1
         found = correct(equations, guess, here.tangent, Plane(climb, heights))
         if found is not None:
@@ -179,9 +197,55 @@ def advance(equations: Equations, here: Point, before: tuple[Point, float] | Non
             new = point_at(found.z, found.found, tangent)
             turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
             jumped = new.sign != here.sign and stride.length > stride.branching
-            if found.distance <= stride.farthest * stride.length and not turned and not jumped:
-                stride.length = stride.after(found.distance)
-                return new, float(np.linalg.norm(new.z - here.z))
+            astray = beside(here, new, len(climb) > 0) < stride.turn
+            if found.distance <= stride.farthest * stride.length and not (turned or jumped or astray):
+                stride.length = stride.after(found, refused)
+                return new
         stride.length *= 0.5
-        curved = None
+        refused, known = True, known[:max(len(known) - 2, 2)]
     return None
+
+
+def beside(here: Point, new: Point, climbing: bool) -> float:
+    """Cosine between the way from one point to the next and the tangent there.
+
+    Along a curve that bends little the way lies between both tangents; elsewhere the corrector has gone to another one.
+    """
+    way, along = new.z - here.z, new.tangent
+    if climbing:
+        way = np.concatenate([way, new.found.heights - here.found.heights])
+        along = np.concatenate([along, new.found.climb @ new.tangent])
+    return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
+
+
+def behind(here: Point, before: Sequence[Point], climb: Floats) -> list[tuple[float, Floats]]:
+    """Nodes of the predictor: how far each is along the tangent, and its unknowns and heights from those of `here`.
+
+    The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.
+    """
+    size, used = len(here.z), len(climb)
+    nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, climb]) / (1.0 + climb @ climb))]
+    for point in before[:-NODES - 1:-1]:
+        if len(point.z) != size or (used and len(point.found.heights) != used):
+            break
+        away = np.concatenate([point.z - here.z, point.found.heights[:used] - here.found.heights[:used]])
+        at = float(here.tangent @ away[:size] + climb @ away[size:])
+        if not at < nodes[-1][0]:
+            break
+        nodes.append((at, away))
+    return nodes
+
+
+def extrapolated(nodes: list[tuple[float, Floats]], at: float) -> Floats:
+    """The polynomial through nodes in order, by divided differences; a second one at the same place is its slope."""
+    places, column = [place for place, _ in nodes], [value for _, value in nodes]
+    slope = column[1] if places[0] == places[1] else None
+    if slope is not None:
+        column[1] = column[0]
+    out, product = column[0], 1.0
+    for order in range(1, len(nodes)):
+        column = [slope if slope is not None and order == 1 and k == 0 else
+                  (column[k + 1] - column[k]) / (places[k + order] - places[k]) for k in range(len(nodes) - order)]
+        product *= at - places[order - 1]
+        out = out + product * column[0]
+    return out

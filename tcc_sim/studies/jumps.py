@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,12 +10,12 @@ from typing import Any
 
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.branches import Branch
-from tcc_sim.studies.survey import Place, Seen, place_of, size_of
+from tcc_sim.studies.survey import BESIDE, SAME, Place, Seen, place_of, size_of
 
-BASIN, STEEP, APERIODIC = "basin_boundary", "steep", "aperiodic"
+BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
 """Causes that are no bifurcation of the branches: both motions go on, and the start is on the other side of the
 boundary of their basins; one motion all the way, which only changes steeply; a motion without a period on either side,
-whose end no branch tells."""
+whose end no branch tells; a motion with one on either side, but on no branch that was followed."""
 CLOSE = 0.05
 """How far a bifurcation may be from where stability ends, in parts of the range and of the largest size together."""
 
@@ -73,15 +74,15 @@ def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: flo
            base: int) -> tuple[str, Bifurcation | None]:
     """What ends between two neighbouring motions of a sweep."""
     here, there = place_of(a, branches, size, base), place_of(b, branches, size, base)
-    if here is None and there is None:
-        return APERIODIC, None
+    unplaced = NOT_FOLLOWED if any(s.period and p is None for s, p in ((a, here), (b, there))) else APERIODIC
     ends = []
-    for place, goal, other in ((here, b.value, there), (there, a.value, here)):
+    for place, goal, other, seen in ((here, b.value, there, b), (there, a.value, here, a)):
         if place is None:
             continue
         branch = branches[place.branch]
         last, reached = _walk(branch, place, goal)
-        if reached and other is not None and other.branch == place.branch and abs(last - other.point) <= 1:
+        same = other is not None and other.branch == place.branch and abs(last - other.point) <= 1
+        if reached and (same or (other is not None and _passes(branch, last, seen, size, base))):
             return STEEP, None
         if not reached:
             found = nearest_bifurcation(branch, last, size, width)
@@ -91,7 +92,18 @@ def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: flo
         middle = 0.5 * (a.value + b.value)
         best = min(ends, key=lambda f: abs(f.value - middle))
         return best.kind, best
-    return (BASIN, None) if here is not None and there is not None else (APERIODIC, None)
+    return (BASIN, None) if here is not None and there is not None else (unplaced, None)
+
+
+def _passes(branch: Branch, point: int, seen: Seen, size: float, base: int) -> bool:
+    """Whether the piece of a branch behind one of its points passes through a motion: branches may overlap."""
+    stations = branch.stations[point:point + 2]
+    if len(stations) < 2 or math.lcm(seen.period, base) != branch.period:
+        return False
+    (a, low), (b, high) = ((s.value, s.orbit.seen.largest) for s in stations)
+    part = (seen.value - a) / (b - a) if b != a else 0.5
+    away = abs(low + part * (high - low) - seen.height)
+    return 0.0 <= part <= 1.0 and away <= SAME * size + BESIDE * abs(high - low)
 
 
 def _walk(branch: Branch, place: Place, goal: float) -> tuple[int, bool]:

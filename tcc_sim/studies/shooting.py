@@ -8,10 +8,12 @@ Problems, SIAM 1995, Section 4.3.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.studies.maps import Floats, Image, Observation, ParameterMap, Values
@@ -77,6 +79,7 @@ class Shooting:
     segments: tuple[float, ...]
 
     rounding: ClassVar[float] = 1e-10
+    exact: ClassVar[bool] = True
 
     @staticmethod
     def single(of: ParameterMap, period: int, *windows: Window) -> Shooting:
@@ -116,29 +119,30 @@ class Shooting:
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
         widths = np.array([w.width(float(u)) for w, u in zip(self.windows, z[size:])])
-        residual, jacobian = np.empty(size), np.zeros((size, size + len(widths)))
-        blocks, climbs, seen = np.empty((count, n, n)), [], []
-        starts = [sum(self.segments[:k]) for k in range(count)]
-        images = self.map.evaluate_each(nodes, values, starts, self.segments)
-        for k, image in enumerate(images):
-            rows, following = slice(k * n, k * n + n), (k + 1) % count
-            residual[rows] = (image.value - nodes[following]) / scales
-            blocks[k] = image.jacobian * scales / scales[:, None]
-            jacobian[rows, rows] = blocks[k]
-            jacobian[rows, following * n:following * n + n] -= np.eye(n)
-            jacobian[rows, size:] = image.by_parameter * widths / scales[:, None]
-            if image.seen is not None and image.climb is not None:
-                climb = np.zeros((len(image.climb), size + len(widths)))
-                climb[:, rows] = image.climb[:, :n] * scales
-                climb[:, size:] = image.climb[:, n:] * widths
-                climbs.append(climb)
-                seen.append(image.seen)
+        images = self.map.evaluate_each(nodes, values, starts_of(self.segments), self.segments)
+        ends = np.array([image.value for image in images])
+        blocks = np.array([image.jacobian for image in images]) * (scales / scales[:, None])
+        jacobian = np.zeros((size, size + len(widths)))
+        rows, columns, following = places(count, n)
+        jacobian[rows, columns] = blocks
+        jacobian[following] -= 1.0
+        jacobian[:, size:] = np.concatenate([image.by_parameter for image in images]) * (
+            widths / np.tile(scales, count)[:, None])
+        residual = ((ends - (nodes if count == 1 else np.roll(nodes, -1, axis=0))) / scales).ravel()
         monodromy = images[0].jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
+        seen = [image.seen for image in images if image.seen is not None and image.climb is not None]
         if len(seen) < count:
             return Linearised(residual, jacobian, monodromy, blocks)
         heights = np.array([h for part in seen for h in part.heights]) / self.map.height_scale
-        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), heights,
-                          np.vstack(climbs) / self.map.height_scale)
+        climb, row = np.zeros((len(heights), size + len(widths))), 0
+        steps, spans = scales / self.map.height_scale, widths / self.map.height_scale
+        for k, image in enumerate(images):
+            assert image.climb is not None
+            end = row + len(image.climb)
+            climb[row:end, k * n:k * n + n] = image.climb[:, :n] * steps
+            climb[row:end, size:] = image.climb[:, n:] * spans
+            row = end
+        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), heights, climb)
 
     def cut(self, z: Floats) -> tuple[Shooting, Floats]:
         """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with
@@ -183,6 +187,22 @@ class Shooting:
             out += pieces
             begin = following
         return out, x
+
+
+@lru_cache(maxsize=64)
+def starts_of(segments: tuple[float, ...]) -> list[float]:
+    """Where segments begin, in cycles."""
+    return [sum(segments[:k]) for k in range(len(segments))]
+
+
+@lru_cache(maxsize=64)
+def places(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Rows and columns (count, n, n) of the segments' derivatives in the Jacobian, and those of the nodes after them.
+    """
+    own = np.arange(count * n).reshape(count, n)
+    rows = np.broadcast_to(own[:, :, None], (count, n, n))
+    columns = np.broadcast_to(own[:, None, :], (count, n, n))
+    return rows, columns, (own.ravel(), np.roll(own, -1, axis=0).ravel())
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list[Floats]]:

@@ -17,9 +17,11 @@ from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.switching import doubled
 from tcc_sim.studies.walk import Course
 
-MOST_BRANCHES = 6
-MOST_POINTS = 150
+MOST_BRANCHES = 8
+MOST_POINTS = 200
 """Points of a branch in one direction."""
+LARGEST = 0.3
+"""Longest step, in natural sizes: a hundredth of what a picture shows or so."""
 LONGEST = 4
 """Longest period followed, in periods of the excitation."""
 SAME = 0.01
@@ -59,7 +61,7 @@ class Place:
 
 def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
            tick: Callable[[Station], None] | None = None, into: list[Branch] | None = None,
-           longest: int = LONGEST) -> list[Branch]:
+           longest: int = LONGEST, points: int | None = None, branches: int | None = None) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and those that its doublings beget.
 
     Parameters
@@ -69,21 +71,39 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
     tick : called with every point
     into : takes the branches as they are found
     longest : period followed, in periods of the excitation
+    points, branches : most points of a branch in one direction, MOST_POINTS by default; most branches, MOST_BRANCHES
     """
     out: list[Branch] = [] if into is None else into
-    course = Course(name, most=MOST_POINTS, tick=tick)
+    course = Course(name, most=MOST_POINTS if points is None else points, tick=tick, largest=LARGEST)
+    many = MOST_BRANCHES if branches is None else branches
     size = size_of(seen)
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest * of.forcing_period}
-    while left and len(out) < MOST_BRANCHES:
+    while left and len(out) < many:
         left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
         run = _longest_run(left)
         if not run:
             break
         middle = run[len(run) // 2]
         first = station_of(of, window, left.pop(middle))
-        if first is not None and not any(_holds(branch, first) for branch in out):
+        if first is not None and not any(holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
-    _doubled(out, course, longest)
+    _doubled(out, course, longest, many)
+    return out
+
+
+def left_out(seen: Sequence[Seen], branches: Sequence[Branch], base: int = 1, longest: int = LONGEST) -> list[str]:
+    """Sentences on what a survey did not come to: nothing where it came to an end by itself."""
+    size, out = size_of(seen), []
+    alone = [s for s in seen if s.period and place_of(s, branches, size, base) is None]
+    long = sum(s.period > longest * base for s in alone)
+    if len(alone) > long:
+        reason = f"{MOST_BRANCHES} branches are followed" if len(branches) >= MOST_BRANCHES else "none was found there"
+        out.append(f"{len(alone) - long} of {len(seen)} motions lie on no branch: {reason}")
+    if long:
+        out.append(f"{long} of {len(seen)} motions have a period above {longest * base} and lie on no branch")
+    stopped = sum(any(sentence.startswith("stopped after") for sentence in branch.ended) for branch in branches)
+    if stopped:
+        out.append(f"{stopped} of {len(branches)} branches go on: {MOST_POINTS} points are followed either way")
     return out
 
 
@@ -147,7 +167,7 @@ def _longest_run(left: dict[int, Seen]) -> list[int]:
     return max(runs, key=len, default=[])
 
 
-def _holds(branch: Branch, found: Station) -> bool:
+def holds(branch: Branch, found: Station) -> bool:
     """Whether a branch passes through an orbit, whichever of its cycles it was taken up in."""
     of, orbit = found.shooting.map, found.orbit
     if branch.period != orbit.period:
@@ -161,20 +181,20 @@ def _holds(branch: Branch, found: Station) -> bool:
     return False
 
 
-def _doubled(branches: list[Branch], course: Course, longest: int) -> None:
+def _doubled(branches: list[Branch], course: Course, longest: int, most: int) -> None:
     """Append the branch of every period doubling in which none of the others ends."""
     for number, parent in enumerate(list(branches)):
         for found in parent.bifurcations:
-            most = longest * found.station.shooting.map.forcing_period // 2
-            if found.kind != "period_doubling" or parent.period > most:
+            half = longest * found.station.shooting.map.forcing_period // 2
+            if found.kind != "period_doubling" or parent.period > half:
                 continue
             window = found.station.shooting.windows[0]
             ends = [window.scaled(s.value) for b in branches if b.period == 2 * parent.period
                     for s in (b.stations[0], b.stations[-1])]
-            if len(branches) >= MOST_BRANCHES or any(abs(window.scaled(found.value) - x) < MET for x in ends):
+            if len(branches) >= most or any(abs(window.scaled(found.value) - x) < MET for x in ends):
                 continue
             first = doubled(found)
-            if first is not None and not any(_holds(branch, first) for branch in branches):
+            if first is not None and not any(holds(branch, first) for branch in branches):
                 origin = {"kind": found.kind, "value": found.value, "branch": number}
                 began = f"began in the period doubling at {course.name} = {found.value:.9g}"
                 follow(first, course, origin, len(branches), both=False, began=began, keep=branches)

@@ -241,7 +241,7 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Call
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def values_of_range(text: str) -> tuple[str, list[float]]:
+def values_of_range(text: str, option: str = "--over") -> tuple[str, list[float]]:
     """KEY and the evenly spaced values of KEY=START:STOP:COUNT, both ends included.
 
     Raises
@@ -251,7 +251,7 @@ def values_of_range(text: str) -> tuple[str, list[float]]:
     """
     key, equals, numbers = text.partition("=")
     parts = numbers.split(":")
-    wrong = InputError(f"--over is {text!r}; it must be KEY=START:STOP:COUNT")
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT")
     if not equals or len(parts) != 3:
         raise wrong
     try:
@@ -261,7 +261,7 @@ def values_of_range(text: str) -> tuple[str, list[float]]:
     if not (np.isfinite(start) and np.isfinite(stop)):
         raise wrong
     if not 1 <= count <= MOST_VALUES:
-        raise InputError(f"--over has a count of {count}; it must be 1 to {MOST_VALUES}")
+        raise InputError(f"{option} has a count of {count}; it must be 1 to {MOST_VALUES}")
     return key, [float(x) for x in np.linspace(start, stop, count)]
 
 

@@ -22,7 +22,12 @@ from tcc_sim.studies.shooting import Linearised, Shooting, Window, product_of
 
 KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
 """What can be followed in two parameters."""
-STEP = 1e-6
+STEP, SHORTEST = 1e-6, 1e-10
+"""Steps of differences, in natural sizes: the usual one, and the shortest."""
+LINEAR = 1e-3
+"""Change of g over such a step up to which it is linear enough."""
+FORETOLD = 0.2
+"""Error of a foretold g, relative to its value before, with which the gradient is kept."""
 MOST_POINTS = 400
 CLOSE = 1e-8
 """Last Newton step, in natural sizes, at which a bifurcation counts as found."""
@@ -67,10 +72,12 @@ class Defining:
     """The equations of a bifurcation in the orbit's nodes and two parameters."""
 
     rounding: ClassVar[float] = 1e-9
+    exact: ClassVar[bool] = False
 
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting
         self.b = self.c = np.empty(0)
+        self._known: tuple[Floats, float, Floats] | None = None
         self.border(shooting.linearise(z))
 
     def border(self, found: Linearised) -> None:
@@ -80,6 +87,7 @@ class Defining:
         keep = len(self.b) == len(b)
         self.b = -b if keep and float(b @ self.b) < 0.0 else b
         self.c = -c if keep and float(c @ self.c) < 0.0 else c
+        self._known = None
 
     def test(self, found: Linearised) -> float:
         """g of the bordered system."""
@@ -93,16 +101,40 @@ class Defining:
         """The orbit's equations and g, with derivatives."""
         found = self.shooting.linearise(z)
         g = self.test(found)
-        gradient = np.empty(len(z))
-        for k in range(len(z)):
+        gradient = self._gradient(z, g)
+        self._known = z.copy(), g, gradient
+        # On a canard g passes from one sign to the other within rounding of z: how far z is from there counts.
+        size = max(float(np.linalg.norm(gradient)), 1.0)
+        return found._replace(residual=np.append(found.residual, g / size),
+                              jacobian=np.vstack([found.jacobian, gradient / size]))
+
+    def _gradient(self, z: Floats, g: float) -> Floats:
+        """The gradient of g: that of the point before, corrected (C. G. Broyden, Math. Comp. 19, 1965), where it has
+        foretold g well, and by differences elsewhere.
+        """
+        if self._known is not None:
+            before, value, gradient = self._known
+            way = z - before
+            square, missed = float(way @ way), g - value - float(gradient @ way)
+            if square > 0.0 and abs(missed) <= FORETOLD * abs(value):
+                return gradient + missed / square * way
+        return np.array([self._difference(z, g, k) for k in range(len(z))])
+
+    def _difference(self, z: Floats, g: float, k: int) -> float:
+        """Derivative of g by one unknown; with a shorter step where the first one changes g much, as on a canard."""
+        out, size = 0.0, STEP
+        for _ in range(2):
             step = np.zeros(len(z))
-            step[k] = STEP
+            step[k] = size
             try:
-                ahead = self.test(self.shooting.linearise(z + step))
-                gradient[k] = (ahead - g) / STEP
+                change = self.test(self.shooting.linearise(z + step)) - g
             except FAILURES:
-                gradient[k] = (g - self.test(self.shooting.linearise(z - step))) / STEP
-        return found._replace(residual=np.append(found.residual, g), jacobian=np.vstack([found.jacobian, gradient]))
+                change = g - self.test(self.shooting.linearise(z - step))
+            out = change / size
+            if abs(change) <= LINEAR:
+                break
+            size = max(size * LINEAR / abs(change), SHORTEST)
+        return out
 
 
 def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
@@ -124,6 +156,7 @@ class Border:
     """One equation in two parameters: a margin that vanishes."""
 
     rounding: ClassVar[float] = 1e-12
+    exact: ClassVar[bool] = True
 
     def __init__(self, margin: Callable[[float, float], float], windows: tuple[Window, Window]) -> None:
         self.margin, self.windows = margin, windows
@@ -156,7 +189,7 @@ def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Poin
     index = bounds[0][0]
     if (tangent[index] > 0.0) != forward:
         tangent = -tangent
-    points, before = [point_at(z, found, tangent)], None
+    points = [point_at(z, found, tangent)]
     while len(points) <= most:
         here = points[-1]
         for k, low, high in bounds:
@@ -173,10 +206,10 @@ def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Poin
                 points.append(point_at(last.z, last.found, here.tangent))
                 return points, "reached the end of a range"
             stride.length *= 0.5
-        moved = advance(equations, here, before, stride)
-        if moved is None:
+        length = stride.length
+        new = advance(equations, here, points[:-1], stride)
+        if new is None:
             return points, "no further point was found"
-        new, length = moved
         if any(not low <= new.z[k] <= high for k, low, high in bounds):
             stride.length = 0.5 * min(length, stride.length)
             if stride.length < stride.smallest:
@@ -184,11 +217,9 @@ def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Poin
             continue
         if not inside(new):
             return points, "the pair of multipliers on the unit circle became real"
-        before = here, length
         points.append(new)
         if isinstance(equations, Defining):
             equations.border(new.found)
-            before = None
     return points, f"stopped after {most} points"
 
 
@@ -198,12 +229,14 @@ def still_complex(point: Point) -> bool:
     return bool(np.any((np.abs(m.imag) > 1e-9) & (np.abs(np.abs(m) - 1.0) < 1e-3)))
 
 
-def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window],
-                      second: float) -> Curve | None:
+def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window], second: float,
+                      smallest: float = 1e-7, most: int = MOST_POINTS) -> Curve | None:
     """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
 
     of : the map with both parameters free
     second : present value of the second one
+    smallest : step, in natural sizes, below which the curve is given up
+    most : points either way
     """
     orbit = found.station.orbit
     shooting = replace(found.station.shooting, map=of, windows=windows)
@@ -214,7 +247,8 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Windo
     ways = []
     for forward in (True, False):
         try:
-            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=1e-7), bounds))
+            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=smallest), bounds,
+                              most))
         except FAILURES:
             return None
     return _joined(found.kind, ways, windows, n)

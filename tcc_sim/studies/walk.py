@@ -56,12 +56,14 @@ class Course:
     most : points in one direction
     tick : called with every point
     detect : whether bifurcations are looked for
+    largest : step, in natural sizes
     """
 
     name: str
     most: int = MOST_POINTS
     tick: Callable[[Station], None] | None = None
     detect: bool = True
+    largest: float = 0.1
 
 
 @dataclass
@@ -82,10 +84,10 @@ class Walk:
 
     def run(self) -> Walk:
         """Go on until an end; Ctrl-C is an end too, and passed on."""
-        first = self.stations[0]
+        first, self.stride.largest = self.stations[0], self.course.largest
         self.sentence = f"interrupted at {self._where(first)}"
         self._ends = returning(first)
-        before: tuple[Point, float] | None = None
+        before: list[Point] = []
         while not self.done:
             here = self.stations[-1]
             self.sentence = f"interrupted at {self._where(here)}"
@@ -110,7 +112,7 @@ class Walk:
                                      f"{self.stride.smallest:.0e} of the natural sizes met a residual of "
                                      f"{LARGEST_LEFT:.0e}")
                     break
-                before = None
+                before = []
                 continue
             if not 0.0 <= new.point.z[here.shooting.size] <= 1.0:
                 self.stride.length = 0.5 * length
@@ -118,15 +120,15 @@ class Walk:
             if self._too_steep(new):
                 break
             self._take(new)
-            before = here.point, float(np.linalg.norm(new.point.z - here.point.z))
+            before.append(here.point)
             if self.done or self._in_family():
                 break
             recut = self._recut(self.stations[-1])
             if recut is not None:
-                self.stations[-1], before = recut, None
+                self.stations[-1], before = recut, []
         return self
 
-    def _onward(self, here: Station, before: tuple[Point, float] | None) -> Station | None:
+    def _onward(self, here: Station, before: list[Point]) -> Station | None:
         """The next station; where steps with the largest sizes as further coordinates fail, by the unknowns alone."""
         for self.climbing in (True, False):
             if not self.climbing:
@@ -136,7 +138,7 @@ class Walk:
             try:
                 moved = advance(here.shooting, here.point, before, self.stride, self.climbing)
                 if moved is not None:
-                    return station_at(here.shooting, moved[0])
+                    return station_at(here.shooting, moved)
             except FAILURES:
                 continue
         return None
@@ -214,6 +216,10 @@ class Walk:
     def _cut_anew(self, here: Station) -> bool:
         """Go on in other segments where no step is possible in these: one of them may start where slip does, and
         Newton's method then goes to and fro between two event sequences. Whether there are other ones.
+
+        That is why segments are cut by growth and no node is put at an onset of slip: the onset moves along a branch,
+        and a node on it would be in the way at every step, not at one. The canards behind both folds of period two
+        are passed so with either law.
         """
         if self._anew == len(self.stations):
             return False
@@ -265,10 +271,10 @@ class Walk:
             stride = Stride(length=beside, smallest=1e-10)
             start = point_at(here.point.z, found, tangent)
             try:
-                moved = advance(shooting, start, None, stride, False)
+                moved = advance(shooting, start, [], stride, False)
                 if moved is None:
                     continue
-                new = station_at(shooting, moved[0])
+                new = station_at(shooting, moved)
             except FAILURES:
                 continue
             if differ(new.orbit.seen.events, here.orbit.seen.events):

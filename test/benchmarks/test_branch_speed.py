@@ -3,7 +3,17 @@
 import pytest
 
 from tcc_sim.benchmarks import branch_speed
-from tcc_sim.benchmarks.branch_speed import Followed, auto, coexistence, constants, model, report, runs_of
+from tcc_sim.benchmarks.branch_speed import (
+    Compared,
+    Followed,
+    auto,
+    coexistence,
+    constants,
+    model,
+    page_lines,
+    report,
+    runs_of,
+)
 
 TOLD = """noise
 RESULT [200, 50, 0.25, [["LP", 0.27], ["PD", 0.24]], false]
@@ -29,6 +39,16 @@ def test_the_table_says_how_far_both_are_apart() -> None:
     assert lines[3].endswith("AUTO differs by 1.0e-02, more than 1e-06")
     assert lines[4].endswith("AUTO did not come to it")
     assert len(report(2, mine, [])) == 1
+
+
+def test_the_page_has_a_row_for_every_run() -> None:
+    mine = Followed(100, 0.05, (("LP", 0.9), ("PD", 0.8)), "default settings")
+    other = Followed(50, 0.25, (("LP", 0.9 + 2e-7), ("PD", 0.8 - 1e-7)), "NTST 800", False)
+    lines = page_lines([Compared(2, mine, [other], "period 2  AUTO-07p was stopped")])
+    assert "| 2 | tcc-sim, default settings | 100 | 0.50 | LP 0.900000000, PD 0.800000000 |  |" in lines
+    assert ("| 2 | AUTO-07p, NTST 800, did not get through | 50 | 5.00 | LP 0.900000200, PD 0.799999900 | 2.0e-07 |"
+            in lines)
+    assert lines[-1] == "period 2  AUTO-07p was stopped."
 
 
 def test_without_auto_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

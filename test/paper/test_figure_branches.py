@@ -19,13 +19,13 @@ from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_branches import creeps, motions_behind
+from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.paper.manner import Manner
 from tcc_sim.paper.motions_page import motions_page
 from tcc_sim.studies import basin_rows
-from tcc_sim.studies.attractors import Attractor
 from tcc_sim.studies.basins import Axis, Basins
+from tcc_sim.studies.captures import Attractor
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
 
@@ -56,6 +56,21 @@ def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump()
     for value, multipliers in zip(branch["value"], branch["multipliers"]):
         size = math.exp(-0.6 / (2.0 * 0.22) * 2.0 * math.pi / value)
         assert [math.hypot(*m) for m in multipliers] == pytest.approx([size, size, 0.0], abs=1e-7)
+
+
+def test_curves_followed_in_processes_are_those_followed_one_by_one() -> None:
+    curves = [Curve(paper_system({"friction.kinetic_coefficient": ratio * 0.3, "initial.slip_speed": 0.0}),
+                    "engine.frequency", (0.47 * OMEGA_N, 0.49 * OMEGA_N)) for ratio in (0.9, 0.95)]
+    sweeps = sweep_curves(curves, Plan(cycles=100, discard=50))
+    assert motions_behind_each(sweeps, jobs=2) == motions_behind_each(sweeps, jobs=1)
+
+
+def test_a_chart_leaves_out_what_no_stable_motion_ends_in() -> None:
+    orbit = SimpleNamespace(period=1, multipliers=np.array([1.4, 1.0, 0.0]))
+    found: Any = SimpleNamespace(kind="fold", value=1.0, station=SimpleNamespace(orbit=orbit))
+    of: Any = SimpleNamespace(forcing_period=1)
+    windows = Window(0.0, 2.0), Window(0.0, 2.0)
+    assert charts._followed(found, of, windows, 1.0, []) is None
 
 
 def test_the_end_of_stick_is_told_by_its_creep() -> None:

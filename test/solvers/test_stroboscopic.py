@@ -2,6 +2,7 @@
 
 import math
 
+import central_differences
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,7 +12,6 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.smoothed.stroboscopic import stroboscopic_map
-from tcc_sim.studies import differences
 
 SIZES = np.array([10.0, 0.1, 10.0])
 VARYING = load_scene("fig02").system
@@ -107,7 +107,7 @@ def test_derivatives_are_those_of_the_variational_equations(start: float, end: f
 def test_derivatives_are_those_of_differences(system: System, keys: tuple[str, ...]) -> None:
     x = settled(system)
     found = stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
-    expected = differences.stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
+    expected = central_differences.stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
     assert found.events == expected.events
     assert found.state == pytest.approx(expected.state, abs=1e-9)
     own = np.hstack([found.derivative * SIZES, found.by_parameter]) / SIZES[:, None]
@@ -159,3 +159,18 @@ def test_a_start_on_the_slow_manifold_forgets_its_slip_speed() -> None:
 def test_keys_without_a_derivative_are_refused() -> None:
     with pytest.raises(InputError, match=r"initial\.slip_speed"):
         stroboscopic_map(VARYING, np.zeros(3), 1, parameters=("initial.slip_speed",))
+
+
+def test_parts_that_start_in_stick_have_the_derivatives_of_the_whole() -> None:
+    """Collocation steps over stick at once where a part starts on the slow manifold, but for a few series steps."""
+    system = replace(VARYING, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.kinetic_coefficient": 0.255,
+                               "engine.frequency": 0.36 * VARYING.natural_frequency, "initial.slip_speed": 150.0})
+    x = settled(system, 300)
+    whole, product, at = stroboscopic_map(system, x, 1.0), np.eye(3), x
+    assert whole.events == "S"
+    for k in range(7):
+        part = stroboscopic_map(system, at, (k + 1) / 7 - k / 7, start_cycle=k / 7)
+        product, at = part.derivative @ product, part.state
+    assert at == pytest.approx(whole.state, abs=1e-11)
+    one, two = (np.sort_complex(np.linalg.eigvals(m)) for m in (product, whole.derivative))
+    assert np.abs(one - two).max() < 1e-8

@@ -1,15 +1,17 @@
 """Sweeps of textbook maps: every motion on a branch, every jump with its cause, at values known by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, logistic
 
+from tcc_sim.studies import survey as surveys
 from tcc_sim.studies.branches import Branch
-from tcc_sim.studies.jumps import APERIODIC, BASIN, STEEP, jumps_of
+from tcc_sim.studies.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of
 from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import Seen, place_of, survey
+from tcc_sim.studies.survey import Seen, left_out, place_of, survey
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
 
@@ -103,6 +105,31 @@ def test_a_steep_rise_is_no_jump() -> None:
     seen = swept(steep, np.linspace(-0.1, 0.1, 21), 1.0)
     branches = surveyed(steep, seen, -0.1, 0.1)
     assert {jump.cause for jump in jumps_of(seen, branches, 0.2)} == {STEEP}
+
+
+def test_a_motion_on_two_branches_that_overlap_makes_no_jump() -> None:
+    def steep(x, p):
+        return np.array([2.0 + 10.0 * p[0] + 0.5 * (x[0] - 2.0 - 10.0 * p[0])]), np.array([[0.5]]), np.array([[5.0]])
+
+    seen = swept(steep, np.linspace(-0.1, 0.1, 5), 1.0)
+    whole, = surveyed(steep, seen, -0.1, 0.1)
+    middle = len(whole.stations) // 2
+    halves = [replace(whole, stations=whole.stations[:middle + 2]), replace(whole, stations=whole.stations[middle:])]
+    assert {jump.cause for jump in jumps_of(seen, halves, 0.1)} == {STEEP}
+
+
+def test_what_is_not_followed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = swept(logistic, np.linspace(2.52, 3.4, 11), 0.3, cycles=3000, period_of=period)
+    assert left_out(seen, surveyed(logistic, seen, 2.5, 3.5)) == []
+    monkeypatch.setattr(surveys, "MOST_BRANCHES", 1)
+    monkeypatch.setattr(surveys, "MOST_POINTS", 2)
+    branches = surveyed(logistic, seen, 2.5, 3.5)
+    missing, stopped = left_out(seen, branches, longest=2)[0], left_out(seen, branches)[-1]
+    assert missing.endswith("of 11 motions lie on no branch: 1 branches are followed")
+    assert stopped == "1 of 1 branches go on: 2 points are followed either way"
+    far = Seen(4.0, np.array([0.5]), 10, 1, 5.0)
+    jump = jumps_of([seen[0], far], branches, 0.2)[0]
+    assert (jump.cause, jump.found) == (NOT_FOLLOWED, None)
 
 
 def test_what_has_no_period_lies_on_no_branch() -> None:

@@ -168,17 +168,26 @@ def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int,
     """
     known = response(linear, top, levels)
     times = known.rungs["length"][:, None] * C
-    turns = np.stack([np.cos(load_rate * times), np.sin(load_rate * times)], axis=1).reshape(levels, -1).view(TURN)[:,
-                                                                                                                    0]
     sources = np.empty((levels, FROM_WAVES + 2 * len(rates), known.fixed.shape[2]))
     sources[:, :FROM_WAVES] = known.fixed
+    waves = np.empty((levels, NODES, 2))
     for i, rate in enumerate(rates):
-        waves = np.stack([np.cos(rate * times), np.sin(rate * times)], axis=2)
+        angles = rate * times
+        np.cos(angles, out=waves[:, :, 0])
+        np.sin(angles, out=waves[:, :, 1])
         sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (known.torque @ waves).transpose(0, 2, 1)
     named = sources.view(SOURCE)[..., 0]
     named.setflags(write=False)
+    return Tables(known.rungs, named, turns_of(load_rate, top, levels))
+
+
+@lru_cache(maxsize=16)
+def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
+    """Cosine and sine of the load's angle at the nodes of every rung, from its start."""
+    angles = load_rate * (2.0 ** (-0.5 * (top + np.arange(levels))))[:, None] * C
+    turns: NDArray[Any] = np.stack([np.cos(angles), np.sin(angles)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
     turns.setflags(write=False)
-    return Tables(known.rungs, named, turns)
+    return turns
 
 
 def _polynomials(nodal: Floats) -> Floats:

@@ -118,21 +118,18 @@ class Prepared:
         room.tangent.groups["by"], room.tangent.groups["forced"] = self.by, self.forced
         tangent = room.tangent._replace(torque=self.torque)
         integrate_parts(parts, self.setup, room.memory, room.store, tangent, tangents, heights, climbs)
-        failed = np.flatnonzero(parts["status"] != DONE)
-        if len(failed):
-            k = int(failed[0])
+        if (parts["status"] != DONE).any():
+            k = int(np.flatnonzero(parts["status"] != DONE)[0])
             raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of "
                                    "the engine cycle")
         by = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1)
-        peaks = climbs.reshape(count, most, -1)
-        out = []
-        for k, part in enumerate(parts):
-            whole = int(part["cycles"]) + (1 if part["tail"] > 0.0 else 0)
-            moves = int(part["moves"])
-            events = event_sequence(part["before"][:moves], part["after"][:moves], int(part["mode"]))
-            out.append(Stroboscopic(part["state"], by[k, :, :3], by[k, :, 3:self.count], events, heights[k, :whole],
-                                    peaks[k, :whole, :3], peaks[k, :whole, 3:self.count], float(part["stick_time"])))
-        return out
+        peaks, end = climbs.reshape(count, most, -1), self.count
+        whole = (parts["cycles"] + (parts["tail"] > 0.0)).tolist()
+        moves, modes, stuck = parts["moves"].tolist(), parts["mode"].tolist(), parts["stick_time"].tolist()
+        before, after, passed = parts["before"], parts["after"], parts["state"]
+        return [Stroboscopic(passed[k], by[k, :, :3], by[k, :, 3:end],
+                             event_sequence(before[k, :moves[k]], after[k, :moves[k]], modes[k]), heights[k, :n],
+                             peaks[k, :n, :3], peaks[k, :n, 3:end], stuck[k]) for k, n in enumerate(whole)]
 
 
 class Room(NamedTuple):
