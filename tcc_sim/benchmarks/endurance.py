@@ -21,10 +21,9 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
     Returns
     -------
     dict : `rate`, `duration_s`, `simulated_s`, `messages` per topic, `lost_messages`, `complete`, `recorder_result`
-        (what the
-    recorder counted), `count_is_honest` (the recorder counted as many joint_states lost, by their numbers at the
-    publisher, as there are gaps in the stamps that it recorded), `drift_s` (real time beyond simulation time over the
-    run), `warnings`, and for `driveline` and `recorder` `memory_first_bytes`, `memory_last_bytes`,
+    (what the recorder counted), `count_is_honest` (the recorder counted as many joint_states lost, by their numbers
+    at the publisher, as there are gaps in the stamps that it recorded), `drift_s` (real time beyond simulation time
+    over the run), `warnings`, and for `driveline` and `recorder` `memory_first_bytes`, `memory_last_bytes`,
     `memory_growth_bytes` after the warm-up, and `cpu_fraction`
     """
     session = Session(recording, {"scene": "commands", "rate": float(rate)})

@@ -115,4 +115,4 @@ _ROWS: tuple[tuple[str, Callable[[Record], str]], ...] = (
     ("error: median / 90 % / 99 % / largest", lambda s: _four(s["error"])),
     ("power residual: the same", lambda s: _four(s["power_residual"])),
     ("without a reference", lambda s: str(s["without_reference"])),
-    ("longest case (s)", lambda s: f"{s['longest_seconds']:.2g}"))
+    ("longest solve (s)", lambda s: f"{s['longest_seconds']:.2g}"))

@@ -38,7 +38,7 @@ class Failed(Exception):
 
 
 @dataclass(frozen=True)
-class Run:
+class PeerRun:
     """What one run gave: states at the cycle ends, largest |slip speed| per cycle, s, and steps where they are known.
     """
 
@@ -48,7 +48,7 @@ class Run:
     steps: int | None = None
 
 
-def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> Run:
+def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
     """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle
     ends.
     """
@@ -74,7 +74,7 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> Run:
         raise Failed(str(run.message))
     times = np.linspace(0.0, float(ends[-1]), cycles * FINE + 1)
     states = run.sol(times).T
-    return Run(found, _largest(system, times, states), best, len(run.sol.ts) - 1)
+    return PeerRun(found, _largest(system, times, states), best, len(run.sol.ts) - 1)
 
 
 def _largest(system: System, t: Floats, states: Floats) -> Floats:
@@ -114,7 +114,7 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
         "done", ""])
 
 
-def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> Run:
+def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
     """One of XPPAUT's methods; `seconds` is its CPU time for these cycles less that for one, times cycles/(cycles - 1).
 
     The difference leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends
@@ -152,10 +152,10 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
         seconds = max(min(used for _, used in long) - min(short), 0.0) * cycles / (cycles - 1)
         fine, _ = run(cycles, FINE)
     times = np.linspace(0.0, cycles * system.cycle, cycles * FINE + 1)
-    return Run(long[0][0], _largest(system, times, fine), seconds)
+    return PeerRun(long[0][0], _largest(system, times, fine), seconds)
 
 
-def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> Run:
+def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> PeerRun:
     """Siconos's Moreau-Jean time stepping of the relay, timed inside its own process.
 
     Raises
@@ -180,7 +180,8 @@ def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> 
     if ended.returncode or not found:
         raise Failed((ended.stderr.strip().splitlines() or ["no result"])[-1])
     values = json.loads(text)
-    return Run(np.array(values["section"]), np.array(values["largest"]), values["seconds"], cycles * steps_per_cycle)
+    return PeerRun(np.array(values["section"]), np.array(values["largest"]), values["seconds"],
+                   cycles * steps_per_cycle)
 
 
 @cache

@@ -209,7 +209,7 @@ def _steady(record: Record, case: Case, solver: str, setting: float, seconds: fl
     return steady_state.steady_error(found.cycles.section, largest, truth)
 
 
-def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Run:
+def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.PeerRun:
     """Repeated runs of another program."""
     name, _, method = solver.partition(" ")
     if name == "XPPAUT":
@@ -220,7 +220,7 @@ def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Ru
     return peers.bare_lsoda(case.system, case.cycles, setting, repeats)
 
 
-def _registered(record: Record, case: Case, solver: str, setting: float, effort: Effort) -> peers.Run:
+def _registered(record: Record, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
     """Repeated runs of a registered solver; its first call, which compiles, is timed apart."""
     if solver in STABLE:
         step = setting if solver == "rk4" else STABLE[solver] / stick_rate(case.system)
@@ -244,7 +244,7 @@ def _registered(record: Record, case: Case, solver: str, setting: float, effort:
     cycles = found.cycles
     if cycles is None:
         raise peers.Failed("no cycles")
-    return peers.Run(cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)), best,
+    return peers.PeerRun(cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)), best,
                      found.statistics.steps)
 
 

@@ -4,11 +4,10 @@ Between the cycle-mean slip speed v and the clutch torque Ts = mu_k P A R the dr
 natural frequency, an integrator, I1 v' = Te - Ts (equation (2a) with the plate at rest in the mean). What the loop
 adds:
 
-- The engine torque pulsates with hundreds of N m; the mean over exactly one engine cycle has a zero there, so that the
-pressure
-  does not chase the pulsation. It delays by half a cycle, which is what limits the bandwidth: with the bandwidth w and
-  the cycle
-  T the mean costs w T/2 of phase (18 degrees at 15 rad/s and T = 42 ms) and the integral part atan(1/4) = 14 degrees.
+- The engine torque pulsates with hundreds of N m; the mean over exactly one engine cycle has a zero there, so the
+  pressure does not chase the pulsation. It delays by half a cycle, which is what limits the bandwidth: with the
+  bandwidth w and the cycle T the mean costs w T/2 of phase (18 degrees at 15 rad/s and T = 42 ms) and the integral part
+  atan(1/4) = 14 degrees.
 - Feed-forward: the cycle's mean engine torque is the clutch torque that holds any slip speed. The integral part then
   carries only what the nominal friction coefficient is wrong by.
 - Anti-windup: where the pressure is at a limit, the integral part moves only away from it.

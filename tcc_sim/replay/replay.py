@@ -157,8 +157,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     rrd, spawn, connect : at most one of a new Rerun file, a viewer to start, and the URL of a running one
     discard : engine cycles dropped; None drops 50, or half of them where there are fewer than 100
     frequency : of the engine torque, rad/s; None takes the scene's or, where the torque came from a topic, finds it,
-        which
-        reads the recording once more
+        which reads the recording once more
     scene : name or file, for a recording that holds none
     verify : solve the run again from the recording alone
     damping : work out the equivalent damping (21) of the last cycles

@@ -203,8 +203,8 @@ class Stepper:
 
 
 @compiled
-def march(state: Floats, start: float, step: float, first: int, ticks: int, n: int, terms: Terms, flywheel: bool | None,
-          out: Floats) -> tuple[int, int]:
+def advance_ticks(state: Floats, start: float, step: float, first: int, ticks: int, n: int, terms: Terms,
+                  flywheel: bool | None, out: Floats) -> tuple[int, int]:
     """Ticks first, first + 1, ... of n sub-steps each, as a Stepper takes them; `out` is (ticks * n, 3 or 4)."""
     total, most = 0, 0
     for k in range(ticks):
@@ -230,7 +230,7 @@ def solve(problem: Problem) -> Trajectory:
     except InputError as error:
         return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
     ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
-    march(state.copy(), problem.start, step, 0, 0, n, terms, flywheel, states)
+    advance_ticks(state.copy(), problem.start, step, 0, 0, n, terms, flywheel, states)
     times, cycle = problem.sample_times(), problem.system.cycle
     samples, cycles = [states[:0]], []
     kept, first, done, total, most, status, seconds = 0, problem.start_cycle, 0, 0, 0, Status.DONE, 0.0
@@ -238,7 +238,7 @@ def solve(problem: Problem) -> Trajectory:
         block = min(ticks - done, max(1, BATCH // n))
         out = np.empty((block * n, len(state)))
         began = time.perf_counter()
-        count, worst = march(state, problem.start, step, done, block, n, terms, flywheel, out)
+        count, worst = advance_ticks(state, problem.start, step, done, block, n, terms, flywheel, out)
         seconds += time.perf_counter() - began
         total, most = total + count, max(most, worst)
         fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)

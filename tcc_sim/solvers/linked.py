@@ -24,9 +24,8 @@ from numba.core.typed_passes import NativeLowering
 OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 """Part of the key of compiled code."""
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
-          "GenericRewrites",
-          "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "NativeLowering",
-          "NoPythonBackend"}
+          "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
+          "NativeLowering", "NoPythonBackend"}
 """Numba's passes for what makes no array: without closures, array expressions, context managers and annotations."""
 
 

@@ -235,8 +235,7 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
                 if abs(difference) > 2.0 * noise:
                     if difference * last < 0.0:
                         changes += 1
-                        place = (i - difference / (difference - last)) / (degree
-                                                                          - 1.0)  # The slope is of one degree less.
+                        place = (i - difference / (difference - last)) / (degree - 1.0)  # The slope's own degree.
                     last = difference
         left, width = workspace[top, LEFT], workspace[top, WIDTH]
         if changes == 1:

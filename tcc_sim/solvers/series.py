@@ -80,8 +80,7 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
     Parameters
     ----------
     rows : (ROWS, COLUMNS) array; coefficients 0 of SLIP, ANGLE, SPEED and all of ENGINE and LOAD are given (of LOAD
-        only
-        the first where `pulsation` is None), the others of SLIP, ANGLE and SPEED are filled
+        only the first where `pulsation` is None), the others of SLIP, ANGLE and SPEED are filled
     unit : unit of time of the coefficients, s
     sign : value of T where it does not vary: the sign of v, or 0 without load
     decay, excess : rate -alpha sgn(v) and value of (r - 1) exp(-alpha |v|); None where it does not vary

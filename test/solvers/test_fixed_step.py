@@ -11,7 +11,7 @@ from tcc_sim.model import pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers import Status, fixed_step, solve
-from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT, Stepper, advance, march, substeps
+from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT, Stepper, advance, advance_ticks, substeps
 from tcc_sim.solvers.scalar import ITERATION_BOUND
 from tcc_sim.solvers.terms import general_terms, terms_of
 
@@ -84,7 +84,7 @@ def test_the_general_kernel_gives_the_same_states() -> None:
         states = []
         for terms in (terms_of(system), general_terms(system)):
             state = np.array([150.0, 0.0, 0.0])
-            march(state, 0.0, 1e-3, 0, 200, n, terms, None, np.empty((200 * n, 3)))
+            advance_ticks(state, 0.0, 1e-3, 0, 200, n, terms, None, np.empty((200 * n, 3)))
             states.append(state)
         assert states[0] == pytest.approx(states[1], rel=1e-9)
 

@@ -117,7 +117,7 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        times, states, status, detail, steps = _march(
+        times, states, status, detail, steps = _solve_through(
             method(lambda t, y: rates_of(t, y, terms), problem.start, y0, problem.end, **options), marks, spacing)
     seconds = time.perf_counter() - began
     kept = np.isin(times, samples)
@@ -132,7 +132,7 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
                     statistics=Statistics(steps=steps, seconds=seconds))
 
 
-def _march(solver: Any, marks: Floats, spacing: float) -> tuple[Floats, Floats, Status, str, int]:
+def _solve_through(solver: Any, marks: Floats, spacing: float) -> tuple[Floats, Floats, Status, str, int]:
     """Times, states, status, detail and number of steps; every mark reached is among the times."""
     times, states = [np.array([solver.t])], [np.array(solver.y)[None, :]]
     following, steps, status, detail = 1, 0, Status.DONE, ""

@@ -17,8 +17,15 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers.event_driven.bounds import Bounds, bounds_of
 from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
 from tcc_sim.solvers.event_driven.modes import STATE
-from tcc_sim.solvers.event_driven.section_march import ARRIVED, CROWDED, DEGENERATE, LOST, march
-from tcc_sim.solvers.event_driven.sequence import UNKNOWN
+from tcc_sim.solvers.event_driven.section_march import (
+    ARRIVED,
+    CROWDED,
+    DEGENERATE,
+    LOST,
+    Disturbed,
+    integrate_disturbed,
+)
+from tcc_sim.solvers.event_driven.sequence import UNKNOWN, Setup
 from tcc_sim.solvers.event_driven.variation import LANES, VARIATION, Rates
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.key_derivatives import (
@@ -98,15 +105,15 @@ class Prepared:
         numbers = key_derivatives(system, keys)
         terms = exact_terms(system, numbers)
         self.period, self.count = system.cycle, 3 + len(keys)
-        self.bounds, self.waves = exact_bounds(terms, system, rtol, numbers), waves_of(terms)
+        bounds, waves = exact_bounds(terms, system, rtol, numbers), waves_of(terms)
         rate, pressure = system.engine.frequency, system.pressure
-        self.phase = pressure.frequency_ratio, pressure.phase
         self.rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude,
                            bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()))
         if terms.pulsation is None:
             terms = terms._replace(pulsation=(0.0, self.rates.load, pressure.phase))
         # The engine's sines are in the waves, and one compiled kernel serves with and without a pulsating load.
-        self.terms = terms._replace(torque=None, harmonics=None, smoothing=None)
+        self.setup = Setup(bounds, terms._replace(torque=None, harmonics=None, smoothing=None), waves,
+                           (pressure.frequency_ratio, pressure.phase), EVENTS_PER_CYCLE)
         self.blocks = -(-self.count // LANES)
         self.numbers = np.zeros((self.blocks * LANES, len(NUMBERS)))
         self.numbers[3:self.count] = numbers.T
@@ -128,8 +135,9 @@ class Prepared:
         moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + self.blocks * LANES))
         least[:, VALUE] = np.inf
         heights, climbs = np.zeros(n), np.zeros((n, self.blocks, LANES))
-        ended = march(first, last - first, tail, self.phase, self.rates, self.bounds, self.terms, self.waves, at[0],
-                      drive[0], output[0], moves, self.numbers, columns, heights, climbs, margins, least, work[0])
+        disturbed = Disturbed(self.numbers, columns, heights, climbs)
+        ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, at[0], drive[0], output[0],
+                                    moves, disturbed, margins, least, work[0])
         if ended != ARRIVED:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
         last_state, seen = at[0], moves[:int(output[0]["moves"])]

@@ -7,7 +7,7 @@ exactly 0.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tcc_sim.solvers.event_driven.arcs import FALLING_ORDER, SHAPE, Step, monoto
 from tcc_sim.solvers.event_driven.bounds import Bounds
 from tcc_sim.solvers.event_driven.margins import lane_value, note_arrival, note_gradient, note_step, smallest_dip
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
-from tcc_sim.solvers.event_driven.sequence import advance, begin, load_phase, note_move, settle
+from tcc_sim.solvers.event_driven.sequence import Setup, advance, begin, load_phase, note_move, settle
 from tcc_sim.solvers.event_driven.variation import (
     LANES,
     Rates,
@@ -34,12 +34,26 @@ from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.terms import Terms
 
 ARRIVED, LOST, DEGENERATE, CROWDED = range(4)
-"""How `march` ends: at the end; where the state is not finite; where slip ends with v' = 0; after too many events."""
+"""How the loop ends: at the end; where the state is not finite; where slip ends with v' = 0; after too many events."""
 STEPS_PER_CYCLE = 100_000
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
 SHORTER = 0.6
 """Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
+
+
+class Disturbed(NamedTuple):
+    """Disturbances of a motion, in blocks of LANES.
+
+    numbers : (lanes, numbers of the equations) a disturbance's share in each of them
+    columns : (blocks, 3, LANES) the disturbances of slip speed, plate angle and plate speed
+    heights, climbs : (n,), (n, blocks, LANES) the largest |slip speed| of every cycle, and how it changes
+    """
+
+    numbers: Any
+    columns: Any
+    heights: Any
+    climbs: Any
 
 
 @fast
@@ -108,16 +122,14 @@ def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any)
 
 
 @compiled
-def march(first: int, passes: int, tail: float, phase: tuple[float, float], rates: Rates, bounds: Bounds, terms: Terms,
-          waves: Any, state: Any, drive: Any, output: Any, moves: Any, numbers: Any, columns: Any, heights: Any,
-          climbs: Any, wanted: bool, least: Any, work: Any) -> int:
+def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rates: Rates, state: Any, drive: Any,
+                        output: Any, moves: Any, disturbed: Disturbed, wanted: bool, least: Any, work: Any) -> int:
     """From `state.tau` seconds into cycle `first` over `passes` ends of cycles to `tail` seconds behind the last one.
 
-    numbers : (lanes, numbers of the equations) a disturbance's share in each of them
-    columns : (blocks, 3, LANES) the disturbances of slip speed, plate angle and plate speed
-    heights, climbs : (n,), (n, blocks, LANES) the largest |slip speed| of every cycle, and how it changes
     wanted, least : whether margins are looked for, and where they are kept
     """
+    bounds, terms, waves, phase, _ = setup
+    numbers, columns, heights, climbs = disturbed
     rows, workspace, places = np.zeros(SHAPE), np.zeros(polynomial.WORKSPACE), np.zeros(3)
     period, steps, n = bounds.period, 0, 0
     total = passes + (1 if tail > 0.0 else 0)
