@@ -181,8 +181,8 @@ def constants(system: System, period: int, low: float, high: float) -> str:
     return "\n".join([
         "dat='model.dat'", f"PAR={{1: {system.friction.kinetic_coefficient!r}, 11: {period * system.cycle!r}}}",
         "NDIM=5, IPS=2, IRS=0, ILP=1, ICP=[1, 11], NCOL=4, IAD=3, ISP=2, ISW=1, IPLT=0, NBC=0, NINT=0",
-        "NMX=1000, NPR=0, MXBF=0, IID=2, ITMX=9, ITNW=10, NWTN=10, JAC=1", "EPSL=1e-8, EPSU=1e-8, EPSS=1e-8",
-        "DS=0.001, DSMIN=1e-5, DSMAX=0.1, IADS=1", f"THL={{11: 0.0}}, UZSTOP={{1: [{low!r}, {high!r}]}}", ""])
+        "NMX=600, NPR=0, MXBF=0, IID=2, ITMX=9, ITNW=10, NWTN=10, JAC=1", "EPSL=1e-8, EPSU=1e-8, EPSS=1e-8",
+        "DS=0.001, DSMIN=1e-5, DSMAX=0.02, IADS=1", f"THL={{11: 0.0}}, UZSTOP={{1: [{low!r}, {high!r}]}}", ""])
 
 
 def installed() -> bool:

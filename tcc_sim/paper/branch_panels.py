@@ -16,6 +16,8 @@ CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period",
           "branch_point": "branch point", "grazing_sliding": "grazing", "crossing_sliding": "crossing",
           "switching_sliding": "switching", "adding_sliding": "adding"}
 """What stands at a jump; the other kinds are named as they are."""
+UNNAMED = ("aperiodic", "not_followed")
+"""Causes that the JSON and the pages name alone: there may be dozens of them."""
 UNSTABLE = (0, (3, 1.5))
 NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
@@ -47,15 +49,23 @@ def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
 
 
 def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequence[str]) -> None:
-    """The cause of every jump, written upwards from the top of the axes, none over another; a thin line leads to it."""
-    jumps = sorted(((j["value"] / unit, max(j["max_slip_speed"]), j, colour) for curve, colour in zip(curves, colours)
-                    for j in curve["jumps"] if j["cause"] != "steep"), key=lambda row: row[0])
+    """The cause of every jump that a bifurcation or a basin makes, written upwards from the top of the axes, none over
+    another; a thin line leads to it. Jumps beside a motion without a period or a branch have a dotted line alone.
+    """
     low, high = axis.get_xlim()
-    places = spread([x for x, _, _, _ in jumps], NARROWEST * (high - low), low, high)
-    for place, (x, _, jump, colour) in zip(places, jumps):
-        axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
-        name = CAUSES.get(jump["cause"], jump["cause"].replace("_", " "))
-        axis.annotate(f"{name} {x:.4f}", (x, 1.0), (place, 1.06), xycoords=("data", "axes fraction"), rotation=90,
+    named: dict[tuple[str, str], tuple[float, str]] = {}
+    for curve, colour in zip(curves, colours):
+        for jump in curve["jumps"]:
+            x, cause = jump["value"] / unit, jump["cause"]
+            if cause in UNNAMED:
+                axis.axvline(x, color=colour, linewidth=0.4, linestyle=(0, (1, 3)), alpha=0.6, zorder=1.4)
+            elif cause != "steep":
+                axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
+                named.setdefault((CAUSES.get(cause, cause.replace("_", " ")), f"{x:.4f}"), (x, colour))
+    labels = sorted((x, f"{name} {value}", colour) for (name, value), (x, colour) in named.items())
+    places = spread([x for x, _, _ in labels], NARROWEST * (high - low), low, high)
+    for place, (x, text, colour) in zip(places, labels):
+        axis.annotate(text, (x, 1.0), (place, 1.06), xycoords=("data", "axes fraction"), rotation=90,
                       textcoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=5.2, color=colour,
                       annotation_clip=False, arrowprops={"arrowstyle": "-", "linewidth": 0.4, "color": colour,
                                                          "shrinkA": 0.0, "shrinkB": 0.0})
@@ -102,7 +112,9 @@ def legend_of(axis: Any, curves: Sequence[Data], beyond: int) -> None:
     for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
-    handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump of the sweep, with its cause")
+    handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
+    handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
+                         label="jump off the branches")
     axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
 
 
