@@ -78,7 +78,7 @@ class Followed:
     points: int
     seconds: float
     bifurcations: tuple[tuple[str, float], ...]
-    manner: str
+    options: str
     complete: bool = True
 
 
@@ -241,7 +241,7 @@ def report(period: int, mine: Followed, others: list[Followed]) -> list[str]:
     for name, run in [("tcc-sim", mine), *(("AUTO-07p", other) for other in others)]:
         found = ", ".join(f"{kind} {value:.9f}" for kind, value in run.bifurcations) or "none"
         ended = "" if run.complete else "; did not get through"
-        out.append(f"period {period}  {name:8}  {run.manner:16}  {run.points:4d} points  "
+        out.append(f"period {period}  {name:8}  {run.options:16}  {run.points:4d} points  "
                    f"{1e3 * run.seconds / max(run.points, 1):8.2f} ms a point  {found}{ended}")
     for kind, value in mine.bifurcations:
         near = [abs(value - other) for run in others for name, other in run.bifurcations if name == kind]
@@ -292,7 +292,7 @@ def page_lines(rows: Iterable[Compared]) -> list[str]:
             away = [min((abs(value - mine) for other, mine in row.mine.bifurcations if other == kind), default=np.inf)
                     for kind, value in run.bifurcations]
             most = f"{max(away):.1e}" if away and run is not row.mine else ""
-            lines.append(f"| {row.period} | {name}, {run.manner}{'' if run.complete else ', did not get through'} | "
+            lines.append(f"| {row.period} | {name}, {run.options}{'' if run.complete else ', did not get through'} | "
                          f"{run.points} | {1e3 * run.seconds / max(run.points, 1):.2f} | {found} | {most} |")
         told += ["", row.sentence + "."] if row.sentence else []
     return lines + told

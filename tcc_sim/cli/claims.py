@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
     from tcc_sim.paper.evidence import Evidence
     from tcc_sim.paper.mean_pressure import table
-    from tcc_sim.paper.pages import claims_page, errata_page, pressure_sentence, tally, text
+    from tcc_sim.paper.pages import claims_page, counts_of, errata_page, pressure_sentence, text
     from tcc_sim.paper.stable_motions import words_of
 
     for path in (arguments.json, arguments.markdown, arguments.errata):
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         print("tcc-sim: interrupted; the claims judged so far are kept", file=sys.stderr)
     if not verdicts:
         return 130
-    say(tally(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
+    say(counts_of(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
     if arguments.json is not None:
         values = {"claims": [v.as_json() for v in verdicts], "mean_pressure": pressures, "complete": not interrupted}
         write_json(arguments.json, document("claims", values, paper_system(), arguments.words))

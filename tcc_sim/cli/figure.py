@@ -14,11 +14,11 @@ from tcc_sim.errors import InputError, RecordingError, require
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
-    from tcc_sim.paper.manner import Manner
+    from tcc_sim.paper.figure_options import FigureOptions
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which figures, in which manner, and where they go."""
+    """Which figures, with which options, and where they go."""
     parser.add_argument("figure", metavar="N|all",
                         help="number of a figure in the paper, 2 to 18, or all of them; 19 and 20 are charts of the "
                         "bifurcations behind Figs. 4 and 14")
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import replaceable
     from tcc_sim.paper.catalogue import CHARTS, FIGURES
     from tcc_sim.paper.drawings import draw
-    from tcc_sim.paper.manner import Manner, check_manner
+    from tcc_sim.paper.figure_options import FigureOptions, check_options
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
@@ -58,27 +58,27 @@ def run(arguments: argparse.Namespace) -> int:
         raise RecordingError(f"{there[0]} is there already; choose another --out, or --force to replace it")
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
-    manner = Manner(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
+    options = FigureOptions(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
                     branches=arguments.branches)
     if len(numbers) == 1:
-        check_manner(numbers[0], manner)
+        check_options(numbers[0], options)
     require("matplotlib", "a picture")
     arguments.out.mkdir(parents=True, exist_ok=True)
     if len(stems) == 1:
         (number, stem), = stems.items()
-        _write(number, stem, manner, draw, arguments.words)
+        _write(number, stem, options, draw, arguments.words)
         return 0
     # A picture takes as long as its numbers and holds the interpreter lock: it is drawn in another process meanwhile.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal,
                              (signal.SIGINT, signal.SIG_IGN)) as painter:
-        drawn = [_write(number, stem, manner, lambda data, where: painter.submit(draw, data, where), arguments.words)
+        drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw, data, where), arguments.words)
                  for number, stem in stems.items()]
         for picture in drawn:
             picture.result()
     return 0
 
 
-def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, Any], Path], Any],
+def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[dict[str, Any], Path], Any],
            words: list[str]) -> Any:
     """Work out one figure, write its numbers and have it drawn."""
     from tcc_sim.output.files import write_json
@@ -86,8 +86,8 @@ def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, An
     from tcc_sim.paper.catalogue import plain
     from tcc_sim.paper.figures import figure_data, figure_system
 
-    data = figure_data(number, manner)
-    write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, manner), words))
+    data = figure_data(number, options)
+    write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, options), words))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
     for curve in data.get("curves", []):

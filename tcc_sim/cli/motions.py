@@ -33,8 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     require("matplotlib", "a picture")
     from tcc_sim.benchmarks.branch_speed import compared, page_lines
     from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
+    from tcc_sim.paper.figure_options import FigureOptions
     from tcc_sim.paper.figures import figure_data
-    from tcc_sim.paper.manner import Manner
     from tcc_sim.paper.motions_page import motions_page
     from tcc_sim.studies.basin_rows import basins
     from tcc_sim.studies.basins import Axis
@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     cells = QUICK_CELLS if arguments.quick else CELLS
     plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",
                                                                 f"initial.plate_angle=-0.1:0.3:{cells}")]
-    branched = Manner(arguments.quick, jobs=arguments.jobs, progress=True, branches=True)
-    plain = Manner(arguments.quick, jobs=arguments.jobs, progress=True)
+    branched = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True, branches=True)
+    plain = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True)
     try:
         branches = figure_data(6, branched)
         charts = {number: figure_data(number, plain) for number in CHARTS}
@@ -72,8 +72,8 @@ def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, An
     from tcc_sim.output.provenance import document
     from tcc_sim.paper.catalogue import AT_036_085, paper_system
     from tcc_sim.paper.drawings import draw
+    from tcc_sim.paper.figure_options import FigureOptions
     from tcc_sim.paper.figures import figure_system
-    from tcc_sim.paper.manner import Manner
     from tcc_sim.paper.motions_page import BASINS, BRANCHES, NAMES
     from tcc_sim.views.basin_map import draw as draw_basins
 
@@ -82,6 +82,6 @@ def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, An
     for number, data in ((6, branches), *charts.items()):
         name = NAMES.get(number, BRANCHES)
         draw(data, pictures / name)
-        write_json(folder / f"{name}.json", document("figure", data, figure_system(number, Manner()), words))
+        write_json(folder / f"{name}.json", document("figure", data, figure_system(number, FigureOptions()), words))
     draw_basins([found], None, pictures / f"{BASINS}.png")
     write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))

@@ -16,7 +16,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
 from tcc_sim.paper.figure_branches import creeps
-from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
+from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.paper.seen_motions import seen_in, surveyed
 from tcc_sim.studies.bifurcations import Bifurcation, chandrupatla
 from tcc_sim.studies.driveline_map import DrivelineMap
@@ -41,7 +41,7 @@ UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "p
 NAMES = {"engine.frequency": "omega/omega_n", "friction.kinetic_coefficient": "mu_k/mu_s", "pressure.phase": "psi/pi"}
 
 
-def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Figs. 19 and 20: the grid of cold starts, and the curves.
 
     Returns
@@ -49,23 +49,23 @@ def chart(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     `x` and `y` (normalised axes), `period` and `regime` (rows: second axis) of the cold starts, `curves`: `kind`,
     `period`, `creep` (whether it is the smoothed end of stick), `value`, `second` (SI, as `continue --json`), `ended`.
     """
-    system = system_of(row.series[0], manner)
-    share = QUICK_SHARE if manner.quick else 1
+    system = system_of(row.series[0], options)
+    share = QUICK_SHARE if options.quick else 1
     x, y = (np.linspace(*span, (count - 1) // share + 1)
             for span, count in ((row.span, row.count), (row.second_span, row.second_count)))
-    cuts = np.array(row.cuts[::2] if manner.quick else row.cuts)
+    cuts = np.array(row.cuts[::2] if options.quick else row.cuts)
     y = np.unique(np.concatenate([y, cuts]))
     units = UNITS[row.over], UNITS[row.second]
-    plan = Plan(cycles=100 if manner.quick else 150, discard=50)
+    plan = Plan(cycles=100 if options.quick else 150, discard=50)
     grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan,
-                      jobs=manner.jobs, progress=manner.progress)
+                      jobs=options.jobs, progress=options.progress)
     windows = (Window(row.span[0] * units[0], row.span[1] * units[0]),
                Window(row.second_span[0] * units[1], row.second_span[1] * units[1]))
     curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), windows)
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
-        for branch in surveyed(sweep.curve, seen_in(sweep), manner.progress, LONGEST):
+        for branch in surveyed(sweep.curve, seen_in(sweep), options.progress, LONGEST):
             for found in branch.bifurcations:
                 curve = _followed(found, both, windows, float(cut) * units[1], curves)
                 if curve is not None:

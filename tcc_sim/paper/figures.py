@@ -17,7 +17,7 @@ from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, STATIC, PaperFigur
 from tcc_sim.paper.charts import chart
 from tcc_sim.paper.coexistence import coexisting
 from tcc_sim.paper.figure_branches import motions_behind, motions_behind_each
-from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
+from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.studies.sweep import Curve, Plan, Sweep, sweep_curves
 
@@ -25,7 +25,7 @@ SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
 
 
-def figure_data(number: int, manner: Manner) -> dict[str, Any]:
+def figure_data(number: int, options: FigureOptions) -> dict[str, Any]:
     """The numbers of one figure as JSON values.
 
     Raises
@@ -40,18 +40,18 @@ def figure_data(number: int, manner: Manner) -> dict[str, Any]:
     row = figure_row(number)
     began = time.perf_counter()
     out: dict[str, Any] = {
-        "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": manner.law,
-        "quick": manner.quick,
-        "parameters": {key: value for key, value in values_of(figure_system(number, manner))
+        "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": options.law,
+        "quick": options.quick,
+        "parameters": {key: value for key, value in values_of(figure_system(number, options))
                        if key not in _varied(row)},
-        "marks": list(row.marks), **KINDS[row.kind](row, manner)}
+        "marks": list(row.marks), **KINDS[row.kind](row, options)}
     out["seconds"] = time.perf_counter() - began
     return out
 
 
-def figure_system(number: int, manner: Manner) -> System:
+def figure_system(number: int, options: FigureOptions) -> System:
     """The system of a figure's first curve; the others and its axis are changes of it."""
-    return system_of(figure_row(number).series[0], manner)
+    return system_of(figure_row(number).series[0], options)
 
 
 def _varied(row: PaperFigure) -> set[str]:
@@ -60,45 +60,45 @@ def _varied(row: PaperFigure) -> set[str]:
     return keys | ({row.over, row.second} if row.kind in ("map", "damping", "orbit", "chart") else set())
 
 
-def _axis(row: PaperFigure, manner: Manner) -> tuple[str, np.ndarray, float]:
+def _axis(row: PaperFigure, options: FigureOptions) -> tuple[str, np.ndarray, float]:
     """Name and values of the normalised axis, and the value of the key at 1."""
-    count = (row.count - 1) // QUICK_SHARE + 1 if manner.quick else row.count
+    count = (row.count - 1) // QUICK_SHARE + 1 if options.quick else row.count
     ratios = np.linspace(*row.span, count)
     if row.over == "engine.frequency":
         return "omega/omega_n", ratios, OMEGA_N
     return "mu_k/mu_s", ratios, STATIC
 
 
-def plan_of(manner: Manner, direction: str = "cold", *, damping: bool = False) -> Plan:
+def plan_of(options: FigureOptions, direction: str = "cold", *, damping: bool = False) -> Plan:
     """The paper's rule: 50 cycles dropped; 100 kept, 50 where it has to be quick."""
-    return Plan(cycles=100 if manner.quick else 150, discard=50, direction=manner.direction or direction,
+    return Plan(cycles=100 if options.quick else 150, discard=50, direction=options.direction or direction,
                 section_points=SECTION_POINTS, damping=damping)
 
 
-def _curves(row: PaperFigure, manner: Manner, plan: Plan) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _curves(row: PaperFigure, options: FigureOptions, plan: Plan) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Every series swept, as JSON values, and what the figure says of the axis."""
-    found, axis = _swept(row, manner, plan)
+    found, axis = _swept(row, options, plan)
     curves = [curve_json(series, sweep) for series, sweep in zip(row.series, found)]
     if row.kind == "map" and plan.direction == "cold":
         for curve, sweep in zip(curves, found):
-            curve["coexisting"] = coexisting(sweep, manner.jobs)
-    if manner.branches and row.kind == "map":
-        for curve, motions in zip(curves, motions_behind_each(found, manner.jobs, manner.progress)):
+            curve["coexisting"] = coexisting(sweep, options.jobs)
+    if options.branches and row.kind == "map":
+        for curve, motions in zip(curves, motions_behind_each(found, options.jobs, options.progress)):
             curve.update(motions)
     return curves, axis
 
 
-def _swept(row: PaperFigure, manner: Manner, plan: Plan) -> tuple[list[Sweep], dict[str, Any]]:
+def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> tuple[list[Sweep], dict[str, Any]]:
     """The sweep of every series, and what the figure says of the axis."""
-    name, ratios, unit = _axis(row, manner)
+    name, ratios, unit = _axis(row, options)
     scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
     key_values = tuple(float(x) for x in scaled)
-    wanted = [Curve(system_of(s, manner), row.over, key_values) for s in row.series]
-    missing = [curve for curve in wanted if (curve, plan) not in manner.kept]
+    wanted = [Curve(system_of(s, options), row.over, key_values) for s in row.series]
+    missing = [curve for curve in wanted if (curve, plan) not in options.kept]
     if missing:
-        for sweep in sweep_curves(missing, plan, jobs=manner.jobs, progress=manner.progress):
-            manner.kept[sweep.curve, plan] = sweep
-    return [manner.kept[curve, plan] for curve in wanted], {"axis": name, "x": ratios.tolist(), "unit": unit,
+        for sweep in sweep_curves(missing, plan, jobs=options.jobs, progress=options.progress):
+            options.kept[sweep.curve, plan] = sweep
+    return [options.kept[curve, plan] for curve in wanted], {"axis": name, "x": ratios.tolist(), "unit": unit,
                                                             "cycles": plan.cycles, "discarded": 50}
 
 
@@ -111,33 +111,33 @@ def curve_json(series: Series, sweep: Sweep) -> dict[str, Any]:
             **{name: data[name] for name in names if name in data}}
 
 
-def _map(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def _map(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Figs. 4, 8, 10, 11, 13 to 18."""
-    curves, axis = _curves(row, manner, plan_of(manner))
+    curves, axis = _curves(row, options, plan_of(options))
     return {**axis, "curves": curves}
 
 
-def _damping(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def _damping(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Fig. 5."""
-    curves, axis = _curves(row, manner, plan_of(manner, damping=True))
+    curves, axis = _curves(row, options, plan_of(options, damping=True))
     return {**axis, "threshold": -paper_system().driveline.damping, "curves": curves}
 
 
-def _orbit(row: PaperFigure, manner: Manner) -> dict[str, Any]:
-    """Fig. 6: from the initial state, and continued up and down (only one of these where the manner says which)."""
+def _orbit(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+    """Fig. 6: from the initial state, and continued up and down (only one of these where the options say which)."""
     sweeps: list[Sweep] = []
     axis: dict[str, Any] = {}
-    for direction in (manner.direction,) if manner.direction else ("cold", "up", "down"):
-        found, axis = _swept(row, manner, plan_of(manner, direction))
+    for direction in (options.direction,) if options.direction else ("cold", "up", "down"):
+        found, axis = _swept(row, options, plan_of(options, direction))
         sweeps += found
     curves = [curve_json(row.series[0], sweep) for sweep in sweeps]
-    if manner.branches:
-        for curve, motions in zip(curves, motions_behind(sweeps, manner.progress)):
+    if options.branches:
+        for curve, motions in zip(curves, motions_behind(sweeps, options.progress)):
             curve.update(motions)
     return {**axis, "curves": curves}
 
 
-def _law(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Fig. 3: the smoothed law, near 0, and its slope; with the set-valued law beside it."""
     curves = []
     v = np.linspace(-2.0, 2.0, 2001)
@@ -156,7 +156,7 @@ def _law(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     return {"slip_speed": v.tolist(), "near_slip_speed": near.tolist(), "curves": curves}
 
 
-KINDS: dict[str, Callable[[PaperFigure, Manner], dict[str, Any]]] = {
+KINDS: dict[str, Callable[[PaperFigure, FigureOptions], dict[str, Any]]] = {
     "map": _map, "damping": _damping, "orbit": _orbit, "histories": settled_histories.histories,
     "delay": settled_histories.delay, "actuation": settled_histories.actuation, "law": _law,
     "solvers": settled_histories.solvers, "chart": chart}

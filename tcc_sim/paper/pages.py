@@ -29,7 +29,7 @@ def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, co
              "",
              "| Fig. | claim | verdict |", "|---|---|---|"]
     lines += [f"| {r['figure']} | {escape(r['claim'])} | {r['verdict']} |" for r in rows]
-    lines += ["", f"- {tally(verdicts)}."]
+    lines += ["", f"- {counts_of(verdicts)}."]
     if not complete:
         lines += ["", "**Interrupted: not every claim was judged.**"]
     if pressures is not None:
@@ -87,7 +87,7 @@ def errata_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def tally(verdicts: list[Verdict]) -> str:
+def counts_of(verdicts: list[Verdict]) -> str:
     """How many claims there are of each verdict."""
     found = [v.as_json()["verdict"] for v in verdicts]
     words = {CONFIRMED: "confirmed", DEPENDS: "depend on a reading", NOT_CONFIRMED: "not confirmed"}

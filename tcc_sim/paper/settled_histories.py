@@ -13,7 +13,7 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.model.parameters import System, Value, replace
 from tcc_sim.paper.catalogue import PaperFigure, paper_system
 from tcc_sim.paper.figure_branches import orbit_behind
-from tcc_sim.paper.manner import QUICK_SHARE, Manner, system_of
+from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.solvers import solve
 from tcc_sim.studies.lyapunov import largest_lyapunov_exponent
 from tcc_sim.trajectory import State, Trajectory
@@ -26,7 +26,8 @@ SECTION_CYCLES = 2000
 """Section points of a motion without period in Fig. 7."""
 
 
-def _run_in(system: System, manner: Manner, cycles: int, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
+def _run_in(system: System, options: FigureOptions, cycles: int,
+            samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
     """The motion over the transient and the 100 cycles after it, and then over some more with samples."""
     before = solve(system, cycles=RUN_IN).raise_for_status()
     after = solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=RUN_IN,
@@ -45,19 +46,19 @@ def _samples(run: Trajectory, *names: str) -> dict[str, Any]:
     return {"t": ((run.t - run.t[0]) / run.cycle).tolist(), **{name: getattr(run, name).tolist() for name in names}}
 
 
-def histories(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def histories(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Fig. 7."""
     panels = []
     for series in row.series:
-        system = system_of(series, manner)
-        before, after = _run_in(system, manner, 12)
+        system = system_of(series, options)
+        before, after = _run_in(system, options, 12)
         summary = summarise(before)
         section, exponent = summary.section, None
         if not summary.period:
-            many = SECTION_CYCLES // (QUICK_SHARE if manner.quick else 1)
+            many = SECTION_CYCLES // (QUICK_SHARE if options.quick else 1)
             further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
             section = summarise(further, 0).section
-            if manner.law == "smoothed":
+            if options.law == "smoothed":
                 exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN).as_json()
         panels.append({"label": series.label, "values": dict(series.values), "period": summary.period,
                        "section": [list(p) for p in section], "lyapunov": exponent,
@@ -65,11 +66,11 @@ def histories(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     return {"panels": panels}
 
 
-def delay(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def delay(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
     panels = []
     for series in row.series:
-        _, after = _run_in(system_of(series, manner), manner, 2)
+        _, after = _run_in(system_of(series, options), options, 2)
         panels.append({"label": series.label, "values": dict(series.values), "first_half": first_half(after),
                        **_samples(after, "slip_speed", "engine_torque", "state")})
     return {"panels": panels}
@@ -83,16 +84,16 @@ def first_half(run: Trajectory) -> float:
     return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
 
 
-def actuation(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def actuation(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Fig. 12."""
     panels = []
     for series in row.series:
-        before, after = _run_in(system_of(series, manner), manner, 9)
+        before, after = _run_in(system_of(series, options), options, 9)
         found = summarise(before)
         panels.append({"label": series.label, "values": dict(series.values), "period": found.period,
                        **_samples(after, "slip_speed", "saturation_torque", "engine_torque")})
-        if manner.branches:
-            panels[-1]["orbit"] = orbit_behind(system_of(series, manner), before.final, RUN_IN, found.period,
+        if options.branches:
+            panels[-1]["orbit"] = orbit_behind(system_of(series, options), before.final, RUN_IN, found.period,
                                                found.max_slip_speed)
     return {"panels": panels}
 
@@ -113,10 +114,10 @@ STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
 
 
-def solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
+def solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
     system = paper_system(row.series[0].values)
-    begin = QUICK_STEADY_CYCLES if manner.quick else STEADY_CYCLES
+    begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
     steady = []
     for label, values in STEADY_LAWS:
         before = solve(replace(system, values), cycles=begin).raise_for_status()
@@ -130,7 +131,7 @@ def solvers(row: PaperFigure, manner: Manner) -> dict[str, Any]:
     curves = []
     for solver, (label, law, setting) in SOLVER_CURVES.items():
         begun = time.perf_counter()
-        run = solve(replace(system, {"friction.law": law}), cycles=1 if manner.quick else 2, samples_per_cycle=SAMPLES,
+        run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
         curves.append({"solver": solver, "label": label, "status": run.status.value,
                        "seconds": time.perf_counter() - begun,

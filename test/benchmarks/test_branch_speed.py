@@ -23,9 +23,9 @@ RESULT [400, 100, 0.5, [["LP", 0.2755]], true]
 
 def test_what_auto_prints_is_read_mesh_by_mesh() -> None:
     coarse, fine = runs_of(TOLD, 0.3)
-    assert (coarse.points, coarse.seconds, coarse.manner, coarse.complete) == (50, 0.25, "NTST 200", False)
+    assert (coarse.points, coarse.seconds, coarse.options, coarse.complete) == (50, 0.25, "NTST 200", False)
     assert coarse.bifurcations == (("LP", pytest.approx(0.9)), ("PD", pytest.approx(0.8)))
-    assert (fine.manner, fine.complete) == ("NTST 400", True)
+    assert (fine.options, fine.complete) == ("NTST 400", True)
 
 
 def test_the_table_says_how_far_both_are_apart() -> None:

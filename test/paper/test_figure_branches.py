@@ -20,8 +20,8 @@ from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
+from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.histories import orbit_words
-from tcc_sim.paper.manner import Manner
 from tcc_sim.paper.motions_page import motions_page
 from tcc_sim.studies import basin_rows
 from tcc_sim.studies.basins import Axis, Basins
@@ -173,7 +173,7 @@ def given_basins() -> Basins:
 def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     pytest.importorskip("matplotlib")
     data = {6: given_figure(6, "orbit", [given_curve()]), 19: given_chart(), 20: given_chart()}
-    monkeypatch.setattr(figures, "figure_data", lambda number, manner: data[number])
+    monkeypatch.setattr(figures, "figure_data", lambda number, options: data[number])
     monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
     folder = tmp_path / "motions"
     assert main(["motions", "--quick", "--out", str(folder)]) == 0
@@ -190,7 +190,7 @@ def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) 
 
 
 def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    def interrupted(number: int, manner: Manner) -> None:
+    def interrupted(number: int, options: FigureOptions) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(figures, "figure_data", interrupted)
@@ -211,6 +211,6 @@ def test_the_page_says_what_was_found() -> None:
 
 
 def test_all_figures_leave_branches_out_where_there_are_none(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(figures, "KINDS", dict.fromkeys(figures.KINDS, lambda row, manner: {"curves": []}))
+    monkeypatch.setattr(figures, "KINDS", dict.fromkeys(figures.KINDS, lambda row, options: {"curves": []}))
     for number in FIGURES:
-        assert figures.figure_data(number, Manner(quick=True, branches=True))["figure"] == number
+        assert figures.figure_data(number, FigureOptions(quick=True, branches=True))["figure"] == number

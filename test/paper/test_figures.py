@@ -23,8 +23,8 @@ from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, paper_system
 from tcc_sim.paper.coexistence import coexisting, stands_out
+from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figures import figure_data
-from tcc_sim.paper.manner import Manner
 from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.solvers import solve
 from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
@@ -84,7 +84,7 @@ def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # ty
 def as_written(number: int, data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The numbers of a figure as its file has them, once they are what the schema says."""
     file = folder / f"fig{number:02d}.json"
-    write_json(file, document("figure", data, figures.figure_system(number, Manner(quick=True)),
+    write_json(file, document("figure", data, figures.figure_system(number, FigureOptions(quick=True)),
                               ["figure", str(number)]))
     return valid("figure", json.loads(file.read_text()))
 
@@ -94,7 +94,7 @@ def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: s
                                                             monkeypatch: pytest.MonkeyPatch) -> None:
     """With few values, which the schema does not count; the other kinds are judged where they are drawn."""
     monkeypatch.setitem(FIGURES, number, replace(FIGURES[number], count=16))
-    found = as_written(number, figure_data(number, Manner(quick=True)), tmp_path)
+    found = as_written(number, figure_data(number, FigureOptions(quick=True)), tmp_path)
     assert (found["figure"], found["kind"]) == (number, kind)
     if kind == "orbit":
         assert found["axis"] == "mu_k/mu_s"
@@ -103,7 +103,7 @@ def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: s
 
 def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
-    data = figure_data(2, Manner(quick=True))
+    data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
     assert [(s["period"], s["settled"]) for s in data["steady"]] == [(1, True), (2, True), (2, True)]
     assert [s["max_slip_speed"] for s in data["steady"]] == pytest.approx([36.297, 63.657, 63.742], abs=2e-3)
@@ -168,8 +168,8 @@ def test_figures_share_the_curves_that_they_have_in_common(monkeypatch) -> None:
 
     monkeypatch.setattr(figures, "sweep_curves", short)
     monkeypatch.setattr(figures, "coexisting", lambda sweep, jobs: [])
-    manner = Manner(quick=True, law="set_valued")
-    data = [figure_data(number, manner) for number in (10, 11)]
+    options = FigureOptions(quick=True, law="set_valued")
+    data = [figure_data(number, options) for number in (10, 11)]
     assert swept == [3, 2]
     assert data[0]["curves"][1]["max_slip_speed"] == data[1]["curves"][1]["max_slip_speed"]
 
@@ -195,11 +195,11 @@ def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
 
 
 def test_the_periods_of_figure_12_are_those_of_35() -> None:
-    assert [p["period"] for p in figure_data(12, Manner())["panels"]] == [2, 3, 3]
+    assert [p["period"] for p in figure_data(12, FigureOptions())["panels"]] == [2, 3, 3]
 
 
 def test_figure_3_peaks_below_the_static_coefficient() -> None:
-    for curve in figure_data(3, Manner())["curves"][1:]:
+    for curve in figure_data(3, FigureOptions())["curves"][1:]:
         assert curve["peak"] < curve["static"]
         assert min(curve["near_slope"]) < 0.0
         assert max(curve["near_coefficient"]) == pytest.approx(curve["peak"], rel=1e-4)
@@ -221,10 +221,10 @@ def test_wrong_figures_are_refused(words: list[str], tmp_path, capsys) -> None: 
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "new").exists()
     with pytest.raises(InputError):
-        figure_data(1, Manner())
+        figure_data(1, FigureOptions())
 
 
 def test_an_orbit_over_the_friction_ratio_goes_in_all_directions_unless_told() -> None:
-    quick = figure_data(6, Manner(quick=True, law="set_valued", direction="down"))
+    quick = figure_data(6, FigureOptions(quick=True, law="set_valued", direction="down"))
     assert [c["direction"] for c in quick["curves"]] == ["down"]
     assert np.isfinite([x for x in quick["curves"][0]["max_slip_speed"] if x is not None]).all()

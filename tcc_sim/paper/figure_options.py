@@ -21,7 +21,7 @@ BOTH_LAWS = ("law", "solvers")
 
 
 @dataclass(frozen=True)
-class Manner:
+class FigureOptions:
     """How the figures are made.
 
     quick : a quarter of the values and half of the cycles
@@ -42,20 +42,20 @@ class Manner:
     kept: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict, compare=False, repr=False)
 
 
-def check_manner(number: int, manner: Manner) -> None:
+def check_options(number: int, options: FigureOptions) -> None:
     """Raise InputError where a figure has nothing that a direction, the set-valued law or branches would change."""
     kind = figure_row(number).kind
-    if manner.direction is not None and kind not in SWEPT:
-        raise InputError(f"direction is {manner.direction}; Fig. {number} has no sweep")
-    if manner.law != "smoothed" and kind in BOTH_LAWS:
-        raise InputError(f"law is {manner.law}; Fig. {number} shows both laws")
-    if manner.branches and kind == "chart":
+    if options.direction is not None and kind not in SWEPT:
+        raise InputError(f"direction is {options.direction}; Fig. {number} has no sweep")
+    if options.law != "smoothed" and kind in BOTH_LAWS:
+        raise InputError(f"law is {options.law}; Fig. {number} shows both laws")
+    if options.branches and kind == "chart":
         raise InputError(f"Fig. {number} is made of branches already; --branches is for the paper's own figures")
-    if manner.branches and kind not in BRANCHED:
+    if options.branches and kind not in BRANCHED:
         numbers = ", ".join(str(n) for n, row in FIGURES.items() if row.kind in BRANCHED)
         raise InputError(f"Fig. {number} has no points on branches; --branches is for {numbers}")
 
 
-def system_of(series: Series, manner: Manner, **values: Value) -> System:
+def system_of(series: Series, options: FigureOptions, **values: Value) -> System:
     """The system of one curve."""
-    return replace(paper_system(series.values), {"friction.law": manner.law, **values})
+    return replace(paper_system(series.values), {"friction.law": options.law, **values})
