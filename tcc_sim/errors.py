@@ -25,6 +25,11 @@ def one_line(text: str) -> str:
     return printable(text)
 
 
+def counted(number: int, thing: str) -> str:
+    """A number and what it counts: 1 message, 2 messages."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
 class TccError(Exception):
     """Base of every exception that this package raises on purpose."""
 

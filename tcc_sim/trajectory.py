@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import NumericalFailure
+from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model.parameters import System
 
 Floats = NDArray[np.float64]
@@ -136,8 +136,9 @@ class Trajectory:
 
     def __repr__(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
-        cycles = f", {len(self.cycles)} engine cycles" if self.cycles is not None else ""
-        return f"<Trajectory by {self.solver}: {len(self.t)} samples over {long}{cycles}; {self.status.value}>"
+        cycles = f", {counted(len(self.cycles), 'engine cycle')}" if self.cycles is not None else ""
+        samples = counted(len(self.t), "sample")
+        return f"<Trajectory by {self.solver}: {samples} over {long}{cycles}; {self.status.value}>"
 
     def columns(self) -> dict[str, Floats | Modes]:
         """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""

@@ -49,6 +49,7 @@ def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str],
 @pytest.mark.parametrize(("words", "says"), [
     (["sweep", "fig20", "--over", "engine.frequency=1:2:3"], "did you mean fig02?"),
     (["sweep", "fig02", "--over", "engine.frequncy=1:2:3"], "did you mean engine.frequency?"),
+    (["sweep", "fig02", "--over", "engine.frequency=1:2:3", "--set", "no.key=1"], "no.key is not a scene key\n"),
     (["sweep", "fig02", "--over", "engine.frequency=1:2"], "engine.frequency=1:2"),
     (["sweep", "fig02", "--over", "engine.frequency=-5:2:3"], "0.001 to 100000 rad/s"),
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--set", "pressure.mean=-3"], "pressure.mean is -3 Pa"),

@@ -25,8 +25,9 @@ import numpy as np
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.studies.beginnings import start_orbit
 from tcc_sim.studies.branches import first_station, follow
-from tcc_sim.studies.motions import Plan, check, start_orbit
+from tcc_sim.studies.motions import Plan, check
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.walk import Course
 from tcc_sim.trajectory import State

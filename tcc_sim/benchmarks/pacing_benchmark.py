@@ -57,11 +57,11 @@ def _trials() -> list[tuple[str, Settings, int, float]]:
     core = max(os.sched_getaffinity(0))
     return [("nothing asked for", Settings(), DEFAULT_SLACK_NS, 0.0),
             ("timer slack 1 ns", Settings(), TIMER_SLACK_NS, 0.0),
-            ("and awake ahead", Settings(), TIMER_SLACK_NS, LEAD),
-            ("and thread_priority 50", Settings(thread_priority=50), TIMER_SLACK_NS, 0.0),
-            (f"and cpu_affinity [{core}]", Settings(cpu_affinity=(core,)), TIMER_SLACK_NS, 0.0),
-            ("and lock_memory", Settings(lock_memory=True), TIMER_SLACK_NS, 0.0),
-            ("and all of them", Settings(50, (core,), True), TIMER_SLACK_NS, LEAD)]
+            ("slack, awake ahead", Settings(), TIMER_SLACK_NS, LEAD),
+            ("slack, thread_priority 50", Settings(thread_priority=50), TIMER_SLACK_NS, 0.0),
+            (f"slack, cpu_affinity [{core}]", Settings(cpu_affinity=(core,)), TIMER_SLACK_NS, 0.0),
+            ("slack, lock_memory", Settings(lock_memory=True), TIMER_SLACK_NS, 0.0),
+            ("all of these", Settings(50, (core,), True), TIMER_SLACK_NS, LEAD)]
 
 
 class Stretches:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
 from tcc_sim.errors import InputError, require
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,5 +61,5 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, document("analyse", found.json(), found.scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
-        print("\n".join(found.lines()))
+        say("\n".join(found.lines()))
     return 0

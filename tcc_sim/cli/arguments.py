@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +21,8 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} must be a number from {low:g} to {high:g} {unit}".rstrip())
+            span = f" from {low:g} to {high:g} {unit}".rstrip() if math.isfinite(high) else ""
+            raise argparse.ArgumentTypeError(f"{text!r} must be a number{span}")
         return value
 
     return read

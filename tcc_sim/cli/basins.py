@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
-from tcc_sim.errors import BasinsInterrupted, InputError
+from tcc_sim.errors import BasinsInterrupted, InputError, counted
+from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.studies.basins import Axis, Basins
@@ -43,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.studies.basin_rows import basins
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    plane = [_axis(text) for text in arguments.plane]
-    over = _axis(arguments.over) if arguments.over is not None else None
+    plane = [_axis("--plane", text) for text in arguments.plane]
+    over = _axis("--over", arguments.over) if arguments.over is not None else None
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
     part = None
@@ -81,12 +82,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _axis(text: str) -> Axis:
+def _axis(option: str, text: str) -> Axis:
     """KEY=START:STOP:COUNT."""
     from tcc_sim.studies.basins import Axis
     from tcc_sim.studies.sweep import values_of_range
 
-    key, values = values_of_range(text)
+    key, values = values_of_range(text, option)
     return Axis(key, tuple(values))
 
 
@@ -112,12 +113,13 @@ def _say(found: list[Basins], over: Axis | None, boundary: bool) -> None:
     """The summary for a terminal."""
     for k, one in enumerate(found):
         if over is not None:
-            print(f"{over.key} = {over.values[k]:.9g}")
-        print(repr(one))
+            say(f"{over.key} = {over.values[k]:.9g}")
+        say(repr(one))
         uncertain = one.boundary() if boundary else None
         if uncertain is not None:
-            print(f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
-                  f"dimension {uncertain.dimension:.3f}")
+            say(f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
+                f"dimension {uncertain.dimension:.3f}")
         elif boundary:
-            print("  boundary: too few neighbouring cells differ for an uncertainty exponent")
-        print(f"  {one.labels.size} cells in {one.seconds:.3g} s, {float(one.cycles.mean()):.1f} cycles a cell")
+            say("  boundary: too few neighbouring cells differ for an uncertainty exponent")
+        say(f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
+            f"{float(one.cycles.mean()):.1f} cycles a cell")

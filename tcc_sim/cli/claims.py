@@ -9,6 +9,7 @@ from typing import Any
 
 from tcc_sim.cli.arguments import new_file
 from tcc_sim.errors import InputError
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.paper.evidence import Evidence
     from tcc_sim.paper.mean_pressure import table
     from tcc_sim.paper.pages import claims_page, errata_page, pressure_sentence, tally, text
+    from tcc_sim.paper.stable_motions import words_of
 
     for path in (arguments.json, arguments.markdown, arguments.errata):
         if path is not None:
@@ -43,19 +45,21 @@ def run(arguments: argparse.Namespace) -> int:
     def show(verdict: Verdict) -> None:
         verdicts.append(verdict)
         row = verdict.as_json()
-        print(f"Fig. {row['figure']:<10}  {row['verdict']:<13}  {row['claim']}" if row["figure"][0].isdigit() else
-              f"{row['figure']:<15}  {row['verdict']:<13}  {row['claim']}")
+        say(f"Fig. {row['figure']:<10}  {row['verdict']:<13}  {row['claim']}" if row["figure"][0].isdigit() else
+            f"{row['figure']:<15}  {row['verdict']:<13}  {row['claim']}")
         for name, value in row["values"].items():
-            print(f"{'':<32}{name}: {text(value)}")
+            say(f"{'':<32}{name}: {text(value)}")
+        for motion in row["motions"]:
+            say(f"{'':<32}{words_of(motion)}")
         if row["why"]:
-            print(f"{'':<32}{row['why']}", flush=True)
+            say(f"{'':<32}{row['why']}", flush=True)
 
     try:
         judge(jobs=arguments.jobs, progress=True, each=show)
         pressures = table(Evidence(TOLERANCE, arguments.jobs, progress=True))
         for found in pressures["rows"]:
-            print(f"mean pressure {found['pressure'] / 1e3:g} kPa: {found['count']} of {len(found['fits'])} numbers "
-                  f"of the text")
+            say(f"mean pressure {found['pressure'] / 1e3:g} kPa: {found['count']} of {len(found['fits'])} numbers "
+                f"of the text")
         if arguments.errata is not None:
             with draft(arguments.errata) as part:
                 part.write_text(errata_page())
@@ -64,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         print("tcc-sim: interrupted; the claims judged so far are kept", file=sys.stderr)
     if not verdicts:
         return 130
-    print(tally(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
+    say(tally(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
     if arguments.json is not None:
         values = {"claims": [v.as_json() for v in verdicts], "mean_pressure": pressures, "complete": not interrupted}
         write_json(arguments.json, document("claims", values, paper_system(), arguments.words))

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
+from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.studies.motions import Motions
@@ -31,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key too")
     parser.add_argument("--limit", action="store_true",
                         help="follow every bifurcation of the smoothed law to the set-valued one")
+    parser.add_argument("--seeds", metavar="FILE", type=Path,
+                        help="follow the branches through the attractors that basins --json wrote to FILE instead")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
     add_plot(parser)
@@ -39,15 +42,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.studies.beginnings import seeds_in
     from tcc_sim.studies.motions import Motions, Plan, check, continue_motions
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     key, low, high = _range("--over", arguments.over)
     second = None if arguments.second is None else _range("--second", arguments.second)
-    plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit)
+    seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
+    plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit, seeds)
     check(scene.system, plan)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
@@ -78,22 +83,22 @@ def _print(found: Motions) -> None:
     """The branches, their ends and their bifurcations."""
     for number, branch in enumerate(found.branches):
         values = [s.value for s in branch.stations]
-        print(f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
-              f"{len(values)} points, {sum(s.orbit.stable for s in branch.stations)} stable")
+        say(f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
+            f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.stations)} stable")
         for sentence in dict.fromkeys(branch.ended):
-            print(f"  {sentence}")
+            say(f"  {sentence}")
     for index, item in enumerate(found.bifurcations):
         limit = ""
         if found.plan.limit:
             value = found.limits.get(index)
             limit = "  of the smoothing" if value is None else f"  limit {value:.9g}"
-        print(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
-              f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
+        say(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
+            f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
-        print(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
-              f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
+        say(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
+            f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
     for curve in found.curves:
-        print(f"curve of {curve.kind}: {len(curve.values)} points; {'; '.join(dict.fromkeys(curve.ended))}")
+        say(f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {'; '.join(dict.fromkeys(curve.ended))}")
 
 
 @contextmanager

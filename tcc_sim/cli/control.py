@@ -6,6 +6,7 @@ import argparse
 import math
 
 from tcc_sim.cli.arguments import number
+from tcc_sim.output.terminal import say
 
 ACTIONS = {
     "reset": "back to the initial state and simulation time 0",
@@ -44,15 +45,20 @@ def run(arguments: argparse.Namespace) -> int:
 
     with operator(arguments.namespace) as ask:
         if arguments.action in ("reset", "step"):
-            print(ask.trigger(arguments.action))
+            say(ask.trigger(arguments.action))
         elif arguments.action in ("pause", "resume"):
-            print(ask.pause(arguments.action == "pause"))
+            say(ask.pause(arguments.action == "pause"))
         elif arguments.action == "set":
             ask.change(values)
-            print(", ".join(f"{key} {value}" for key, value in values.items()))
+            say(", ".join(f"{key} {value}" for key, value in values.items()))
         else:
             try:
-                print(ask.command(arguments.action, arguments.value, arguments.rate or 0.0))
+                say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0, tell=_told))
             except KeyboardInterrupt:
-                print("no more is sent")
+                say("no more is sent")
     return 0
+
+
+def _told(text: str) -> None:
+    """Say at once what goes on, though standard output may be a pipe."""
+    say(text, flush=True)

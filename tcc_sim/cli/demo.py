@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import new_directory, number
+from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.scene import Scene
@@ -39,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     directory = new_directory(arguments.out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
     missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
     if missing:
-        print(f"{' and '.join(missing)} not installed: no {'run.rrd' if 'rerun' in missing else 'overview.png'}"
-              f"{' and no overview.png' if len(missing) == 2 else ''}; pip install 'tcc_sim[view]' brings them")
+        say(f"{' and '.join(missing)} not installed: no {'run.rrd' if 'rerun' in missing else 'overview.png'}"
+            f"{' and no overview.png' if len(missing) == 2 else ''}; pip install 'tcc_sim[view]' brings them")
     directory.mkdir()
     recording = directory / "recording"
     _record(scene, arguments.scene, recording, arguments.duration)
@@ -53,12 +54,12 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
 
     from tcc_sim.nodes.children import Session
 
-    print(f"scene {scene.name}: {scene.description}")
+    say(f"scene {scene.name}: {scene.description}")
     controller = _controller(scene)
     if controller is not None:
-        print(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
+        say(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
     session = Session(recording, {"scene": name}, controller)
-    print(f"recording {duration:g} s to {recording}", flush=True)
+    say(f"recording {duration:g} s to {recording}", flush=True)
     try:
         with tqdm(total=duration, desc="recording", unit="s", disable=None, leave=False,
                   bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
@@ -67,7 +68,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
                 bar.update(elapsed - bar.n)
                 session.watch(min(STEP, duration - elapsed))
     except KeyboardInterrupt:
-        print("stopped early; what was recorded is analysed")
+        say("stopped early; what was recorded is analysed")
     finally:
         session.stop()
 
@@ -96,10 +97,10 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
         overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary,
                  scene.name, control=found.control)
         made.append("overview.png")
-    print("\n".join(found.lines()))
-    print(f"{directory}/ holds {', '.join(made)}\nnext:")
-    print(f"  tcc-sim analyse {recording} --verify")
+    say("\n".join(found.lines()))
+    say(f"{directory}/ holds {', '.join(made)}\nnext:")
+    say(f"  tcc-sim analyse {recording} --verify")
     if "rerun" not in missing:
-        print(f"  rerun {directory / 'run.rrd'}")
-    print(f"  tcc-sim explain {scene.name}\n  tcc-sim demo --scene chaos")
+        say(f"  rerun {directory / 'run.rrd'}")
+    say(f"  tcc-sim explain {scene.name}\n  tcc-sim demo --scene chaos")
     return 0

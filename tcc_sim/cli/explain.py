@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file
+from tcc_sim.errors import counted
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,21 +27,21 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.explanation import explain
 
     found = explain(scene)
-    print(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")
+    say(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")
     for what in ("terms", "topics", "modules"):
-        print(f"{what}\n  held:     {', '.join(found[what]['held']) or 'none'}"
-              f"\n  left out: {', '.join(found[what]['left_out']) or 'none'}")
-    print("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
+        say(f"{what}\n  held:     {', '.join(found[what]['held']) or 'none'}"
+            f"\n  left out: {', '.join(found[what]['left_out']) or 'none'}")
+    say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
     step = found["step"]
     if step is None:
-        print("real-time step: none, the real-time solver takes the smoothed law only")
+        say("real-time step: none, the real-time solver takes the smoothed law only")
     else:
-        print(f"real-time step: one {step['tick_s'] * 1e3:g} ms tick in {step['sub_steps']} sub-steps costs "
-              f"{step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
-              f"{step['ratio']:.2f} times as much")
+        say(f"real-time step: one {step['tick_s'] * 1e3:g} ms tick in {counted(step['sub_steps'], 'sub-step')} costs "
+            f"{step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
+            f"{step['ratio']:.2f} times as much")
         for name, own in step["own_calls"].items():
-            print(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
-    print("\n".join(closed_form_lines(found["closed_forms"])))
+            say(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
+    say("\n".join(closed_form_lines(found["closed_forms"])))
     if arguments.json is not None:
         from tcc_sim.output.files import write_json
         from tcc_sim.output.provenance import document

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError, RecordingError, require
+from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.paper.manner import Manner
@@ -88,8 +89,8 @@ def _write(number: int, stem: Path, manner: Manner, draw: Callable[[dict[str, An
     data = figure_data(number, manner)
     write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, manner), words))
     drawn = draw(data, stem)
-    print(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
+    say(f"{stem.with_suffix('.png')}  {data['seconds']:.1f} s", flush=True)
     for curve in data.get("curves", []):
         for sentence in curve.get("left_out", []):
-            print(f"  {plain(curve['label']) or curve['direction']}: {sentence}", flush=True)
+            say(f"  {plain(curve['label']) or curve['direction']}: {sentence}", flush=True)
     return drawn

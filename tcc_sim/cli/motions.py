@@ -8,6 +8,7 @@ from typing import Any
 
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.errors import BasinsInterrupted, InputError, require
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,8 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 130
     _write(folder, branches, charts, found, arguments.words)
     (folder / "motions.md").write_text(motions_page(branches, charts, found, beside), encoding="utf-8")
-    print(repr(found))
-    print(f"{folder}/motions.md, {folder}/pictures")
+    say(repr(found))
+    say(f"{folder}/motions.md, {folder}/pictures")
     return 0
 
 

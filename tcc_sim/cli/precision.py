@@ -7,6 +7,7 @@ import argparse
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
 from tcc_sim.errors import require
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,6 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
     (folder / "precision.md").write_text(markdown(found, "precision.png"), encoding="utf-8")
     draw(folder / "precision", records)
     for line in [line for record in records for line in scene_lines(record)] + (speed_summary(speed) if speed else []):
-        print(line)
-    print(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")
+        say(line)
+    say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")
     return 0 if running.complete else 130

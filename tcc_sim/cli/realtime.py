@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file, number, whole_number
+from tcc_sim.output.terminal import say
 
 LABELS = {"ticks": "ticks", "missed_ticks": "missed ticks", "drift_s": "drift (ms)"}
 
@@ -42,21 +43,21 @@ def run(arguments: argparse.Namespace) -> int:
               bar_format="{desc} {percentage:3.0f}%|{bar}|") as bar:
         found = measure(arguments.rate, arguments.duration, lambda part: bar.update(part - bar.n), arguments.recorder,
                         settings)
-    print(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
-          f"drift {found['drift_s'] * 1e3:.3f} ms")
-    print(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
+    say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
+        f"drift {found['drift_s'] * 1e3:.3f} ms")
+    say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
     for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
                               ("lateness_p99_s", "lateness p99 (us)", 1e6),
                               ("lateness_max_s", "lateness max (us)", 1e6),
                               ("cpu_fraction", "CPU (% of a core)", 100.0)):
         node, bare = found[key] * factor, found[f"bare_{key}"] * factor
-        print(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
-    print(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
+        say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
+    say(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
     for trial in found["settings"]:
         figures = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
-        print(f"{trial['name']:<26}{figures}{'  refused' if trial['refused'] else ''}")
+        say(f"{trial['name']:<26}{figures}{'  refused' if trial['refused'] else ''}")
     for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
-        print(f"  {sentence}")
+        say(f"  {sentence}")
     if arguments.json is not None:
         from tcc_sim.output.files import write_json
         from tcc_sim.output.provenance import document

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.errors import one_line, printable
+from tcc_sim.errors import counted, one_line, printable
+from tcc_sim.output.terminal import say
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import default_directory, recover
 
@@ -24,13 +25,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Recover and say what is missing."""
     recording = open_run(arguments.recording)
     found = recover(recording, arguments.out or default_directory(arguments.recording))
-    print(printable(f"recovered {sum(found.messages.values())} messages into {found.directory}"))
+    say(printable(f"recovered {counted(sum(found.messages.values()), 'message')} into {found.directory}"))
     for topic, count in list(found.messages.items())[:TOPICS_SHOWN]:
-        print(f"  {one_line(topic)}: {count}")
+        say(f"  {one_line(topic)}: {count}")
     if len(found.messages) > TOPICS_SHOWN:
-        print(f"  and {len(found.messages) - TOPICS_SHOWN} more topics")
+        say(f"  and {counted(len(found.messages) - TOPICS_SHOWN, 'more topic')}")
     for sentence in found.missing:
-        print(f"  missing: {one_line(sentence)}")
+        say(f"  missing: {one_line(sentence)}")
     if not found.missing:
-        print("  nothing is missing; the original was complete" if found.complete else "  nothing is missing")
+        say("  nothing is missing; the original was complete" if found.complete else "  nothing is missing")
     return 0

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
+from tcc_sim.output.terminal import say
 from tcc_sim.scene import bundled_scenes, load_scene
 
 
@@ -16,10 +18,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print name and description of every bundled scene, or one scene in full."""
     if arguments.show is not None:
-        print(load_scene(arguments.show).text(), end="")
+        sys.stdout.write(load_scene(arguments.show).text())
         return 0
     scenes = {name: load_scene(path) for name, path in bundled_scenes().items()}
     width = max(map(len, scenes), default=0)
     for name, scene in scenes.items():
-        print(f"{name:<{width}}  {scene.description}")
+        say(f"{name:<{width}}  {scene.description}")
     return 0

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
+from tcc_sim.output.terminal import say
 
 Result = TypeVar("Result")
 CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.output.samples import write_samples
 
         write_samples(arguments.out, found.trajectory, scene.text())
-        lines.append(f"{len(found.trajectory.t)} samples in {arguments.out}")
+        lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
     if arguments.plot is not None:
         from tcc_sim.views.plots import plot_run
 
@@ -77,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, document("simulate", found.as_json(), scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
-        print("\n".join(lines))
+        say("\n".join(lines))
     return 0
 
 

@@ -7,6 +7,8 @@ import tempfile
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file, number
+from tcc_sim.errors import counted
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,17 +33,17 @@ def run(arguments: argparse.Namespace) -> int:
             total=arguments.duration, unit="s", desc="soak", disable=None, leave=False,
             bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:
         found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, lambda s: bar.update(s - bar.n))
-    print(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift "
-          f"{found['drift_s'] * 1e3:.1f} ms")
-    counted = "as many as" if found["count_is_honest"] else "which is not what"
-    print(f"{sum(found['messages'].values())} messages; {found['lost_messages']} joint_states are missing by the "
-          f"stamps, {counted} the recorder counted")
+    say(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift "
+        f"{found['drift_s'] * 1e3:.1f} ms")
+    judged = "as many as" if found["count_is_honest"] else "which is not what"
+    say(f"{counted(sum(found['messages'].values()), 'message')}; {found['lost_messages']} of joint_states missing by "
+        f"the stamps, {judged} the recorder counted")
     for name in ("driveline", "recorder"):
         node = found[name]
-        print(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB "
-              f"after the warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
+        say(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB "
+            f"after the warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
     for warning in found["warnings"]:
-        print(f"warning: {warning}")
+        say(f"warning: {warning}")
     if arguments.json is not None:
         from tcc_sim.output.files import write_json
         from tcc_sim.output.provenance import document

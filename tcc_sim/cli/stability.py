@@ -6,7 +6,8 @@ import argparse
 
 from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
-from tcc_sim.errors import require
+from tcc_sim.errors import counted, require
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     stability(folder / "stability", maps, records)
     for engine, total in found["summary"].items():
         ended = ", ".join(f"{name} {count}" for name, count in total["statuses"].items())
-        print(f"{engine}: {total['cases']} cases ({ended}), {total['not_finite']} not finite, {total['not_bounded']} "
-              f"past the energy bound, {total['past_iteration_bound']} past the iteration bound")
-    print(f"{folder}/stability.png, .svg, .json, .md")
+        say(f"{engine}: {counted(total['cases'], 'case')} ({ended}), {total['not_finite']} not finite, "
+            f"{total['not_bounded']} past the energy bound, {total['past_iteration_bound']} past the iteration bound")
+    say(f"{folder}/stability.png, .svg, .json, .md")
     return 0 if running.complete else 130

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
-from tcc_sim.errors import InputError, SweepInterrupted
+from tcc_sim.errors import InputError, SweepInterrupted, counted
+from tcc_sim.output.terminal import say, terminal_width
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,12 +76,13 @@ def run(arguments: argparse.Namespace) -> int:
         with draft(arguments.plot) as part:
             plot(found.as_json(), part, arguments.width, title=scene.name)
     if arguments.json is None and arguments.out is None and not interrupted:
-        print("\n".join(sweep_lines(sweeps, *second[0]) if second else sweep_lines(sweeps)))
+        key_two, values_two = second[0] if second else ("", ())
+        say("\n".join(sweep_lines(sweeps, key_two, values_two, terminal_width())))
     elif arguments.json != STANDARD_OUTPUT:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
-        print(f"{sum(p is not None for p in points)} of {len(points)} values in {sweeps[0].seconds:.3g} s"
-              + (f"; {failed} failed" if failed else ""))
+        say(f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
+            + (f"; {failed} failed" if failed else ""))
     if interrupted:
         kept = f"; the same command goes on from {arguments.out}" if arguments.out is not None else ""
         print(f"tcc-sim: interrupted{kept}", file=sys.stderr)

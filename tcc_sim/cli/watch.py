@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file
+from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +31,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     spawn = arguments.rrd is None and arguments.connect is None
-    print(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), file=arguments.rrd, spawn=spawn,
-                url=arguments.connect))
+    say(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), file=arguments.rrd, spawn=spawn,
+              url=arguments.connect))
     return 0

@@ -206,11 +206,3 @@ def fluid_pressure_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     fixed = np.zeros(len(example), dtype=np.bool_)
     fixed[[0, 1, 12, 13, 14, 15, 16]] = True
     return example, fixed
-
-
-def float64_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Bytes of a Float64 message, and a mask of those that every such message has."""
-    example = np.frombuffer(float64(0.0), dtype=np.uint8)
-    fixed = np.zeros(len(example), dtype=np.bool_)
-    fixed[:2] = True
-    return example, fixed

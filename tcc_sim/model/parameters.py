@@ -264,7 +264,7 @@ def values_of(system: System) -> Iterator[tuple[str, Value]]:
 
 def unknown_key(key: str, known: Mapping[str, object] | list[str]) -> InputError:
     """The error for a key that does not exist, with the nearest one that does."""
-    near = difflib.get_close_matches(key[:100], list(known), n=1, cutoff=0.4)
+    near = difflib.get_close_matches(key[:100], list(known), n=1, cutoff=0.5)
     return InputError(f"{key} is not a scene key" + (f"; did you mean {near[0]}?" if near else ""))
 
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from tcc_sim.errors import counted
 from tcc_sim.nodes.loop import RealTimeLoop
 from tcc_sim.nodes.qos import DIAGNOSTICS
 
@@ -65,7 +66,8 @@ class Diagnostics:
         waiting = [c.name for c in loop.commands if c.fallen_back]
         level, text = DiagnosticStatus.OK, regime
         if pacer.missed_ticks > self._late:
-            level, text = DiagnosticStatus.WARN, f"{pacer.missed_ticks - self._late} ticks missed in real time"
+            late = counted(pacer.missed_ticks - self._late, "tick")
+            level, text = DiagnosticStatus.WARN, f"{late} missed in real time"
         elif waiting:
             level, text = DiagnosticStatus.WARN, f"no command on {' and '.join(waiting)}; the scene's fallback applies"
         self._since, self._ticks, self._late = now, done, pacer.missed_ticks

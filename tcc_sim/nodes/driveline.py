@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.errors import InputError, one_line
+from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import context, parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
@@ -68,7 +68,7 @@ class DrivelineNode(Node):
         """
         self.loop.start()
         context.say(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
-                          f"{self.loop.plant.stepper.substeps} sub-steps a tick")
+                          f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
 
     def housekeeping(self) -> None:
         """Diagnostics when they are due, throttled warnings, and the failure of the loop if there was one."""

@@ -90,8 +90,8 @@ class Operator:
         if not result.successful:
             raise InputError(result.reason or "the driveline refused the change without a reason")
 
-    def command(self, what: str, value: float, rate: float = 0.0) -> str:
-        """Send a command, once or `rate` times a second until interrupted; what became of it.
+    def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
+        """Send a command, once or `rate` times a second until interrupted, which `tell` is told; what became of it.
 
         Raises
         ------
@@ -123,6 +123,8 @@ class Operator:
         self._until(lambda: applied() is not None, LISTENED_FOR)
         publisher.publish(data)
         self._until(lambda: heard or applied() == value, HEARD_WITHIN)
+        if rate > 0.0 and not heard:
+            tell(f"{row.name} {value:g} {unit} is sent {rate:g} times a second; Ctrl-C ends it")
         while rate > 0.0 and not heard:
             publisher.publish(data)
             self._until(lambda: bool(heard), 1.0 / rate)

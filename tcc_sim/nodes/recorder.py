@@ -24,7 +24,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from tcc_sim.errors import InputError, RecordingError, one_line
+from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import context, signals
@@ -208,7 +208,7 @@ class Recorder:
         found = {key: sum(counts.values()) for key, counts in self._figures().items()}
         unsent = f", {found['unsent']} never sent" if "unsent" in found else ""
         where = one_line(str(self.bag.directory))
-        return f"recorded {found['messages']} messages in {where}, {found['lost']} lost{unsent}"
+        return f"recorded {counted(found['messages'], 'message')} in {where}, {found['lost']} lost{unsent}"
 
     def _figures(self) -> dict[str, dict[str, int]]:
         """Messages, and those that are missing, by topic."""

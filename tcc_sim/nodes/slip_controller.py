@@ -25,6 +25,7 @@ from tcc_sim.nodes import context, signals
 from tcc_sim.nodes.process import run
 from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.slip_control import SlipController, Tuning
+from tcc_sim.nodes.subscriptions import poll
 
 FLYWHEEL, PLATE = 0, 1
 """Order of the joints in joint_states."""
@@ -33,11 +34,13 @@ QOS = QoSProfile(depth=5000)
 
 
 class SlipControllerNode(Node):
-    """joint_states in, actuation_pressure out: one command for every state, with that state's stamp.
+    """joint_states in, actuation_pressure out: a command for the newest state, with that state's stamp.
 
     target_slip_speed says what it is asked to hold, once and to whoever subscribes later.
     The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the
-    same controller gives the same run to the last bit however slow it is.
+    same controller gives the same run to the last bit however slow it is. In real time states wait where the machine is
+    busy: the control law takes them all, since its means need every one, and the newest is answered. Answered one by
+    one they would be ever older, and a loop with that dead time is unstable.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -63,16 +66,22 @@ class SlipControllerNode(Node):
             f"at most {tuning.pressure_limit:g} Pa")
 
     def _on_state(self, state: JointState) -> None:
-        """Answer one state."""
+        """Take a state and those that wait behind it, and answer the last."""
+        pressure = self._update(state)
+        for state, _ in poll(self._states, QOS.depth):
+            pressure = self._update(state)
+        command = FluidPressure(fluid_pressure=pressure)
+        command.header.stamp = state.header.stamp
+        self._command.publish(command)
+
+    def _update(self, state: JointState) -> float:
+        """What the control law makes of one state, Pa."""
         stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
         if stamp <= self._last_stamp:
             # Simulation time started again: the driveline was reset or restarted.
             self.controller.reset()
         self._last_stamp = stamp
-        slip_speed = state.velocity[FLYWHEEL] - state.velocity[PLATE]
-        command = FluidPressure(fluid_pressure=self.controller.update(slip_speed, state.effort[FLYWHEEL]))
-        command.header.stamp = state.header.stamp
-        self._command.publish(command)
+        return self.controller.update(state.velocity[FLYWHEEL] - state.velocity[PLATE], state.effort[FLYWHEEL])
 
 
 def main(args: list[str] | None = None) -> int:

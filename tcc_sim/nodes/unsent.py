@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.serialization import deserialize_message, serialize_message
 
+from tcc_sim.errors import counted
 from tcc_sim.nodes.track import MOST_PUBLISHERS
 
 MOST_TOPICS = 100
@@ -17,7 +18,7 @@ MOST_TOPICS = 100
 def encoded(name: str, counts: Mapping[str, int]) -> bytes:
     """The counts of the node `name` since its start, by topic, as the message on `unsent_messages`."""
     message = DiagnosticStatus(level=DiagnosticStatus.WARN, name=name,
-                               message=f"{sum(counts.values())} messages not sent",
+                               message=f"{counted(sum(counts.values()), 'message')} not sent",
                                values=[KeyValue(key=topic, value=str(count)) for topic, count in counts.items()])
     data: bytes = serialize_message(message)
     return data

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
 from tcc_sim import __version__
+from tcc_sim.output.terminal import terminal_width, wrapped
 
 _PURPOSES = {
     "driveline": "The driveline in real time: states out, engine torque and actuation pressure in.",
-    "recorder": "Records every topic of the driveline into a rosbag2 bag (MCAP) that survives a kill.",
-    "slip_controller": "Answers every state of the driveline with an actuation pressure that holds a mean slip speed.",
+    "recorder": "Records every topic of the driveline into a bag (MCAP) that survives a kill.",
+    "slip_controller": "Answers the driveline's states with a pressure that holds a mean slip speed.",
     "commander": "Sends harmonic engine torque and pressure commands at a fixed rate.",
 }
 
@@ -29,11 +29,10 @@ def asked_for(name: str, words: list[str]) -> str | None:
 def _help(name: str) -> str:
     """Purpose, usage and parameters of a node."""
     command = name if name == "commander" else f"{name}_node"
-    lines = [f"usage: {command} [--help] [--version] [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] "
-             "[-r __ns:=/NAME]]", "", _PURPOSES[name], "", "parameters:"]
-    for key, meaning in _parameters(name):
-        lines += textwrap.wrap(f"{key}: {meaning}", 100, initial_indent="  ", subsequent_indent="      ")
-    return "\n".join(lines) + "\n"
+    lines = [f"usage: {command} [--help] [--version] [--ros-args WORD ...]", "", _PURPOSES[name], "",
+             "words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME", "", "parameters:"]
+    lines += [f"  {key}: {meaning}" for key, meaning in _parameters(name)]
+    return wrapped("\n".join(lines) + "\n", terminal_width() or 80)
 
 
 def _parameters(name: str) -> Iterator[tuple[str, str]]:

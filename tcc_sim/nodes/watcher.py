@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tcc_sim.analysis.stream import CycleStream
-from tcc_sim.errors import InputError, TccError
+from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.control_watch import ControlWatch
 from tcc_sim.nodes.message_types import message_class
@@ -164,7 +164,7 @@ class Watcher:
         """Say what was missed, at most once a second, and once that nothing arrives."""
         now = time.monotonic()
         if self.missed > self._told and now - self._told_at >= 1.0:
-            self._say(f"{self.missed - self._told} states were missed, {self.missed} in all")
+            self._say(f"missed {counted(self.missed - self._told, 'state')}, {self.missed} in all")
             self._told, self._told_at = self.missed, now
         silent = now - self._heard > SILENCE
         if silent and not self._silent:
@@ -210,4 +210,4 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
                     watcher.drain(view)
         finally:
             node.destroy_node()
-    return f"{watcher.states} states shown, {watcher.missed} missed"
+    return f"{counted(watcher.states, 'state')} shown, {watcher.missed} missed"

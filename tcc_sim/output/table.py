@@ -7,6 +7,7 @@ import math
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
 from tcc_sim.analysis.summary import Summary
+from tcc_sim.errors import counted
 from tcc_sim.studies.lyapunov import Lyapunov
 from tcc_sim.studies.simulation import Simulation
 
@@ -23,7 +24,7 @@ def rows(pairs: list[tuple[str, str]]) -> list[str]:
 def simulation_lines(name: str, found: Simulation) -> list[str]:
     """A simulation of a scene: how it was solved, its summary, and the extras that were asked for."""
     run = found.trajectory
-    lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {run.statistics.steps} steps in "
+    lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
              f"{run.statistics.seconds:.3g} s"]
     pairs = summary_rows(found.summary) if found.summary is not None else [("status", found.status)]
     if found.damping is not None:
@@ -36,7 +37,7 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     """The figures of a steady state with their units."""
     if summary.period:
-        period = f"{summary.period} engine cycle{'s' if summary.period > 1 else ''}"
+        period = counted(summary.period, "engine cycle")
         period += (", settled" if summary.settled else
                    f", still converging: it changes by {summary.section_change:.1e} of it")
     else:
@@ -48,8 +49,9 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     for number, (angle, speed) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
         out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
     if not summary.period and summary.section:
-        out.append(("section", f"{len(summary.section)} points"))
-    out.append(("engine cycles", f"{summary.cycles}, the first {summary.discarded} dropped"))
+        out.append(("section", counted(len(summary.section), "point")))
+    dropped = f"the first {summary.discarded}" if summary.discarded else "none"
+    out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
     return out
 
 

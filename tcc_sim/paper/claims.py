@@ -8,9 +8,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from tcc_sim.paper import claims_constant_load, claims_interaction, claims_model, claims_varying_load
-from tcc_sim.paper.evidence import DEPENDS, Evidence, Finding
+from tcc_sim.paper.evidence import DEPENDS, Finding
+from tcc_sim.paper.stable_motions import StableMotions
 
-Judge = Callable[[Evidence], Finding]
+Judge = Callable[[StableMotions], Finding]
 CLAIMS: tuple[Judge, ...] = (*claims_model.CLAIMS, *claims_constant_load.CLAIMS, *claims_varying_load.CLAIMS,
                              *claims_interaction.CLAIMS, claims_model.series_balance,
                              *claims_varying_load.SERIES_CLAIMS)
@@ -57,7 +58,8 @@ def judge(*, jobs: int | None = None, progress: bool = False, claims: tuple[Judg
     NumericalFailure
         A motion that a verdict rests on could not be solved.
     """
-    loose, tight = Evidence(TOLERANCE, jobs, progress), Evidence(TIGHTER, jobs, progress)
+    loose = StableMotions(TOLERANCE, jobs, progress)
+    tight = StableMotions(TIGHTER, jobs, progress, known=loose.known)
     out = []
     for claim in claims:
         verdict = Verdict(claim(tight), claim(loose).verdict)

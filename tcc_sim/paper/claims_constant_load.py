@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -20,7 +21,9 @@ from tcc_sim.paper.evidence import (
     slips_at,
     with_kinetic,
 )
+from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.solvers import solve
+from tcc_sim.studies.stretches import Stretch
 
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
 NEAR = 0.02
@@ -28,6 +31,11 @@ NEAR = 0.02
 
 
 AXIS = np.round(np.arange(0.05, 0.5001, 0.003), 6)
+
+
+def about(place: float, width: float = NEAR) -> Floats:
+    """Frequency ratios about one that the text names, over which branches are followed."""
+    return np.round(np.linspace(place - width, place + width, 15), 6)
 
 
 def smooth_when_equal(evidence: Evidence) -> Finding:
@@ -38,18 +46,27 @@ def smooth_when_equal(evidence: Evidence) -> Finding:
                    {"jumps (omega/omega_n, rad/s)": jumps}, judged(not jumps))
 
 
-def super_harmonic_jumps(evidence: Evidence) -> Finding:
+def super_harmonic_jumps(evidence: StableMotions) -> Finding:
     """Fig. 4: jumps at the super-harmonic peaks."""
-    places = {f"{r:g}": _jumps(evidence, r) for r in FRICTION_RATIOS[1:]}
-    named = {f"{m:.3f}": min((x for found in places.values() for x in found), key=lambda x: abs(x - m),
-                             default=float("nan"))
-             for m in SUPER_HARMONICS}
-    near = [abs(x - float(m)) <= NEAR for m, x in named.items()]
+    rows = {f"{r:g}": with_kinetic(r) for r in FRICTION_RATIOS[1:]}
+    nearest: dict[str, float | None] = {}
+    motions: list[dict[str, Any]] = []
+    for mark in SUPER_HARMONICS:
+        axis = about(mark)
+        evidence.stretches(list(rows.values()), axis)
+        ends = [end.value for row in rows.values() for end in evidence.ends(row, axis) if abs(end.value - mark) <= NEAR]
+        nearest[f"{mark:.3f}"] = min(((abs(x - mark), x) for x in ends), default=(0.0, None))[1]
+        for name, row in rows.items():
+            motions += [m for m in evidence.motions(f"mu_k = {name} mu_s", row, axis)
+                        if m["low"]["jumps"] or m["high"]["jumps"]]
+    near = [x is not None for x in nearest.values()]
     return Finding("4", "super-harmonic peaks with jumps near 0.167, 0.20, 0.25, 0.33 appear as mu_k falls",
-                   f"a jump within {NEAR:g} of each for mu_k = 0.83, 0.75 or 0.667 mu_s",
-                   {"jumps": places, "nearest": named},
-                   judged(all(near), any(near)), "" if all(near) else "none of the three has a jump near "
-                   + ", ".join(m for m, hit in zip(named, near) if not hit))
+                   f"a stable motion ends in a jump within {NEAR:g} of each for mu_k = 0.83, 0.75 or 0.667 mu_s, "
+                   "whatever was started from",
+                   {"nearest end of a stable motion": nearest,
+                    "jumps from (13)": {name: _jumps(evidence, r) for name, r in zip(rows, FRICTION_RATIOS[1:])}},
+                   judged(all(near), any(near)), "" if all(near) else "no stable motion of the three ends near "
+                   + ", ".join(m for m, hit in zip(nearest, near) if not hit), tuple(motions))
 
 
 def _jumps(evidence: Evidence, ratio: float) -> list[float]:
@@ -241,34 +258,51 @@ def period_one_near_unity(evidence: Evidence) -> Finding:
                    {"periods": sorted({int(p) for p in near})}, judged(bool((near == 1).all())))
 
 
-def period_two_from(evidence: Evidence) -> Finding:
+def period_two_from(evidence: StableMotions) -> Finding:
     """Fig. 6: period two from about 0.92."""
     ends: dict[str, float | None] = {}
     for direction in ("cold", "up", "down"):
-        # An upward sweep starts on the period-two branch, below which lies the aperiodic range.
-        axis = RATIOS[RATIOS >= 0.74] if direction == "up" else RATIOS
-        two = axis[evidence.periods(evidence.curves([AT_036], axis, over=KINETIC, direction=direction)[0]) == 2]
+        two = RATIOS[evidence.periods(evidence.curves([AT_036], RATIOS, over=KINETIC, direction=direction)[0]) == 2]
         ends[direction] = float(two.max()) if len(two) else None
-    close = [x is not None and abs(x - 0.92) <= NEAR for x in ends.values()]
+    born = [s for s in evidence.stretches([AT_036], RATIOS, over=KINETIC)[0]
+            if s.period == 2 and s.high.jumps and abs(s.high.value - 0.92) <= NEAR]
     return Finding("6", "a sudden bifurcation yields period two as mu_k/mu_s falls to about 0.92",
-                   f"highest mu_k/mu_s with period 2 within {NEAR:g} of 0.92 for cold starts and for both directions",
-                   ends,
-                   judged(all(close), any(close)),
-                   "period one and a large period two coexist: the latter ends at 0.92 only when it is followed upward")
+                   f"a stable motion of period two begins in a jump within {NEAR:g} of 0.92, whatever was started from",
+                   {"highest mu_k/mu_s with period 2 by sweeps": ends}, judged(bool(born)),
+                   "beside it period one goes on, and (13) leads to period two only further down" if born else "",
+                   tuple(evidence.motions("", AT_036, RATIOS, over=KINETIC)))
 
 
-def aperiodic_from(evidence: Evidence) -> Finding:
+def aperiodic_from(evidence: StableMotions) -> Finding:
     """Fig. 6: aperiodic from about 0.7."""
-    ends: dict[str, float | None] = {}
+    highest: dict[str, float | None] = {}
+    none: set[float] = set()
     for direction in ("cold", "up", "down"):
         found = evidence.periods(evidence.curves([AT_036], RATIOS, over=KINETIC, direction=direction)[0])
-        none = RATIOS[(found == 0) & (RATIOS < 0.78)]
-        ends[direction] = float(none.max()) if len(none) else None
-    close = [x is not None and abs(x - 0.7) <= 0.05 for x in ends.values()]
+        at = RATIOS[(found == 0) & (RATIOS < 0.78)]
+        none |= {float(x) for x in at}
+        highest[direction] = float(at.max()) if len(at) else None
+    end = covered_down_to(evidence.stretches([AT_036], RATIOS, over=KINETIC)[0], 1.0)
+    below = any(end - 0.05 <= x <= end for x in none)
+    near = [x is not None and abs(x - 0.7) <= 0.05 for x in highest.values()]
     return Finding("6", "quasi-periodic or chaotic from about mu_k/mu_s = 0.7 down",
-                   "highest mu_k/mu_s below 0.78 without a period up to 16 within 0.05 of 0.7, whatever the direction",
-                   ends,
-                   judged(all(close), any(close)))
+                   "as mu_k/mu_s falls from 1 there is a stable motion of period one or two down to a place within "
+                   "0.05 of 0.7, and aperiodic ones within 0.05 below it",
+                   {"period one or two down to": end, "highest mu_k/mu_s without a period by sweeps": highest},
+                   judged(abs(end - 0.7) <= 0.05 and below, any(near)),
+                   "aperiodic motions begin higher up too, beside the stable one of period two, where that of period "
+                   "one ends", tuple(evidence.motions("", AT_036, RATIOS, over=KINETIC)))
+
+
+def covered_down_to(stretches: Sequence[Stretch], start: float) -> float:
+    """The value down to which stable motions of period one or two exist without a gap, from `start` on."""
+    at, gap = start, 1e-6
+    while True:
+        reach = min((s.low.value for s in stretches if s.period <= 2 and s.low.value < at - gap <= s.high.value),
+                    default=at)
+        if reach == at:
+            return at
+        at = reach
 
 
 def three_motions(evidence: Evidence) -> Finding:

@@ -13,37 +13,42 @@ from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torqu
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import FIGURES, PRESSURE, STATIC, paper_system
 from tcc_sim.paper.evidence import DEPENDS, KINETIC, Evidence, Finding, Values, judged
+from tcc_sim.paper.stable_motions import SMOOTHING, StableMotions
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 
 ALIKE = 0.05
 """Root mean square difference, relative to the largest slip speed, that shows on a printed curve."""
 FIG02: Values = FIGURES[2].series[0].values
+SHARPER = np.round(np.geomspace(50.0, 1000.0, 12), 3)
+"""Smoothing factors, s/rad, over which the motions of Fig. 2 are followed."""
 LAWS: dict[str, dict[str, Any]] = {
     "smoothed, sigma = 50": {}, "smoothed, sigma = 1000": {"friction.smoothing": 1000.0},
     "set-valued (6)": {"friction.law": "set_valued"}}
 
 
-def solvers_agree(evidence: Evidence) -> Finding:
-    """Fig. 2: RK45, Gear and the discontinuous solution, over one cycle and in their steady states from (13)."""
+def solvers_agree(evidence: StableMotions) -> Finding:
+    """Fig. 2: RK45, Gear and the discontinuous solution, over one cycle and in their attractors."""
     differences = cycle_differences((("rk45", "smoothed", None), ("bdf", "smoothed", None),
                                      ("event_driven", "set_valued", None)))
     steady = {name: evidence.steady({**FIG02, **row}) for name, row in LAWS.items()}
-    first, *others = steady.values()
-    alike = all(s["period"] == first["period"]
-                and abs(s["max_slip_speed"] / first["max_slip_speed"] - 1.0) <= ALIKE for s in others)
+    motions = {name: evidence.attractors({**FIG02, **row}) for name, row in LAWS.items()}
+    first, *others = motions.values()
+    alike = all(len(m) == len(first) and all(a[0] == b[0] and abs(b[1] / a[1] - 1.0) <= ALIKE for a, b in zip(first, m))
+                for m in others)
     close = max(differences.values()) < ALIKE
     return Finding("2", "RK45, a stiff (Gear) method and the discontinuous solution agree",
-                   f"rms difference of the slip speed over a cycle from one state below {ALIKE:g} of its maximum, "
-                   f"and from "
-                   f"(13) steady states of one period with largest slip speeds within {ALIKE:g}",
+                   f"rms difference of the slip speed over a cycle from one state below {ALIKE:g} of its maximum, and "
+                   f"the same attractors, of one period and with largest slip speeds within {ALIKE:g}",
                    {"over a cycle from law (7)'s state": differences,
-                    "steady state from (13): period, largest slip speed (rad/s)":
-                    {name: [s["period"], s["max_slip_speed"]] for name, s in steady.items()}},
+                    "attractors: period, largest slip speed (rad/s)":
+                    {name: [list(a) for a in m] for name, m in motions.items()},
+                    "of these from (13)": {name: [s["period"], s["max_slip_speed"]] for name, s in steady.items()}},
                    judged(close and alike, close),
-                   "" if alike else "over a cycle from the same state they do; from (13) law (6) settles elsewhere: "
-                                    "the paper's "
-                   "smoothing factor decides which motion is seen")
+                   "over a cycle from the same state they do; the laws have "
+                   + ("the same motions, and the smoothing factor decides to which of them (13) leads" if alike else
+                      "different motions: the paper's smoothing factor decides which there are"),
+                   tuple(evidence.motions("", FIG02, SHARPER, over=SMOOTHING)))
 
 
 def classical_differs(evidence: Evidence) -> Finding:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.summary import summarise_cycles
+from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System, Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
@@ -21,6 +21,8 @@ from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
+"""Values of the keys at 1 on their normalised axes; the other keys have none."""
 JUMP = 0.08
 """Least size of a jump, as a part of the largest value of its curve."""
 BISECTIONS = 8
@@ -40,7 +42,10 @@ Values = Mapping[str, Value]
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim judged: what was computed, the verdict by the criterion, and why where it is not plainly confirmed."""
+    """A claim judged: what was computed, the verdict by the criterion, and why where it is not plainly confirmed.
+
+    motions : where motions coexist, the stable ones, each with its ends and where the initial state leads to it
+    """
 
     figure: str
     claim: str
@@ -48,6 +53,7 @@ class Finding:
     values: dict[str, Any]
     verdict: str
     why: str = ""
+    motions: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass
@@ -67,9 +73,9 @@ class Evidence:
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
-        """A sweep for every row of scene keys, over omega/omega_n or mu_k/mu_s."""
-        scaled = axis * (OMEGA_N if over == FREQUENCY else STATIC)
-        key = tuple(float(x) for x in (scaled if over == FREQUENCY else np.minimum(scaled, STATIC)))
+        """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
+        scaled = axis * UNITS.get(over, 1.0)
+        key = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
         names = [json.dumps([sorted(row.items()), key, over, direction, lyapunov, damping]) for row in rows]
         missing = [k for k, name in enumerate(names) if name not in self._kept]
         if missing:
@@ -112,16 +118,26 @@ class Evidence:
                 self._settled[name] = np.array(list(threads.map(at, range(len(records)))), dtype=np.int64)
         return self._settled[name]
 
+    def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """(n,) whether the settled motion slips; what has not settled by the paper's rule goes on, as for `periods`."""
+        def at(k: int) -> bool:
+            record = sweep.records[k]
+            if record is None or record.get("settled", True):
+                return record is not None and record["regime"] != "stick"
+            system = sweep.curve.at(k)
+            found = later(system, record, self._rtol(system))
+            return found is not None and found[0].regime != "stick"
+
+        with ThreadPoolExecutor(self.jobs) as threads:
+            return np.array(list(threads.map(at, range(len(sweep.records)))), dtype=bool)
+
     def _period(self, system: System, record: dict[str, Any]) -> int | None:
         """The period of a record, from further cycles where its section does not repeat yet."""
         period: int | None = record["period"]
         if period is None or record.get("settled", True):
             return period
-        run = solve(system, cycles=LATER, start_cycle=record["final_cycle"], state=State(*record["final"]),
-                    rtol=self._rtol(system))
-        if run.status is not Status.DONE or run.cycles is None:
-            return -1
-        return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=CYCLES + LATER - LAST).period
+        found = later(system, record, self._rtol(system))
+        return -1 if found is None else found[0].period
 
     def _rtol(self, system: System) -> float | None:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
@@ -176,6 +192,18 @@ class Evidence:
         return found
 
 
+def later(system: System, record: Mapping[str, Any], rtol: float | None = None) -> tuple[Summary, State] | None:
+    """The motion of a record LATER cycles on: what its last LAST cycles are, and its state behind them.
+
+    None where it could not be solved that far.
+    """
+    first = record["final_cycle"]
+    run = solve(system, cycles=LATER, start_cycle=first, state=State(*record["final"]), rtol=rtol)
+    if run.status is not Status.DONE or run.cycles is None:
+        return None
+    return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first + LATER - LAST), run.final
+
+
 def steep(values: Floats) -> NDArray[np.int64]:
     """Where neighbours differ by more than JUMP of the largest value, as a jump or as a steep rise."""
     return np.flatnonzero(np.abs(np.diff(values)) > JUMP * float(np.nanmax(values)))
@@ -207,5 +235,5 @@ def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     return {**(row or {}), KINETIC: ratio * STATIC}
 
 
-__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "share_where", "slips_at",
-           "steep", "sticks", "with_kinetic"]
+__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "later", "share_where",
+           "slips_at", "steep", "sticks", "with_kinetic"]

@@ -8,6 +8,7 @@ from tcc_sim.paper.claims import TIGHTER, TOLERANCE, Verdict
 from tcc_sim.paper.errata import ERRATA, OPEN, RIGHT
 from tcc_sim.paper.evidence import CONFIRMED, DEPENDS, LATER, NOT_CONFIRMED
 from tcc_sim.paper.mean_pressure import best
+from tcc_sim.paper.stable_motions import words_of
 
 
 def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, complete: bool = True) -> str:
@@ -21,7 +22,11 @@ def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, co
              "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A "
              "motion that",
              f"the paper's 150 cycles leave before its section repeats goes on for {LATER} more before it counts as "
-             f"aperiodic.", "",
+             "aperiodic.",
+             "Where motions coexist the verdict rests on their branches: which stable ones there are, where each "
+             "begins and",
+             "ends (with the residual of the bifurcation there), and to which of them the initial state (13) leads.",
+             "",
              "| Fig. | claim | verdict |", "|---|---|---|"]
     lines += [f"| {r['figure']} | {escape(r['claim'])} | {r['verdict']} |" for r in rows]
     lines += ["", f"- {tally(verdicts)}."]
@@ -35,6 +40,9 @@ def claims_page(verdicts: list[Verdict], pressures: dict[str, Any] | None, *, co
         if r["why"]:
             lines += ["", f"{escape(r['why'][0].upper() + r['why'][1:])}."]
         lines += ["", *(f"- {escape(name)}: {escape(text(value))}" for name, value in r["values"].items())]
+        if r["motions"]:
+            lines += ["", "Stable motions, whatever was started from:", "",
+                      *(f"- {escape(words_of(motion))}" for motion in r["motions"])]
     return "\n".join(lines) + "\n"
 
 

@@ -8,24 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.summary import summarise_cycles
-from tcc_sim.solvers import solve
+from tcc_sim.paper.evidence import LATER, later
 from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.survey import LONGEST, Seen, survey
 from tcc_sim.studies.sweep import Curve, Sweep
-from tcc_sim.trajectory import State, Status
-
-LATER = 500
-"""Further cycles for a motion that the paper's rule leaves before its section repeats."""
-LAST = 100
-"""Cycles at the end of a long run in which its period is looked for."""
 
 
 def seen_in(sweep: Sweep) -> list[Seen]:
-    """The motions of a sweep; what has not settled within its cycles goes on for LATER more, as the claims have it."""
+    """The motions of a sweep; what has not settled within its cycles goes on, as the claims have it."""
     return [seen for k in range(len(sweep.curve.values)) if (seen := _seen(sweep, k)) is not None]
 
 
@@ -36,13 +29,12 @@ def _seen(sweep: Sweep, k: int) -> Seen | None:
         return None
     if record.get("settled", True):
         return Seen(value, np.array(record["final"]), record["final_cycle"], record["period"], record["max_slip_speed"])
-    system, first = sweep.curve.at(k), record["final_cycle"]
-    run = solve(system, cycles=LATER, start_cycle=first, state=State(*record["final"]))
-    if run.status is not Status.DONE or run.cycles is None:
+    settled = later(sweep.curve.at(k), record)
+    if settled is None:
         return None
-    found, final = summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first + LATER - LAST), run.final
-    return Seen(value, np.array([final.slip_speed, final.plate_angle, final.plate_speed]), first + LATER,
-                found.period if found.settled else 0, found.max_slip_speed)
+    found, final = settled
+    return Seen(value, np.array([final.slip_speed, final.plate_angle, final.plate_speed]),
+                record["final_cycle"] + LATER, found.period if found.settled else 0, found.max_slip_speed)
 
 
 def surveyed(curve: Curve, seen: Sequence[Seen], progress: bool = False, longest: int = LONGEST) -> list[Branch]:
@@ -68,5 +60,3 @@ def counted(progress: bool) -> Iterator[Callable[[Any], None]]:
             bar.update()
 
         yield tick
-
-

@@ -78,12 +78,6 @@ def pressures(data: NDArray[np.uint8], messages: Messages,
     return cdr.stamps(records), records["fluid_pressure"].astype(np.float64), heads, refused
 
 
-def scalars(data: NDArray[np.uint8], messages: Messages, channels: list[int]) -> tuple[Floats, Heads, int]:
-    """Values of the Float64 messages in one chunk, and how many messages were left out."""
-    heads, rows, refused = _rows(data, messages, channels, *cdr.float64_template())
-    return rows[:, 4:].copy().view("<f8")[:, 0], heads, refused
-
-
 def _rows(data: NDArray[np.uint8], messages: Messages, channels: list[int], expected: NDArray[np.uint8],
           fixed: NDArray[np.bool_]) -> tuple[Heads, NDArray[np.uint8], int]:
     """Heads and bytes of the channels' messages whose fixed bytes are as expected, and the number of the others."""

@@ -51,7 +51,7 @@ def input_sources(run: Run) -> list[InputSource]:
         wanted = [number for number, row in channels.items() if (row.topic, row.type) == (name, HEADER)]
         mine = np.isin(messages.channel, wanted) & (messages.length <= _LONGEST)
         for offset, length in zip(messages.offset[mine].tolist(), messages.length[mine].tolist()):
-            source = _read(data[offset:offset + length])
+            source = read_source(data[offset:offset + length])
             if source is not None and len(found) < MOST_SOURCES:
                 found.setdefault(source)
 
@@ -62,8 +62,10 @@ def input_sources(run: Run) -> list[InputSource]:
     return list(found)
 
 
-def _read(record: bytes) -> InputSource | None:
+def read_source(record: bytes) -> InputSource | None:
     """A message record: channel, number, two times and the serialised Header; None where it is none."""
+    if not _HEAD < len(record) <= _LONGEST:
+        return None
     received, sent = _TIMES.unpack_from(record, 6)
     try:
         stamp, text = cdr.read_header(record[_HEAD:])

@@ -11,17 +11,15 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError, one_line
+from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.recording import records
-from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures, scalars
+from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, unpack
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
+from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
-MOST_TARGETS = 100_000
-"""Changes of the target slip speed that are kept of a recording."""
 _MOST_NAMED, _LARGEST_COUNT, _MOST_PARTS = 50, 10**18, 100_000
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
@@ -36,7 +34,6 @@ class Run:
     result : what the recorder said at the end (lost messages by topic), of all files together; None where it did not
     warnings : one sentence per damage, complete after `batches()`
     messages : messages read by topic, complete after `batches()`
-    targets : (time of sending in ns, rad/s) of every change of the target slip speed, complete after `batches()`
     size : bytes of all files
     """
 
@@ -49,7 +46,6 @@ class Run:
         self.scenes: list[SceneRecord] = []
         self.result: dict[str, Any] | None = None
         self.topics: dict[str, str] = {}
-        self.targets: list[tuple[int, float]] = []
         self.size = 0
         self._contents: dict[Path, Contents] = {}
         self._publishers: dict[str, int] = {"": 0}
@@ -102,9 +98,8 @@ class Run:
     def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
-        self.targets, self._began = [], Break.START
+        self._began = Break.START
         pressure = _beside(self.joint_states_topic, "applied_pressure")
-        target = _beside(self.joint_states_topic, "target_slip_speed")
         join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
         refused: Counter[str] = Counter()
         for path in self.paths:
@@ -117,10 +112,6 @@ class Run:
                     stamps, values, heads, left_out = pressures(array, messages, found)
                     refused[pressure] += left_out
                     join.add_pressures(stamps, values, self._publisher(heads, channels), heads.number)
-                if found := _of(channels, here, target, FLOAT64):
-                    values, heads, left_out = scalars(array, messages, found)
-                    refused[target] += left_out
-                    self._take_targets(values, heads)
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     batch, heads, left_out = joint_states(array, messages, found)
                     refused[self.joint_states_topic] += left_out
@@ -129,7 +120,7 @@ class Run:
         if join is not None:
             yield from join.finish()
             if join.missing:
-                self.warnings.append(f"the applied pressure is missing at {join.missing} ticks")
+                self.warnings.append(f"the applied pressure is missing at {counted(join.missing, 'tick')}")
         self._conclude(refused)
 
     def _publisher(self, heads: Heads, channels: Mapping[int, Channel]) -> NDArray[np.int64]:
@@ -140,12 +131,6 @@ class Run:
         known = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
                  for channel in numbers.tolist()]
         return np.array(known, dtype=np.int64)[place]
-
-    def _take_targets(self, values: NDArray[np.float64], heads: Heads) -> None:
-        """Keep the changes of the target slip speed."""
-        for value, sent, received in zip(values.tolist(), heads.sent_ns.tolist(), heads.log_ns.tolist()):
-            if (not self.targets or self.targets[-1][1] != value) and len(self.targets) < MOST_TARGETS:
-                self.targets.append((sent if sent > 0 else received, value))
 
     def _runs(self, batch: JointStates, publisher: NDArray[np.int64],
               numbers: NDArray[np.int64]) -> Iterator[JointStates]:
@@ -191,16 +176,16 @@ class Run:
             self.warnings.append("some messages carry no checksum: damage in them would go unnoticed")
         if (nameless := set(seen) - set(contents.channels)):
             count = sum(seen[channel] for channel in nameless)
-            self.warnings.append(f"{count} messages belong to channels whose description is lost")
+            self.warnings.append(f"{counted(count, 'message')} of channels whose description is lost left out")
         short = sum(max(0, count - seen[channel]) for channel, count in contents.expected.items()) if complete else 0
         if short:
-            self.warnings.append(f"{short} of {sum(contents.expected.values())} messages could not be read")
+            self.warnings.append(f"{short} of {counted(sum(contents.expected.values()), 'message')} could not be read")
 
     def _conclude(self, refused: Counter[str]) -> None:
         """Add the warnings that only the whole recording allows."""
         for topic, count in refused.items():
             if count:
-                self.warnings.append(f"{count} messages of {topic} have another layout and were left out")
+                self.warnings.append(f"{counted(count, 'message')} of {topic} with another layout left out")
         if not self.complete:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
         if missing := _missing_parts(self.paths):
@@ -208,25 +193,29 @@ class Run:
                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
         stamps = self.stamps
         if stamps.lost:
-            self.warnings.append(f"{stamps.lost} messages of {self.joint_states_topic} are missing, by their stamps")
+            self.warnings.append(f"{counted(stamps.lost, 'message')} of {self.joint_states_topic} missing "
+                                 "by the stamps")
         result = self.result or {}
-        for key, what in (("lost", "were lost while recording"), ("unsent", "could not be sent by their publisher")):
+        for key, what in (("lost", "lost while recording"), ("unsent", "could not be sent by their publisher")):
             counts = result.get(key)
             for topic, count in list(counts.items())[:_MOST_NAMED] if isinstance(counts, dict) else ():
                 if isinstance(count, int) and count > 0 and not (key == "lost" and topic == self.joint_states_topic):
-                    self.warnings.append(f"{min(count, _LARGEST_COUNT)} messages of {one_line(topic)} {what}")
+                    lost = counted(min(count, _LARGEST_COUNT), "message")
+                    self.warnings.append(f"{lost} of {one_line(topic)} {what}")
         again = stamps.resets + stamps.restarts
         if again:
-            self.warnings.append(f"simulation time started again {again} times ({stamps.resets} resets, "
-                                 f"{stamps.restarts} restarts): these are separate runs")
+            self.warnings.append(f"simulation time started again {counted(again, 'time')} "
+                                 f"({counted(stamps.resets, 'reset')}, {counted(stamps.restarts, 'restart')}): "
+                                 "these are separate runs")
         if stamps.repeated:
-            self.warnings.append(f"{stamps.repeated} repeated stamps were left out")
+            self.warnings.append(f"{counted(stamps.repeated, 'repeated stamp')} left out")
         if stamps.late:
-            self.warnings.append(f"{stamps.late} messages of {self.joint_states_topic} were left out: they come from a "
-                                 "publisher that another one had taken over from; several drivelines ran at once")
+            self.warnings.append(f"{counted(stamps.late, 'message')} of {self.joint_states_topic} left out: from "
+                                 "a publisher that another one had taken over from; several drivelines ran at once")
         if stamps.mixed:
-            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth {stamps.returns} "
-                                 "times between two runs; several publishers are mixed, and nothing tells them apart")
+            raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth "
+                                 f"{counted(stamps.returns, 'time')} between two runs; several publishers are mixed, "
+                                 "and nothing tells them apart")
 
 
 def open_run(path: Path | str, topic: str | None = None) -> Run:

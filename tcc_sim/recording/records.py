@@ -20,7 +20,7 @@ import zstandard
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError
+from tcc_sim.errors import RecordingError, counted
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
@@ -64,7 +64,7 @@ class Warnings(list[str]):
     def conclude(self) -> None:
         """Say how many places were not named."""
         if self._places > MOST_SENTENCES:
-            self.append(f"{self._places - MOST_SENTENCES} more places are damaged")
+            self.append(f"{counted(self._places - MOST_SENTENCES, 'more place')} damaged")
             self._places = 0
 
 

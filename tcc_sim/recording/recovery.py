@@ -52,6 +52,8 @@ def recover(run: Run, directory: Path) -> Recovery:
     ------
     RecordingError
         The directory exists or cannot be created, or nothing can be read.
+    OSError
+        With the name `directory`, where the disk takes no more.
     """
     copy = _Copy(run, directory)
     try:
@@ -62,10 +64,12 @@ def recover(run: Run, directory: Path) -> Recovery:
             raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")
         copy.bag.note(RECOVERY_RECORD, run.warnings)
         copy.bag.close(run.result)
-    except BaseException:
+    except BaseException as error:
         if copy.bag is not None:
             copy.bag.abandon()
             shutil.rmtree(directory, ignore_errors=True)
+        if isinstance(error, OSError) and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(directory)) from None
         raise
     saved, counts = copy.bag.counts, dict[str, int]()
     for (topic, _, _), number in copy.known.items():

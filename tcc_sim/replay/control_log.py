@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.commands import SOURCE, SOURCE_BITS, TARGET, Rows
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
@@ -27,6 +27,8 @@ PER_CYCLE = 50
 """Values of a signal kept in each engine cycle, for a picture."""
 MOST_PARTS = 64
 """Pieces of a signal, one for each batch that brought some of it, that are kept before they are joined."""
+AT_A_RESET = 0.01
+"""Seconds before the end of a run in which an input falls back because of the reset, and not for want of commands."""
 Signal = tuple[NDArray[np.int64], Floats]
 
 
@@ -48,14 +50,15 @@ class ControlLog:
     cycle : engine cycle, s
     """
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], cycle: float,
-                 commands: Commands) -> None:
-        self._scene, self._scenes, self._cycle, self._commands = scene, scenes, cycle, commands
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], cycle: float) -> None:
+        self._scene, self._scenes, self._cycle = scene, scenes, cycle
         self._places = deque(place for place in places if place.number)
         self._index = 0
         self._means = CycleMeans(cycle)
         self._run = -1
         self._kept: tuple[int, Control] | None = None
+        self._target: float | None = None
+        self._sources_said = False
         self._begin()
 
     def _begin(self) -> None:
@@ -64,13 +67,20 @@ class ControlLog:
         self._events: list[Event] = []
         self._last: dict[str, float] = {}
         self._end = -math.inf
+        self._commanded: int | None = None
+        self._fell_back = -math.inf
         self._means.restart()
 
-    def add(self, batch: JointStates, slip_speed: Floats, stream: CycleStream) -> Fresh:
-        """Take the next batch; `stream` has it already."""
+    def add(self, batch: JointStates, slip_speed: Floats, stream: CycleStream,
+            commands: Mapping[str, tuple[Rows, Floats]]) -> Fresh:
+        """Take the next batch, which `stream` has already, and the commands that came with it, by the row of the first
+        state after each.
+        """
         number, fresh = len(stream.runs) - 1, Fresh()
         if number != self._run:
             if self._run >= 0:
+                if self._end - self._fell_back < AT_A_RESET:
+                    self._events.pop()
                 self._events.append(Event(self._end, "reset or restart"))
             self._keep(stream)
             self._begin()
@@ -79,13 +89,17 @@ class ControlLog:
             return fresh
         t = batch.stamp_ns.astype(np.float64) * 1e-9
         self._means_of(t, slip_speed, fresh)
-        for name, signal in self._commands.until(batch).items():
-            fresh.signals[name] = signal
+        for name, (rows, values) in commands.items():
+            if name != SOURCE:
+                fresh.signals[name] = batch.stamp_ns[rows], values
+        self._carry_target(batch, fresh)
         if batch.applied_pressure is not None:
             change = np.flatnonzero(np.diff(batch.applied_pressure, prepend=math.nan) != 0.0)
             fresh.signals["applied_pressure"] = batch.stamp_ns[change], batch.applied_pressure[change]
         self._changes(batch, fresh)
-        self._fallbacks(float(t[-1]), fresh)
+        self._sources(t, commands.get(SOURCE), fresh)
+        if not self._sources_said:
+            self._fallbacks(float(t[-1]), fresh)
         for name, signal in fresh.signals.items():
             self._hold(name, signal)
         self._events += fresh.events
@@ -132,8 +146,28 @@ class ControlLog:
                 fresh.events.append(Event(int(batch.stamp_ns[row]) * 1e-9, ", ".join(changed)))
         self._index += len(batch)
 
+    def _carry_target(self, batch: JointStates, fresh: Fresh) -> None:
+        """The target of the run before holds in the next one too, until another is said."""
+        stamps, values = fresh.signals.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
+        begins = not math.isfinite(self._end)
+        if begins and self._target is not None and not (len(stamps) and stamps[0] == batch.stamp_ns[0]):
+            stamps, values = np.append(batch.stamp_ns[0], stamps), np.append(self._target, values)
+            fresh.signals[TARGET] = stamps, values
+        if len(values):
+            self._target = float(values[-1])
+
+    def _sources(self, t: Floats, said: tuple[Rows, Floats] | None, fresh: Fresh) -> None:
+        """Inputs that fell back as the driveline said it; what a run begins with is no event of it."""
+        for row, value in zip(*(column.tolist() for column in said)) if said is not None else ():
+            before, self._commanded, self._sources_said = self._commanded, int(value), True
+            for name, (_, what) in INPUTS.items():
+                if before is not None and before & ~self._commanded & SOURCE_BITS[name]:
+                    limit = self._scene.operation.command_timeout
+                    fresh.events.append(Event(float(t[row]), f"{what} falls back: no command for {limit:g} s"))
+                    self._fell_back = float(t[row])
+
     def _fallbacks(self, end: float, fresh: Fresh) -> None:
-        """Inputs that fell back since no command came for command_timeout."""
+        """Inputs that fell back since no command came for command_timeout, where the driveline did not say so."""
         limit = self._scene.operation.command_timeout
         for name, (group, what) in INPUTS.items():
             if limit <= 0.0 or getattr(self._scene.system, group).source != "topic":

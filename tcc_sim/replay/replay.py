@@ -17,10 +17,10 @@ from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
-from tcc_sim.errors import InputError, printable
+from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.output.files import draft
 from tcc_sim.output.table import damping_row, rows, summary_rows
-from tcc_sim.recording.commands import Commands
+from tcc_sim.recording.commands import TARGET, Commands
 from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.recording.stamps import StampCounter
@@ -82,9 +82,9 @@ class Replay:
     def __repr__(self) -> str:
         found, ended = self.summary, "complete" if self.complete else "cut short"
         period = f"period {found.period}" if found.period else "no period"
-        return (f"<Replay of {self.path.name}: {self.messages} messages, {self.lost_messages} lost, {ended}; "
-                f"{found.cycles} cycles, {period}, {found.regime}; largest |slip speed| {found.max_slip_speed:.5g} "
-                "rad/s>")
+        return (f"<Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
+                f"{ended}; {counted(found.cycles, 'cycle')}, {period}, {found.regime}; largest |slip speed| "
+                f"{found.max_slip_speed:.5g} rad/s>")
 
     def json(self) -> dict[str, Any]:
         """The values of `analyse --json`."""
@@ -110,7 +110,7 @@ class Replay:
         """The result for a terminal."""
         stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
         gaps = self.continuity.gaps
-        stamps += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ", no gap"
+        stamps += f", {counted(gaps, 'gap')}" if gaps else ", no gap"
         if self.continuity.uneven:
             stamps += f", {self.continuity.uneven} of them uneven"
         if self.continuity.runs > 1:
@@ -128,7 +128,7 @@ class Replay:
             for number, segment in enumerate(self.segments[:SEGMENTS_SHOWN], 1):
                 table += segment.rows(number)
             if len(self.segments) > SEGMENTS_SHOWN:
-                table.append(("", f"{len(self.segments) - SEGMENTS_SHOWN} more segments are in --json"))
+                table.append(("", f"--json has {counted(len(self.segments) - SEGMENTS_SHOWN, 'more segment')}"))
         notes = [f"  note: {text}" for text in self.warnings]
         lines = [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
         return [printable(line) for line in lines]
@@ -197,20 +197,22 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     held = [(place.index, sources[place.number].commanded) for place in _places(run, sources, "inputs", progress)]
     verifier, pace = Verifier(run.scenes, places, own, run.size, held) if verify else None, Pace()
     commands = Commands(run.joint_states_topic)
-    control = ControlLog(own, run.scenes, places, cycle, commands)
+    control = ControlLog(own, run.scenes, places, cycle)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
-        view = _view(stack, path.name, cycle, own, rrd, spawn, connect, commands.has_target(run.topics))
-        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, run, stream,
+        controlled = commands.has_target(run.topics)
+        segments = SegmentLog(own, run.scenes, places, None if source == "scene" else omega, controlled, stream,
                               discard)
+        view = _view(stack, path.name, cycle, own, rrd, spawn, connect, controlled)
         for batch in _watched(run, "reading", stack, progress, commands.take):
             slip_speed = batch.flywheel_speed - batch.plate_speed
             state = modes_of(np.nan_to_num(slip_speed), tail.stick_speed)
             pieces = stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                                  batch.friction_torque, batch.run)
-            segments.feed(batch, slip_speed)
+            commanded = commands.until(batch)
+            segments.feed(batch, slip_speed, commanded.get(TARGET))
             tail.add(batch, slip_speed, state, stream)
-            fresh = control.add(batch, slip_speed, stream)
+            fresh = control.add(batch, slip_speed, stream, commanded)
             pace.add(batch)
             if verifier is not None:
                 verifier.feed(batch)

@@ -18,10 +18,10 @@ from tcc_sim.analysis.cycles import default_discard
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.analysis.tracking import Tracking, tracking
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.reader import Run
+from tcc_sim.recording.commands import TARGET, Rows
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
@@ -29,7 +29,6 @@ from tcc_sim.trajectory import Floats
 
 MOST_SEGMENTS = 1000
 """Segments that are told one by one; the others are counted."""
-TARGET = "target_slip_speed"
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Segment:
             s = self.summary
             period = f"period {s.period}" if s.period else "no period"
             out.append(("", f"largest |slip speed| {s.max_slip_speed:.6g} rad/s, {s.regime}, {period}, "
-                            f"{s.cycles} cycles"))
+                            f"{counted(s.cycles, 'cycle')}"))
         else:
             out.append(("", "no whole engine cycle that is kept"))
         if self.tracking is not None:
@@ -99,32 +98,40 @@ class SegmentLog:
     scene : the first
     scenes, places : all that the recording holds, and from which state on they hold
     frequency : of the engine torque, rad/s, for every segment; None takes each scene's own
-    run : the recording, for its targets, which become known while it is read
+    controlled : a target slip speed was recorded
     stream : the whole recording's, which has each batch before this: where every segment is a run, its cycles serve
     discard : engine cycles dropped from each segment; None for the default
     """
 
     def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], frequency: float | None,
-                 run: Run, stream: CycleStream, discard: int | None) -> None:
+                 controlled: bool, stream: CycleStream, discard: int | None) -> None:
         self.segments: list[Segment] = []
         self.count = 0
         self._scene, self._scenes, self._frequency, self._discard = scene, scenes, frequency, discard
         self._places = deque(place for place in places if place.number)
-        self._recording, self._heard = run, 0
-        controlled = any(name.rpartition("/")[2] == TARGET for name in run.topics)
+        self._targets: deque[tuple[int, float]] = deque()
         self._shared = None if self._places or controlled else stream
         self._target: float | None = None
         self._index, self._run = 0, -1
         self._open: _Open | None = None
 
-    def feed(self, batch: JointStates, slip_speed: Floats) -> None:
-        """Take the next states, all of one run."""
+    def feed(self, batch: JointStates, slip_speed: Floats, targets: tuple[Rows, Floats] | None = None) -> None:
+        """Take the next states, all of one run, and the targets that came with them: the row of the first state after
+        each, and its value.
+        """
         begin = 0
+        if targets is not None:
+            said = self._target
+            for row, value in zip(targets[0].tolist(), targets[1].tolist()):
+                if value != said:
+                    self._targets.append((row, value))
+                    said = value
         while begin < len(batch):
             self._enter(batch, begin)
             end = self._next_cut(batch, begin)
             self._take(batch[begin:end], slip_speed[begin:end])
             begin = end
+        self._targets.clear()
         self._index += len(batch)
 
     def finish(self, solver: str, elapsed_s: float) -> list[Segment]:
@@ -138,10 +145,8 @@ class SegmentLog:
         before, target = dict(values_of(self._scene.system)), self._target
         while self._places and self._places[0].index <= self._index + row:
             self._use(self._scenes[self._places.popleft().number])
-        targets = self._recording.targets
-        while self._heard < len(targets) and targets[self._heard][0] <= int(batch.sent_ns[row]):
-            self._target = targets[self._heard][1]
-            self._heard += 1
+        while self._targets and self._targets[0][0] <= row:
+            self._target = self._targets.popleft()[1]
         changes: dict[str, object] = {key: value for key, value in values_of(self._scene.system)
                                       if value != before[key]}
         if target is not None and self._target != target:
@@ -180,9 +185,8 @@ class SegmentLog:
             return end
         if self._places:
             end = min(end, max(self._places[0].index - self._index, row + 1))
-        if self._heard < len(self._recording.targets):
-            later = np.flatnonzero(batch.sent_ns[row + 1:] >= self._recording.targets[self._heard][0])
-            end = min(end, row + 1 + int(later[0])) if len(later) else end
+        if self._targets:
+            end = min(end, self._targets[0][0])
         return end
 
     def _take(self, batch: JointStates, slip_speed: Floats) -> None:

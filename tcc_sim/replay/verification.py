@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.input_sources import INPUTS
 from tcc_sim.recording.scene_records import SceneRecord
@@ -56,8 +56,8 @@ class Verification:
         if self.verified:
             how = "to the last bit" if self.exact == self.compared else (
                 f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
-            return (f"verified: {self.compared} messages agree {how} with their solution from the recording alone"
-                    f"{self.detail}")
+            agree = f"{counted(self.compared, 'message')} agree{'s' if self.compared == 1 else ''}"
+            return f"verified: {agree} {how} with the solution from the recording alone{self.detail}"
         return f"not verified: {self.detail}"
 
 

@@ -9,23 +9,15 @@ cells.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tcc_sim.studies.maps import Floats, ParameterMap
+from tcc_sim.studies.captures import UNDECIDED, Attractor, Captures, Motion, follow, section_of
+from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.orbits import minimal_period, multipliers_of, newton
 from tcc_sim.studies.shooting import Shooting
 
-UNDECIDED, RUNAWAY = -1, -2
-"""Labels of a motion that came to no attractor."""
-Labels = NDArray[np.int64]
-Counts = NDArray[np.int64]
-CHUNK = 4
-"""Cycles after which motions are asked where they are."""
 MAXIMUM_PERIOD = 16
 """Longest period looked for, cycles."""
 SETTLING = 256
@@ -34,6 +26,10 @@ LONGEST = 4096
 """Cycles after which a motion that repeats nowhere counts as one without a period."""
 CLOUD = 2048
 """Section points kept of a motion without a period."""
+WITNESSES = 16
+"""Motions from beside a cloud that are followed LONGEST cycles each: where one of them leaves, it was a transient."""
+RETURNED = 1e-3
+"""Distance, in natural sizes, of points a period apart at which such a motion has settled."""
 NEAR = 0.3
 """Distance, in natural sizes, of two points a period apart from which Newton's method is tried."""
 RADIUS = 0.2
@@ -46,142 +42,28 @@ APART = 0.4
 """Largest capture radius, relative to the distance of the nearest other attractor."""
 
 
-class Motion(Protocol):
-    """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
-
-    map: ParameterMap
-
-    def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
-        """(m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles first to first + cycles.
-
-        NaN from where one cannot be solved further.
-        """
-
-    def runs_away(self, points: Floats) -> NDArray[np.bool_]:
-        """Whether motions with these section points (m, n) are sure to grow without bound."""
-
-    def largest(self, x: Floats, first: int, cycles: int) -> float:
-        """The largest size of the motion over some cycles."""
-
-
-def section_of(of: Motion, x: Floats, first: int, cycles: int) -> Floats:
-    """(m + 1, n) states of one motion at the starts of its cycles; m < cycles where it cannot be solved further."""
-    points = of.sections(np.asarray(x, dtype=np.float64)[None], first, cycles)[0]
-    out: Floats = points[np.isfinite(points).all(axis=1)]
-    return out
-
-
-@dataclass(frozen=True)
-class Attractor:
-    """One attractor.
-
-    period : cycles; 0 where it has none
-    section : (period, n) its points at the starts of the cycles from 0 on; of one without period the cloud (m, n)
-    phases : (period or m,) cycle of each point modulo the map's forcing period
-    multipliers : (n,) Floquet multipliers, largest modulus first; None where it has no period
-    largest : the largest size of the motion
-    radius : capture radius, in the map's natural sizes
-    """
-
-    period: int
-    section: Floats
-    phases: NDArray[np.int64]
-    multipliers: NDArray[np.complex128] | None
-    largest: float
-    radius: float = 0.0
-
-
-class Captures:
-    """Tells by proximity to which of some attractors a motion has come.
-
-    Two consecutive section points must be within the capture radius of two consecutive points of the same attractor (of
-    two points of the cloud, for one without a period), at the same phase of the excitation.
-    """
-
-    def __init__(self, attractors: Sequence[Attractor], scales: Floats, forcing_period: int) -> None:
-        self._scales, self._forcing = scales, forcing_period
-        orbits = [(k, a) for k, a in enumerate(attractors) if a.period]
-        self._points = np.concatenate([a.section for _, a in orbits] or [np.empty((0, len(scales)))]) / scales
-        self._owner = np.array([k for k, a in orbits for _ in range(a.period)], dtype=np.int64)
-        self._cycle = np.array([i for _, a in orbits for i in range(a.period)], dtype=np.int64)
-        self._reach = np.array([a.radius**2 for _, a in orbits for _ in range(a.period)])
-        starts = np.cumsum([0, *(a.period for _, a in orbits)])
-        self._following = np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits)
-                                    for i in range(a.period)],
-                                   dtype=np.int64)
-        self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales)
-                                       for phase in range(forcing_period)])
-                        for k, a in enumerate(attractors) if not a.period]
-
-    def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
-        """Indices of attractors (k,) and cycles until they were reached (k,) of section points (k, m + 1, n).
-
-        UNDECIDED where a motion comes to none, as where its points are NaN.
-        """
-        scaled = points / self._scales
-        inside = ((scaled[:, :, None] - self._points) ** 2).sum(axis=3) <= self._reach
-        phases = (first + np.arange(scaled.shape[1])) % self._forcing
-        if self._forcing > 1:
-            inside &= (phases[:, None] - self._cycle) % self._forcing == 0
-        both = inside[:, :-1] & inside[:, 1:, self._following]
-        reached = both.any(axis=2)
-        labels, after = np.full(len(points), UNDECIDED), np.full(len(points), scaled.shape[1])
-        at = np.flatnonzero(reached.any(axis=1))
-        if len(at):
-            after[at] = reached[at].argmax(axis=1)
-            labels[at] = self._owner[both[at, after[at]].argmax(axis=1)]
-        for k, radius, trees in self._clouds:
-            near = np.zeros(scaled.shape[:2], dtype=bool)
-            for i, phase in enumerate(phases):
-                known = np.isfinite(scaled[:, i]).all(axis=1)
-                near[known, i] = trees[phase].query(scaled[known, i], distance_upper_bound=radius)[0] <= radius
-            two = near[:, 1:] & near[:, :-1]
-            sooner = two.any(axis=1) & (two.argmax(axis=1) < after)
-            labels[sooner], after[sooner] = k, two[sooner].argmax(axis=1)
-        return labels, after
-
-
-def follow(of: Motion, captures: Captures, starts: Floats, most: int) -> tuple[Labels, Counts]:
-    """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
-
-    A motion counts as come to an attractor at the first of two section points by it, whatever chunks it is solved in.
-    """
-    labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
-    going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0
-    while cycle < most and len(going):
-        length = min(CHUNK, most - cycle)
-        points = of.sections(x, cycle, length)
-        solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
-        last = points[np.arange(len(going)), solved]
-        found, after = captures.find(points, cycle)
-        away = (found == UNDECIDED) & of.runs_away(last)
-        found[away] = RUNAWAY
-        ended = (found != UNDECIDED) | (solved < length)
-        labels[going[ended]] = found[ended]
-        cycles[going[ended]] = cycle + np.where(found[ended] >= 0, after[ended], solved[ended])
-        going, x, cycle = going[~ended], last[~ended], cycle + length
-    return labels, cycles
-
-
 def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attractor] = ()) -> list[Attractor]:
     """The attractors to which motions from the `seeds` (n,) lead, those `known` first, with validated radii.
 
-    Motions that run away or cannot be solved lead to none.
+    Motions that run away or cannot be solved lead to none; nor does one that stays without a period for long, but whose
+    neighbours leave it.
     """
     scales, forcing = of.map.scales, of.map.forcing_period
-    found = list(known)
+    found, transients = list(known), list[Attractor]()
     for seed in seeds:
         if follow(of, Captures(found, scales, forcing), np.asarray(seed)[None], SETTLING)[0][0] != UNDECIDED:
             continue
-        attractor = _settle(of, seed)
+        attractor = _settle(of, seed, transients)
         if attractor is not None and not any(_same(attractor, other, scales) for other in found):
             found.append(attractor)
             found = _validated(of, found)
     return found
 
 
-def _settle(of: Motion, seed: Floats) -> Attractor | None:
-    """The attractor that a motion comes to, without its radius; None where it runs away or cannot be solved."""
+def _settle(of: Motion, seed: Floats, transients: list[Attractor]) -> Attractor | None:
+    """The attractor that a motion comes to, without its radius; None where it runs away or cannot be solved, or stays
+    on one of the `transients`, to which a new one is added.
+    """
     x, cycle, length = seed, 0, SETTLING
     while cycle < LONGEST:
         points = section_of(of, x, cycle, length)
@@ -196,7 +78,38 @@ def _settle(of: Motion, seed: Floats) -> Attractor | None:
     if len(points) < CLOUD + 1 or of.runs_away(points[-1:])[0]:
         return None
     phases = (cycle + np.arange(len(points))) % of.map.forcing_period
-    return Attractor(0, points, phases, None, of.largest(x, cycle, CLOUD))
+    cloud = Attractor(0, points, phases, None, of.largest(x, cycle, CLOUD))
+    if any(_same(cloud, other, of.map.scales) for other in transients):
+        return None
+    left, orbit = _left(of, cloud)
+    if left:
+        transients.append(cloud)
+        return orbit
+    return cloud
+
+
+def _left(of: Motion, cloud: Attractor) -> tuple[bool, Attractor | None]:
+    """Whether a motion from beside a cloud leaves it, and the orbit that it comes to; None where it runs away.
+
+    A chaotic set that is none of the attractors keeps motions for a time that differs from one to the next.
+    """
+    scales, random = of.map.scales, np.random.default_rng(2)
+    alike = cloud.section[cloud.phases == cloud.phases[0]]
+    x = alike[np.linspace(0, len(alike) - 1, WITNESSES).astype(int)]
+    x, cycle = x + 1e-6 * scales * random.normal(size=x.shape), int(cloud.phases[0])
+    for _ in range(LONGEST // SETTLING):
+        points = of.sections(x, cycle, SETTLING)
+        if not np.isfinite(points).all() or of.runs_away(points[:, -1]).any():
+            return True, None
+        x, cycle = points[:, -1], cycle + SETTLING
+        last = points[:, -2 * MAXIMUM_PERIOD - 1:] / scales
+        for period in range(of.map.forcing_period, MAXIMUM_PERIOD + 1, of.map.forcing_period):
+            apart = np.abs(last[:, period:] - last[:, :-period]).max(axis=(1, 2))
+            for row in np.flatnonzero(apart < RETURNED):
+                orbit = _repeating(of, points[row, -2 * MAXIMUM_PERIOD:], cycle)
+                if orbit is not None:
+                    return True, orbit
+    return False, None
 
 
 def _repeating(of: Motion, points: Floats, cycle: int) -> Attractor | None:
@@ -286,16 +199,3 @@ def _captures(of: Motion, attractor: Attractor, radius: float) -> bool:
         else:
             return False
     return True
-
-
-def halton(count: int, dimensions: int) -> Floats:
-    """(count, dimensions) points of the unit cube that fill it evenly (J. H. Halton, Numer. Math. 2, 1960)."""
-    out = np.zeros((count, dimensions))
-    for d, base in enumerate((2, 3, 5, 7, 11)[:dimensions]):
-        for i in range(count):
-            n, part = i + 1, 1.0
-            while n:
-                part /= base
-                out[i, d] += part * (n % base)
-                n //= base
-    return out

@@ -16,7 +16,7 @@ from tcc_sim import __version__
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene
-from tcc_sim.studies.attractors import UNDECIDED, Attractor, Captures, find_attractors, follow
+from tcc_sim.studies.attractors import find_attractors
 from tcc_sim.studies.basins import (
     CYCLES,
     ROUNDS,
@@ -28,6 +28,7 @@ from tcc_sim.studies.basins import (
     seeds_of,
     starts,
 )
+from tcc_sim.studies.captures import UNDECIDED, Attractor, Captures, follow
 from tcc_sim.studies.driveline_motion import DrivelineMotion
 from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.sweep import workers
@@ -97,6 +98,8 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES
     """
     system = scene if isinstance(scene, System) else scene.system
     axes = check_plane(plane)
+    if over is not None and over.key in (axes[0].key, axes[1].key):
+        raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
     if not 16 <= cycles <= 1_000_000:
         raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
     if jobs is not None and not 1 <= jobs <= 1024:

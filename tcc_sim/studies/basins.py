@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
-from tcc_sim.studies.attractors import RUNAWAY, UNDECIDED, Attractor, halton
+from tcc_sim.studies.captures import RUNAWAY, UNDECIDED, Attractor
 from tcc_sim.studies.maps import Floats
 
 CYCLES = 600
@@ -93,7 +93,8 @@ class Basins:
                 "section": [[float(p[1]), float(p[0])] for p in a.section],
                 "multipliers": None if a.multipliers is None else [[float(m.real),
                                                                     float(m.imag)] for m in a.multipliers],
-                "fraction": self.fraction(k), "radius": a.radius} for k, a in enumerate(self.attractors)],
+                "fraction": self.fraction(k), "radius": a.radius,
+                "state": list(map(float, a.section[0])) if a.period else None} for k, a in enumerate(self.attractors)],
             "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
 
     def __repr__(self) -> str:
@@ -148,6 +149,19 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
     for axis, part in zip(plane, unit.T):
         low, high = min(axis.values), max(axis.values)
         out[1:, PLANE_KEYS.index(axis.key)] = low + (high - low) * part
+    return out
+
+
+def halton(count: int, dimensions: int) -> Floats:
+    """(count, dimensions) points of the unit cube that fill it evenly (J. H. Halton, Numer. Math. 2, 1960)."""
+    out = np.zeros((count, dimensions))
+    for d, base in enumerate((2, 3, 5, 7, 11)[:dimensions]):
+        for i in range(count):
+            n, part = i + 1, 1.0
+            while n:
+                part /= base
+                out[i, d] += part * (n % base)
+                n //= base
     return out
 
 

@@ -41,7 +41,7 @@ class DrivelineMap:
 
     def __init__(self, system: System, keys: Sequence[str]) -> None:
         for key in keys:
-            _check_key(system, key)
+            _check_key(system, key, keys)
         self.system, self.keys = system, tuple(keys)
         self.scales = np.array(SCALES)
         self.piecewise = system.friction.law == "set_valued"
@@ -135,8 +135,8 @@ class DrivelineMap:
         return x
 
 
-def _check_key(system: System, key: str) -> None:
-    """Raise InputError unless periodic motions can be followed in `key`."""
+def _check_key(system: System, key: str, among: Sequence[str]) -> None:
+    """Raise InputError unless periodic motions can be followed in `key`, one `among` those that are free."""
     if key not in DEFAULTS:
         raise unknown_key(key, DEFAULTS)
     value = dict(values_of(system))[key]
@@ -146,8 +146,13 @@ def _check_key(system: System, key: str) -> None:
         raise InputError(f"{key} is where a solution starts; periodic motions do not depend on it")
     if key == "friction.smoothing" and system.friction.law == "set_valued":
         raise InputError("friction.smoothing has no effect with friction.law set_valued")
-    if key == "pressure.frequency_ratio" and system.saturation_amplitude == 0.0:
-        raise InputError("pressure.frequency_ratio has no effect where pressure.amplitude is 0")
+    if key in ("pressure.frequency_ratio", "pressure.phase") and system.saturation_amplitude == 0.0 \
+            and "pressure.amplitude" not in among:
+        raise InputError(f"{key} has no effect where pressure.amplitude is 0")
+    coefficients = {"friction.kinetic_coefficient", "friction.static_coefficient"}
+    if key == "friction.decay" and system.friction_ratio == 1.0 and not coefficients & set(among):
+        raise InputError("friction.decay has no effect where friction.kinetic_coefficient is "
+                         "friction.static_coefficient")
     if key == "pressure.frequency_ratio":
         raise InputError("pressure.frequency_ratio cannot be followed: between ratios of whole numbers the excitation "
                          "is not periodic")

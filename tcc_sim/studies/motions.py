@@ -3,40 +3,25 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-import numpy as np
-
-from tcc_sim.analysis.periodicity import periodicity
-from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.scene import Scene
-from tcc_sim.solvers import solve
+from tcc_sim.studies.beginnings import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
 from tcc_sim.studies.bifurcations import Bifurcation, Station
 from tcc_sim.studies.branches import Branch, first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.maps import Floats
-from tcc_sim.studies.orbits import find_orbit
-from tcc_sim.studies.shooting import Shooting, Window
+from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.smoothing_limit import limit_of
 from tcc_sim.studies.switching import orbits_at, switch
 from tcc_sim.studies.two_parameters import KINDS, Curve, bifurcation_curve, border_curve
 from tcc_sim.studies.walk import Course
 
-SETTLING = (300, 1200, 4800)
-"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for
-aperiodic.
-"""
-LONGEST_PERIOD = 16
 DEEPEST_SWITCH = 8
-GUESSES = 8
-"""Section points from which an orbit is looked for."""
-FAMILY = 1e-7
-"""Distance of a multiplier from 1 at which a motion in pure slip belongs to a family of them."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +33,7 @@ class Plan:
     at : values at which orbits are wanted
     switch : generations of doubled branches
     limit : whether bifurcations of the smoothed law are followed to the set-valued one
+    seeds : motions from which branches are followed, those that lie on none yet, instead of the settled one
 
     Raises
     ------
@@ -63,6 +49,7 @@ class Plan:
     switch: int = 0
     second: tuple[str, float, float] | None = None
     limit: bool = False
+    seeds: tuple[Seed, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
@@ -71,6 +58,10 @@ class Plan:
             raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_PERIOD} engine cycles")
         if not 0 <= self.switch <= DEEPEST_SWITCH:
             raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
+        for seed in self.seeds:
+            if not self.low <= seed.value <= self.high:
+                raise InputError(f"a seed is at {self.over} = {seed.value:g}; it must be within the range of --over, "
+                                 f"{self.low:g} to {self.high:g}")
         for value in self.at:
             if not self.low <= value <= self.high:
                 raise InputError(f"--at is {value:g}; it must be within the range of --over, {self.low:g} to "
@@ -179,7 +170,7 @@ def check(system: System, plan: Plan) -> DrivelineMap:
 
 def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None] | None = None,
                      into: Motions | None = None) -> Motions:
-    """Follow the branch through the scene's settled motion, and all that the plan asks for.
+    """Follow the branch through the scene's settled motion (or those through seeds), and all that the plan asks for.
 
     Parameters
     ----------
@@ -196,12 +187,16 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None]
     map_ = check(system, plan)
     out = into if into is not None else Motions(plan, system.friction.law)
     window = Window(plan.low, plan.high)
-    start = min(max(_present(system, plan.over), plan.low), plan.high)
-    shooting, z = start_orbit(map_, replace(system, {plan.over: start}), window, start, plan.period)
-    first = first_station(shooting, z)
-    _refuse_family(first, map_.system_at((start,)))
     course = Course(plan.over, tick=tick)
-    follow(first, course, "start", 0, keep=out.branches)
+    if plan.seeds:
+        for first, origin in seeded(map_, window, plan.seeds, plan.period, out.branches):
+            follow(first, course, origin, len(out.branches), keep=out.branches)
+    else:
+        start = min(max(_present(system, plan.over), plan.low), plan.high)
+        shooting, z = start_orbit(map_, replace(system, {plan.over: start}), window, start, plan.period)
+        first = first_station(shooting, z)
+        refuse_family(first, map_.system_at((start,)))
+        follow(first, course, "start", 0, keep=out.branches)
     if plan.switch:
         switch(out.branches, course, plan.switch)
     for value in plan.at:
@@ -216,70 +211,11 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None]
     return out
 
 
-def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float,
-                period: int | None) -> tuple[Shooting, Floats]:
-    """The orbit to begin with: Newton from the section of the motion that the scene settles in.
-
-    Raises
-    ------
-    NumericalFailure
-        None was found.
-    """
-    own, base = 0, map_.forcing_period
-    for count in SETTLING:
-        run = solve(system, cycles=count).raise_for_status()
-        assert run.cycles is not None
-        section, settled = run.cycles.section, run.cycles[count // 2:]
-        own = periodicity(settled).period
-        if own:
-            break
-    starts = range(count - count % base, count // 2, -base)
-    wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
-    for cycles in wanted:
-        cycles = math.lcm(cycles, base) if period is None else cycles
-        shooting = Shooting.single(map_, cycles, window)
-        guesses = _recurrent(section, starts, cycles, map_.scales)
-        guesses.append(np.mean(guesses, axis=0))
-        known = _shorter(map_, window, value, cycles, guesses)
-        z = find_orbit(shooting, (value,), guesses, known)
-        if z is not None:
-            return shooting, z
-    named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-    raise NumericalFailure(f"no motion {named} was found near the settled one, from the {GUESSES} of its section "
-                           "points that come back closest; try another --period")
-
-
-def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
-    """The section points that come back closest after `cycles` cycles, nearest first."""
-    kept = [k for k in starts if k >= cycles]
-    away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
-    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:GUESSES]]
-
-
-def _shorter(map_: DrivelineMap, window: Window, value: float, period: int, guesses: list[Floats]) -> list[Floats]:
-    """Sections of an orbit of the shortest period, to be deflated from the search for a longer one."""
-    base = map_.forcing_period
-    if period == base:
-        return []
-    shooting = Shooting.single(map_, base, window)
-    z = find_orbit(shooting, (value,), [guesses[-1], guesses[0]])
-    return [] if z is None else [shooting.nodes(z)[0]]
-
-
 def _present(system: System, key: str) -> float:
     """The scene's value of a key that is one number."""
     value = dict(values_of(system))[key]
     assert isinstance(value, float)
     return value
-
-
-def _refuse_family(first: Station, system: System) -> None:
-    """Raise InputError where the motion is one of infinitely many in pure slip."""
-    events = first.orbit.seen.events
-    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
-        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm "
-                         f"({system.engine.mean_torque:g} N m): a family of motions with a multiplier of exactly 1, "
-                         "through which no single branch leads")
 
 
 def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:
@@ -311,4 +247,4 @@ def _limits(system: System, plan: Plan, window: Window, out: Motions) -> None:
         out.limits[number] = limit_of(item, smoothed, set_valued, window, system.friction.smoothing)
 
 
-__all__ = ["Motions", "Plan", "check", "continuation", "continue_motions", "start_orbit"]
+__all__ = ["Motions", "Plan", "check", "continuation", "continue_motions"]

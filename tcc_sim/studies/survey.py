@@ -61,7 +61,7 @@ class Place:
 
 def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
            tick: Callable[[Station], None] | None = None, into: list[Branch] | None = None,
-           longest: int = LONGEST) -> list[Branch]:
+           longest: int = LONGEST, points: int | None = None, branches: int | None = None) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and those that its doublings beget.
 
     Parameters
@@ -71,21 +71,23 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
     tick : called with every point
     into : takes the branches as they are found
     longest : period followed, in periods of the excitation
+    points, branches : most points of a branch in one direction, MOST_POINTS by default; most branches, MOST_BRANCHES
     """
     out: list[Branch] = [] if into is None else into
-    course = Course(name, most=MOST_POINTS, tick=tick, largest=LARGEST)
+    course = Course(name, most=MOST_POINTS if points is None else points, tick=tick, largest=LARGEST)
+    many = MOST_BRANCHES if branches is None else branches
     size = size_of(seen)
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest * of.forcing_period}
-    while left and len(out) < MOST_BRANCHES:
+    while left and len(out) < many:
         left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
         run = _longest_run(left)
         if not run:
             break
         middle = run[len(run) // 2]
         first = station_of(of, window, left.pop(middle))
-        if first is not None and not any(_holds(branch, first) for branch in out):
+        if first is not None and not any(holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
-    _doubled(out, course, longest)
+    _doubled(out, course, longest, many)
     return out
 
 
@@ -165,7 +167,7 @@ def _longest_run(left: dict[int, Seen]) -> list[int]:
     return max(runs, key=len, default=[])
 
 
-def _holds(branch: Branch, found: Station) -> bool:
+def holds(branch: Branch, found: Station) -> bool:
     """Whether a branch passes through an orbit, whichever of its cycles it was taken up in."""
     of, orbit = found.shooting.map, found.orbit
     if branch.period != orbit.period:
@@ -179,20 +181,20 @@ def _holds(branch: Branch, found: Station) -> bool:
     return False
 
 
-def _doubled(branches: list[Branch], course: Course, longest: int) -> None:
+def _doubled(branches: list[Branch], course: Course, longest: int, most: int) -> None:
     """Append the branch of every period doubling in which none of the others ends."""
     for number, parent in enumerate(list(branches)):
         for found in parent.bifurcations:
-            most = longest * found.station.shooting.map.forcing_period // 2
-            if found.kind != "period_doubling" or parent.period > most:
+            half = longest * found.station.shooting.map.forcing_period // 2
+            if found.kind != "period_doubling" or parent.period > half:
                 continue
             window = found.station.shooting.windows[0]
             ends = [window.scaled(s.value) for b in branches if b.period == 2 * parent.period
                     for s in (b.stations[0], b.stations[-1])]
-            if len(branches) >= MOST_BRANCHES or any(abs(window.scaled(found.value) - x) < MET for x in ends):
+            if len(branches) >= most or any(abs(window.scaled(found.value) - x) < MET for x in ends):
                 continue
             first = doubled(found)
-            if first is not None and not any(_holds(branch, first) for branch in branches):
+            if first is not None and not any(holds(branch, first) for branch in branches):
                 origin = {"kind": found.kind, "value": found.value, "branch": number}
                 began = f"began in the period doubling at {course.name} = {found.value:.9g}"
                 follow(first, course, origin, len(branches), both=False, began=began, keep=branches)

@@ -21,6 +21,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.scene import Scene
 from tcc_sim.studies.point import Point, handed_over, point_of, solve_points
 from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.results import MOST_VALUES, Curve, Grid, Sweep
@@ -34,35 +35,40 @@ Points = list[list[Point | None]]
 """Per curve and value what was found, None for what was not tried yet."""
 
 
-def sweep(system: System, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
-    """Solve `system` at every value of one scene key; `how` is as `sweep_curves` takes it.
+def sweep(scene: Scene | System, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
+    """Solve a scene or a system at every value of one scene key; `how` is as `sweep_curves` takes it.
 
     Examples
     --------
     >>> from tcc_sim import load_scene
-    >>> found = sweep(load_scene("slip").system, "engine.torque_amplitude", [0.0, 20.0], Plan(cycles=20))
+    >>> found = sweep(load_scene("slip"), "engine.torque_amplitude", [0.0, 20.0], Plan(cycles=20))
     >>> found
     <Sweep over engine.torque_amplitude: 2 values from 0 to 20; 2 solved>
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(system, key, tuple(map(float, values)))], plan, **how)[0]
+    return sweep_curves([Curve(_system(scene), key, tuple(map(float, values)))], plan, **how)[0]
 
 
-def sweep_grid(system: System, key: str, values: Sequence[float], second_key: str, second_values: Sequence[float],
-               plan: Plan = PAPER, **how: Any) -> Grid:
+def sweep_grid(scene: Scene | System, key: str, values: Sequence[float], second_key: str,
+               second_values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Grid:
     """Solve a grid of two scene keys; up and down go along the first one, within every row.
 
     Examples
     --------
     >>> from tcc_sim import load_scene
-    >>> found = sweep_grid(load_scene("slip").system, "engine.frequency", [100.0, 120.0],
+    >>> found = sweep_grid(load_scene("slip"), "engine.frequency", [100.0, 120.0],
     ...                    "engine.torque_amplitude", [50.0, 60.0, 70.0], Plan(cycles=20))
     >>> len(found.second_values)
     3
     """
     return Grid(second_key, tuple(map(float, second_values)),
-                sweep_curves(curves_of(system, key, values, second_key, second_values), plan, **how))
+                sweep_curves(curves_of(_system(scene), key, values, second_key, second_values), plan, **how))
+
+
+def _system(scene: Scene | System) -> System:
+    """The physics of a scene."""
+    return scene.system if isinstance(scene, Scene) else scene
 
 
 def curves_of(system: System, key: str, values: Sequence[float], second_key: str,
@@ -235,7 +241,7 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Call
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def values_of_range(text: str) -> tuple[str, list[float]]:
+def values_of_range(text: str, option: str = "--over") -> tuple[str, list[float]]:
     """KEY and the evenly spaced values of KEY=START:STOP:COUNT, both ends included.
 
     Raises
@@ -245,7 +251,7 @@ def values_of_range(text: str) -> tuple[str, list[float]]:
     """
     key, equals, numbers = text.partition("=")
     parts = numbers.split(":")
-    wrong = InputError(f"--over is {text!r}; it must be KEY=START:STOP:COUNT")
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT")
     if not equals or len(parts) != 3:
         raise wrong
     try:
@@ -255,7 +261,7 @@ def values_of_range(text: str) -> tuple[str, list[float]]:
     if not (np.isfinite(start) and np.isfinite(stop)):
         raise wrong
     if not 1 <= count <= MOST_VALUES:
-        raise InputError(f"--over has a count of {count}; it must be 1 to {MOST_VALUES}")
+        raise InputError(f"{option} has a count of {count}; it must be 1 to {MOST_VALUES}")
     return key, [float(x) for x in np.linspace(start, stop, count)]
 
 

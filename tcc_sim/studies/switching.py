@@ -14,8 +14,9 @@ from tcc_sim.studies.orbits import Orbit, minimal_period
 from tcc_sim.studies.shooting import Shooting, product_of
 from tcc_sim.studies.walk import Course
 
-AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4)
-"""Distances from the doubling, in natural sizes, at which its branch is looked for."""
+AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
+"""Distances from the doubling, in natural sizes, at which its branch is looked for; next to a canard, where the map
+bends within 1e-5, only the smallest are on it."""
 MERGED = 1e-5
 """Distance of two doublings, relative to the range, that one doubled branch joins."""
 
@@ -51,7 +52,8 @@ def doubled(found: Bifurcation) -> Station | None:
                 continue
             try:
                 at = shooting.nodes(got.z)[0]
-                if minimal_period(shooting.map, at, shooting.values(got.z), shooting.period) != shooting.period:
+                half = minimal_period(shooting.map, at, shooting.values(got.z), shooting.period, 0.1 * amplitude)
+                if half != shooting.period:
                     continue
                 tangent = got.tangent if sign * float(got.tangent @ row) > 0.0 else -got.tangent
                 return station_at(shooting, point_at(got.z, got.found, tangent))

@@ -216,6 +216,10 @@ class Walk:
     def _cut_anew(self, here: Station) -> bool:
         """Go on in other segments where no step is possible in these: one of them may start where slip does, and
         Newton's method then goes to and fro between two event sequences. Whether there are other ones.
+
+        That is why segments are cut by growth and no node is put at an onset of slip: the onset moves along a branch,
+        and a node on it would be in the way at every step, not at one. The canards behind both folds of period two
+        are passed so with either law.
         """
         if self._anew == len(self.stations):
             return False

@@ -36,6 +36,8 @@ from tcc_sim.views.rerun_layout import (
 )
 
 _URL = re.compile(r"rerun(?:\+https?)?://(\[[0-9a-fA-F:]+\]|[^\s/:]+):([0-9]{1,5})/proxy")
+ROOM = 1 << 20
+"""Bytes that a disk with room for a file takes."""
 _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
 _TIMEOUT = 60.0
@@ -79,6 +81,7 @@ class RerunStream:
             _answers(url)
         if file is not None:
             _create(file)
+        self._file = file
         self._cycle = cycle
         self._frequency = natural_frequency
         self._state: int | None = None
@@ -175,12 +178,20 @@ class RerunStream:
         ------
         InputError
             A viewer does not take it within 60 s.
+        OSError
+            The file takes no more.
+        TccError
+            The file was not written for another reason.
         """
         try:
             if wait:
                 self._recording.flush(timeout_sec=_TIMEOUT)
         except Exception as error:
-            raise InputError(f"the Rerun viewer did not take the run: {str(error).splitlines()[0]}") from None
+            reason = str(error).splitlines()[0]
+            if self._file is None:
+                raise InputError(f"the Rerun viewer did not take the run: {reason}") from None
+            _writable(self._file)
+            raise TccError(f"the Rerun file was not written: {reason}") from None
         finally:
             self._recording.disconnect()
 
@@ -285,6 +296,12 @@ def _create(file: Path) -> None:
         raise InputError(f"{file} exists already and is not overwritten") from None
     except OSError as error:
         raise InputError(f"{file} cannot be written: {error.strerror}") from None
+
+
+def _writable(file: Path) -> None:
+    """Raise OSError where a file takes no more, which Rerun does not say."""
+    with file.open("ab") as stream:
+        stream.write(bytes(ROOM))
 
 
 def _open_viewer(recording: Any, layout: Any) -> None:

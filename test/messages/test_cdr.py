@@ -102,15 +102,6 @@ def test_a_string_comes_back(text):
     assert cdr.read_string(cdr.string(text)) == text
 
 
-def test_the_template_of_a_float64_fits_every_value():
-    example, fixed = cdr.float64_template()
-    for value in values(20):
-        found = np.frombuffer(cdr.float64(value), dtype=np.uint8)
-        assert len(found) == len(example)
-        assert (found[fixed] == example[fixed]).all()
-        assert found[4:].copy().view("<f8")[0].tobytes() == np.float64(value).tobytes()
-
-
 @pytest.mark.parametrize("length", range(17))
 def test_a_pressure_is_read_whatever_the_frame_is_called(length):
     """Doubles stand at multiples of 8 behind the four bytes of the encapsulation."""

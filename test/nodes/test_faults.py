@@ -162,7 +162,7 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert [scene.text.splitlines()[0] for scene in run.scenes] == [
         f"# {load_scene(name).description}" for name in ("minimal", "slip")]
     assert run.complete
-    assert run.warnings == ["simulation time started again 1 times (0 resets, 1 restarts): these are "
+    assert run.warnings == ["simulation time started again 1 time (0 resets, 1 restart): these are "
                             "separate runs"]
     # Each run is known to be of its own scene.
     batches = list(run.batches())

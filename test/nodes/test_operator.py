@@ -94,6 +94,17 @@ def test_wrong_words_are_one_line_and_status_2(control: Control, words: tuple[st
     assert (status, out, said.count("\n")) == (2, "", 1)
 
 
+def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(
+        control: Control, driveline: Callable[..., NodeProcess]) -> None:
+    driveline(scene="commands", rate=50.0)
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "control", "torque", "310", "--rate", "20"], text=True,
+                               stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert process.stdout is not None
+    assert process.stdout.readline() == "engine_torque 310 N m is sent 20 times a second; Ctrl-C ends it\n"
+    process.send_signal(signal.SIGINT)
+    assert (process.communicate(timeout=60)[0], process.returncode) == ("no more is sent\n", 0)
+
+
 STATIC = 1
 """Rows of an entity that say how it looks."""
 
@@ -141,7 +152,7 @@ def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Call
     assert process.returncode == 0
     shown, missed = (int(word) for word in out.split() if word.isdigit())
     # A machine that starves the watcher makes it miss some, which it then has said.
-    assert bool(missed) == ("states were missed" in said)
+    assert bool(missed) == ("missed " in said)
     assert "Traceback" not in said
     assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC
 

@@ -190,6 +190,32 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
     assert [_controller(load_scene(name)) for name in ("commands", "fig02")] == [None, None]
 
 
+def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(bench: Any) -> None:
+    """Answered one by one they would be ever older where the machine is busy, and the loop unstable by that dead time.
+    """
+    from sensor_msgs.msg import FluidPressure, JointState
+
+    from tcc_sim.nodes.slip_control import SlipController, Tuning
+    from tcc_sim.nodes.slip_controller import QOS
+
+    node = SlipControllerNode(context=bench.context)
+    driveline = bench.add(rclpy.create_node("driveline", context=bench.context))
+    heard: list[FluidPressure] = []
+    driveline.create_subscription(FluidPressure, "actuation_pressure", heard.append, QOS)
+    states = driveline.create_publisher(JointState, "joint_states", QOS)
+    assert states.get_subscription_count() == 1
+    law = SlipController(Tuning())
+    for tick in range(200):
+        state = JointState(velocity=[20.0 + 0.1 * tick, 0.0], effort=[200.0, 0.0])
+        state.header.stamp.nanosec = tick * 1_000_000
+        states.publish(state)
+        wanted = law.update(20.0 + 0.1 * tick, 200.0)
+    bench.add(node)
+    bench.until(lambda: bool(heard) and heard[-1].header.stamp.nanosec == 199_000_000)
+    assert [command.header.stamp.nanosec for command in heard] == [199_000_000]
+    assert heard[0].fluid_pressure == wanted
+
+
 def test_a_senseless_parameter_is_refused(bench: Any) -> None:
     for name, value in (("target", -3.0), ("bandwidth", "fast"), ("step", 0)):
         with pytest.raises(InputError, match=f"{name} is"):

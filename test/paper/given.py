@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.paper.evidence import Evidence
+from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.studies.point import Plan
+from tcc_sim.studies.stretches import End, Stretch
 from tcc_sim.studies.sweep import Curve, Sweep
 
 
@@ -23,13 +26,18 @@ class Swept(Sweep):
         return list(self.points)  # type: ignore
 
 
-class Given(Evidence):
-    """Evidence that was made up: a record per row, ratio and direction, and jumps per row."""
+class Given(StableMotions):
+    """Evidence that was made up: a record per row, ratio and direction, and jumps and stable stretches per row."""
 
     def __init__(self, at: Callable[..., dict[str, Any]] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
-                 steady: Callable[..., Any] | None = None) -> None:
+                 steady: Callable[..., Any] | None = None,
+                 stretches: Callable[..., list[Stretch]] = lambda row: [],
+                 reached: Callable[[Any], set[int]] = lambda row: set(),
+                 attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
+                 periodic: Callable[[float], bool] = lambda x: True) -> None:
         super().__init__(1e-9, 1)
+        self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
         self.at, self.leaps, self.diagnosis, self.rests = at, jumps, lyapunov, steady
 
     def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
@@ -49,6 +57,28 @@ class Given(Evidence):
     def steady(self, row):  # type: ignore
         assert self.rests is not None
         return self.rests(row)
+
+    def stretches(self, rows, axis, *, over="engine.frequency"):  # type: ignore
+        return [self.pieces(row) for row in rows]
+
+    def reached(self, row, axis, *, over="engine.frequency"):  # type: ignore
+        on = sorted(self.on(row))
+        return [on[k % len(on)] if on else None for k in range(len(axis))]
+
+    def periodic_at(self, row, axis):  # type: ignore
+        return np.array([self.closed(float(x)) for x in axis])
+
+    def attractors(self, row):  # type: ignore
+        return self.rest_in(row)
+
+
+def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begins: str = "",
+            ends: str = "") -> Stretch:
+    """A stable motion from `low` to `high` with the bifurcations at its ends; jumps are named so."""
+    def end(value: float, kind: str) -> End:
+        return End(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
+
+    return Stretch(period, end(low, begins), end(high, ends), (low, high), (height, height))
 
 
 def law_of(row: Any) -> str:

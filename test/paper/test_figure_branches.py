@@ -24,8 +24,8 @@ from tcc_sim.paper.histories import orbit_words
 from tcc_sim.paper.manner import Manner
 from tcc_sim.paper.motions_page import motions_page
 from tcc_sim.studies import basin_rows
-from tcc_sim.studies.attractors import Attractor
 from tcc_sim.studies.basins import Axis, Basins
+from tcc_sim.studies.captures import Attractor
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
 

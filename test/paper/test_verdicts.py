@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from given import Given, law_of, record
+from given import Given, law_of, record, stretch
 
 from tcc_sim.paper import claims, claims_interaction, claims_varying_load
 from tcc_sim.paper import claims_constant_load as constant
@@ -91,12 +91,28 @@ def uneven(severe_where_steep: bool) -> Callable[..., Any]:
     return at
 
 
+def ending(*places: float, kind: str = "jump fold") -> Callable[..., Any]:
+    """Stable motions that end at these places, and one over the whole range."""
+    return lambda row: [*(stretch(x - 0.03, x, ends=kind) for x in places), stretch(0.05, 0.5)]
+
+
+def fig6(one: float, two: float, end: float, kind: str = "jump fold") -> Callable[..., Any]:
+    """Fig. 6: period one down to `one`, period two between its ends."""
+    return lambda row: [stretch(one, 1.0, begins="jump period_doubling"), stretch(end, two, 2, 48.0, "jump fold", kind)]
+
+
+def other_phase(height: float) -> Callable[..., Any]:
+    """A second stable motion for every phase but 0."""
+    return lambda row: [] if phase_is(row, 0.0) else [stretch(0.3, 0.5, height=height)]
+
+
 CASES: list[tuple[Any, Given, str]] = [
     (constant.smooth_when_equal, Given(), CONFIRMED),
     (constant.smooth_when_equal, Given(jumps=lambda row: [0.2]), NOT_CONFIRMED),
-    (constant.super_harmonic_jumps, Given(jumps=lambda row: NAMED), CONFIRMED),
-    (constant.super_harmonic_jumps, Given(jumps=lambda row: NAMED[:3]), DEPENDS),
-    (constant.super_harmonic_jumps, Given(jumps=lambda row: [0.45]), NOT_CONFIRMED),
+    (constant.super_harmonic_jumps, Given(stretches=ending(*NAMED)), CONFIRMED),
+    (constant.super_harmonic_jumps, Given(stretches=ending(*NAMED[:3])), DEPENDS),
+    (constant.super_harmonic_jumps, Given(stretches=ending(0.45)), NOT_CONFIRMED),
+    (constant.super_harmonic_jumps, Given(stretches=ending(*NAMED, kind="period_doubling")), NOT_CONFIRMED),
     (constant.peaks_move, Given(sharp(1.0), lambda row: [0.2 + SMALL[ratio_of(row)]]), CONFIRMED),
     (constant.peaks_move, Given(sharp(1.0), lambda row: [0.2 - SMALL[ratio_of(row)]]), DEPENDS),
     (constant.peaks_move, Given(sharp(-1.0), lambda row: [0.2 - SMALL[ratio_of(row)]]), NOT_CONFIRMED),
@@ -117,11 +133,14 @@ CASES: list[tuple[Any, Given, str]] = [
     (constant.doubling_to_chaos, Given(period_at(lambda row, x: 1 if x > 0.7 else 0), lambda row: [0.2]), DEPENDS),
     (constant.period_one_near_unity, Given(orbit(0.92, 0.92, 0.92)), CONFIRMED),
     (constant.period_one_near_unity, Given(orbit(0.95, 0.92, 0.92)), NOT_CONFIRMED),
-    (constant.period_two_from, Given(orbit(0.92, 0.92, 0.92)), CONFIRMED),
-    (constant.period_two_from, Given(orbit(0.85, 0.92, 0.85)), DEPENDS),
-    (constant.period_two_from, Given(orbit(0.85, 0.85, 0.85)), NOT_CONFIRMED),
-    (constant.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.7)), CONFIRMED),
-    (constant.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.6)), NOT_CONFIRMED),
+    (constant.period_two_from, Given(orbit(0.85, 0.92, 0.85), stretches=fig6(0.77, 0.918, 0.67)), CONFIRMED),
+    (constant.period_two_from, Given(orbit(0.92, 0.92, 0.92), stretches=fig6(0.77, 0.85, 0.67)), NOT_CONFIRMED),
+    (constant.period_two_from, Given(orbit(0.92, 0.92, 0.92), stretches=fig6(0.92, 0.92, 0.67, "period_doubling")),
+     NOT_CONFIRMED),
+    (constant.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.7), stretches=fig6(0.77, 0.918, 0.67)), CONFIRMED),
+    (constant.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.7), stretches=fig6(0.77, 0.76, 0.67)), DEPENDS),
+    (constant.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.6), stretches=fig6(0.77, 0.918, 0.67)), NOT_CONFIRMED),
+    (constant.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.6), stretches=fig6(0.77, 0.918, 0.58)), NOT_CONFIRMED),
     (constant.three_motions, Given(period_at(lambda row, x: {0.94: 1, 0.74: 2, 0.64: 0}[ratio_of(row)])), CONFIRMED),
     (constant.three_motions, Given(period_at(lambda row, x: {0.94: 1, 0.74: 2, 0.64: 0}[ratio_of(row)]),
                                    lyapunov="unresolved"), DEPENDS),
@@ -165,16 +184,21 @@ CASES: list[tuple[Any, Given, str]] = [
     (mixed.phase_reversed, Given(lowest("pressure.phase", 0.0)), CONFIRMED),
     (mixed.phase_reversed, Given(lowest("pressure.phase", 0.0, place=0.35)), DEPENDS),
     (mixed.phase_reversed, Given(lowest("pressure.phase", 0.0, high=-1.0)), NOT_CONFIRMED),
+    (mixed.phase_reversed, Given(lowest("pressure.phase", 0.0), stretches=other_phase(20.0)), DEPENDS),
+    (mixed.phase_reversed, Given(lowest("pressure.phase", 0.0), stretches=other_phase(9.0)), CONFIRMED),
     (mixed.stick_below_015, Given(slips_from(lambda row: 0.15)), CONFIRMED),
     (mixed.stick_below_015, Given(slips_from(lambda row: 0.07)), NOT_CONFIRMED),
-    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0 if x > 0.352 else 1), lambda row: [0.352]), CONFIRMED),
-    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0 if x > 0.352 else 1), lambda row: [0.352], "unresolved"),
-     DEPENDS),
+    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0 if x > 0.352 else 1), stretches=ending(0.352)), CONFIRMED),
+    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0 if x > 0.352 else 1), lyapunov="unresolved",
+                                stretches=ending(0.352)), DEPENDS),
     (mixed.jump_to_chaos, Given(lambda row, x, d: record(10.0 if x < 0.352 else 14.0, 0 if x > 0.352 else 1)), DEPENDS),
-    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0), lambda row: [0.352]), NOT_CONFIRMED),
-    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0 if x > 0.30 else 1), lambda row: [0.30]), NOT_CONFIRMED),
+    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0), stretches=ending(0.352)), NOT_CONFIRMED),
+    (mixed.jump_to_chaos, Given(period_at(lambda row, x: 0 if x > 0.30 else 1), stretches=ending(0.30)), NOT_CONFIRMED),
     (mixed.phase_pi_is_smooth, Given(), CONFIRMED),
-    (mixed.phase_pi_is_smooth, Given(jumps=lambda row: [0.2]), DEPENDS),
+    (mixed.phase_pi_is_smooth, Given(jumps=lambda row: [0.2], stretches=ending(0.2), reached=lambda row: {0}),
+     NOT_CONFIRMED),
+    (mixed.phase_pi_is_smooth, Given(jumps=lambda row: [0.2], stretches=ending(0.2), reached=lambda row: {1}), DEPENDS),
+    (mixed.phase_pi_is_smooth, Given(period_at(lambda row, x: 1 if x < 0.4 else 2)), DEPENDS),
     (mixed.phase_pi_is_smooth, Given(period_at(lambda row, x: 1 if x < 0.15 else 2)), NOT_CONFIRMED),
     (mixed.severity_follows_abruptness, Given(uneven(True)), CONFIRMED),
     (mixed.severity_follows_abruptness, Given(uneven(False)), NOT_CONFIRMED),
@@ -186,8 +210,11 @@ CASES: list[tuple[Any, Given, str]] = [
      Given(lambda row, x, d: record(10.0 + 5.0 * (round(x / 0.005) % 2) * (row["pressure.frequency_ratio"] == 0.5))),
      CONFIRMED),
     (mixed.half_frequency_jumps, Given(), NOT_CONFIRMED),
-    (mixed.half_frequency_aperiodic, Given(period_at(lambda row, x: 0 if x < 0.4 else 2)), CONFIRMED),
-    (mixed.half_frequency_aperiodic, Given(period_at(lambda row, x: 0 if x < 0.2 else 2)), DEPENDS),
+    (mixed.half_frequency_aperiodic, Given(period_at(lambda row, x: 0 if x < 0.4 else 2), periodic=lambda x: x > 0.4),
+     CONFIRMED),
+    (mixed.half_frequency_aperiodic, Given(period_at(lambda row, x: 0 if x < 0.4 else 2), periodic=lambda x: x > 0.2),
+     DEPENDS),
+    (mixed.half_frequency_aperiodic, Given(period_at(lambda row, x: 0 if x < 0.4 else 2)), NOT_CONFIRMED),
     (mixed.half_frequency_aperiodic, Given(period_at(lambda row, x: 2)), NOT_CONFIRMED),
     (mixed.mismatch_with_falling_law,
      Given(lambda row, x, d: record(9.0 if row["pressure.frequency_ratio"] == 1.0 else 10.0,
@@ -201,9 +228,9 @@ CASES: list[tuple[Any, Given, str]] = [
      Given(lambda row, x, d: record(period=0, regime="stick" if row["pressure.amplitude"] > 5e4 else "stick-slip")),
      CONFIRMED),
     (mixed.amplitude_makes_stick, Given(), NOT_CONFIRMED),
-    (mixed.amplitude_jumps, Given(jumps=lambda row: [0.25, 0.35]), CONFIRMED),
-    (mixed.amplitude_jumps, Given(jumps=lambda row: [0.25]), DEPENDS),
-    (mixed.amplitude_jumps, Given(jumps=lambda row: [0.30]), NOT_CONFIRMED),
+    (mixed.amplitude_jumps, Given(stretches=ending(0.25, 0.35)), CONFIRMED),
+    (mixed.amplitude_jumps, Given(stretches=ending(0.25)), DEPENDS),
+    (mixed.amplitude_jumps, Given(stretches=ending(0.30)), NOT_CONFIRMED),
     (mixed.amplitude_aperiodic, Given(period_at(lambda row, x: 0 if abs(x - 0.3) < 0.06 else 1)), CONFIRMED),
     (mixed.amplitude_aperiodic, Given(period_at(lambda row, x: 0 if abs(x - 0.25) < 0.01 else 1)), DEPENDS),
     (mixed.amplitude_aperiodic, Given(), NOT_CONFIRMED),

@@ -78,7 +78,7 @@ def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
 
 def test_what_the_recorder_counted_as_lost_is_told(tmp_path):
     write(tmp_path / "run", columns(10), [n * TICK for n in range(10)], lost=7)
-    assert read(tmp_path / "run")[0].warnings == ["7 messages of /slip_speed were lost while recording"]
+    assert read(tmp_path / "run")[0].warnings == ["7 messages of /slip_speed lost while recording"]
 
 
 def test_one_cut_short_gives_what_was_flushed_and_says_so(tmp_path):
@@ -103,7 +103,7 @@ def test_missing_stamps_and_restarts_are_counted(tmp_path):
     assert [batch.run for batch in batches][-1] == 1
     for number in (0, 1):
         assert (np.diff(np.concatenate([b.stamp_ns for b in batches if b.run == number])) > 0).all()
-    assert sum("started again 1 times" in sentence for sentence in run.warnings) == 1
+    assert sum("started again 1 time " in sentence for sentence in run.warnings) == 1
 
 
 @pytest.mark.parametrize("restart", [False, True])

@@ -5,13 +5,13 @@ import struct
 
 import numpy as np
 import pytest
-from driveline_bags import START, TICK, ticked
+from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, topic
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, topic
 
 LIMIT = 0.2
 
@@ -50,9 +50,10 @@ def found(tmp_path_factory):
         if k in at:
             frame = ("", "clutch", "a_longer_frame")[k // 10 % 3]
             writer.write(channels["actuation_pressure"], log + TICK // 2, log + TICK // 2, framed(2.0e5 + k, frame), k)
-        if k == 300:  # No message of these types: too short, and not a number.
+        if k == 300:  # Too short, not a number, and the bytes in another order.
             writer.write(channels["actuation_pressure"], log + TICK // 2, log, b"\x00\x01\x00\x00", k)
             writer.write(channels["target_slip_speed"], log, log, cdr.float64(math.nan), k)
+            writer.write(channels["target_slip_speed"], log, log, b"\x00\x00\x00\x00" + struct.pack(">d", 7.0), k)
         if k % 100 == 99:
             writer.flush()
     writer.close({"lost": {}})
@@ -106,3 +107,89 @@ def test_commands_are_beside_their_states_after_the_clock_was_set(step, at, tmp_
     told = np.rint(command.t * 1e3).astype(int).tolist()
     # The first state after a command is the next; the last command before a step has the last state before it.
     assert [k + 1 - t for k, t in zip(sent, told) if t != k + 1] in ([], [1])
+
+
+@pytest.mark.parametrize("late", [0.3, 2.5])
+def test_a_command_that_is_received_late_stands_where_it_was_sent_and_holds_up_no_other(late, tmp_path):
+    """A reliable middleware asks again for what it missed: some states and commands have later times of receipt than
+    those that follow them. Of two senders of commands the second sends a few.
+    """
+    rows = ticked(load_scene("commands"), 3000, pressure=lambda k: 2e5 + k)
+    writer = BagWriter(tmp_path / "run", load_scene("commands").text())
+    states = writer.channel("/joint_states", topic("joint_states").type)
+    mine = writer.channel("/actuation_pressure", FLUID_PRESSURE, publisher="aa")
+    others = writer.channel("/actuation_pressure", FLUID_PRESSURE, publisher="bb")
+    for k, (stamp, *columns, _) in enumerate(rows):
+        sent, held = START + k * TICK, round(late * 1e9) * (k in (400, 401, 402, 901, 1500))
+        writer.write(states, sent + held, sent, cdr.joint_state(stamp, *columns), k)
+        if k % 2:
+            held = round(late * 1e9) * (k in (701, 703, 905))
+            writer.write(mine, sent + TICK // 2 + held, sent + TICK // 2, cdr.fluid_pressure(0, 2e5 + k), k)
+        elif k % 500 == 4:
+            writer.write(others, sent + TICK // 2, sent + TICK // 2, cdr.fluid_pressure(0, 2e5 + k), k)
+        if k % 100 == 99:
+            writer.flush()
+    writer.close({"lost": {}})
+    command = replay(tmp_path / "run", frequency=150.0).control.command
+    sent_at = np.array([k for k in range(2999) if k % 2 or k % 500 == 4])
+    np.testing.assert_allclose(command.t, 1e-3 * (sent_at + 1), atol=1e-9)
+    np.testing.assert_array_equal(command.values, 2e5 + sent_at)
+
+
+def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ever(tmp_path):
+    """There is no step of the states for them to wait for."""
+    rows = ticked(load_scene("commands"), 2000, pressure=lambda k: 2e5 + k)
+    writer = BagWriter(tmp_path / "run", load_scene("commands").text())
+    states = writer.channel("/joint_states", topic("joint_states").type)
+    commands = writer.channel("/actuation_pressure", FLUID_PRESSURE)
+    for k, (stamp, *columns, _) in enumerate(rows):
+        log = START + k * TICK
+        writer.write(states, log, log, cdr.joint_state(stamp, *columns), k)
+        if k % 10 == 3:
+            log += TICK // 2
+            writer.write(commands, log, log - 3600 * 10**9 * (k > 500), cdr.fluid_pressure(0, 2e5 + k), k)
+        if k % 100 == 99:
+            writer.flush()
+    writer.close({"lost": {}})
+    command = replay(tmp_path / "run", frequency=150.0).control.command
+    sent_at = np.array([*range(3, 500, 10), *range(1003, 2000, 10)])  # Between, the last of those that were held up.
+    shown = np.isin(command.values - 2e5, sent_at)
+    np.testing.assert_array_equal(command.values[shown], 2e5 + sent_at)
+    np.testing.assert_allclose(command.t[shown], 1e-3 * (sent_at + 1), atol=1e-9)
+
+
+@pytest.mark.parametrize("says", [True, False])
+def test_an_input_falls_back_where_the_driveline_says_so(says, tmp_path):
+    """Commands that the recorder lost for longer than command_timeout are no fallback."""
+    scene = load_scene("commands").with_values({"engine.source": "harmonic", "command_timeout": LIMIT})
+    sources = []
+    rows = ticked(scene, 1500, pressure=lambda k: 2e5 if 50 <= k < 600 or k >= 800 else None, resets=(1000,),
+                  sources=sources)
+    writer = BagWriter(tmp_path / "run", scene.text())
+    states = writer.channel("/joint_states", topic("joint_states").type)
+    commands = writer.channel("/actuation_pressure", FLUID_PRESSURE)
+    said = writer.channel("/input_source", HEADER)
+    wished = writer.channel("/target_slip_speed", FLOAT64)
+    writer.write(wished, START - TICK, START - TICK, cdr.float64(20.0))
+    for k, (stamp, *columns, _) in enumerate(rows):
+        log = START + k * TICK
+        for since, text in (rest for row, *rest in sources if says and row == k):
+            writer.write(said, log - 1, log - 1, cdr.header(since, text))
+        writer.write(states, log, log, cdr.joint_state(stamp, *columns), k)
+        if 50 <= k < 100 or k >= 800:  # Those from 100 to 600 are lost.
+            writer.write(commands, log + TICK // 2, log + TICK // 2, cdr.fluid_pressure(0, 2e5), k)
+        if k % 100 == 99:
+            writer.flush()
+    writer.close({"lost": {}})
+    control = replay(tmp_path / "run", frequency=150.0).control
+    at = 0.6 if says else 0.3
+    assert [(round(event.t, 2), event.text.partition(":")[0]) for event in control.events] == [
+        (at, "pressure falls back"), (1.0, "reset or restart")]
+    later = replay(tmp_path / "run", frequency=150.0, discard=0)
+    assert [segment.tracking.target for segment in later.segments] == [20.0, 20.0]
+
+
+def test_a_target_outlives_a_reset(tmp_path):
+    rows = ticked(load_scene("fig02"), 3000, resets=(400,))
+    control = replay(bag(tmp_path / "run", rows, "fig02", targets=[(0, 20.0)])).control
+    assert (control.target.t.tolist(), control.target.values.tolist()) == ([0.0], [20.0])

@@ -138,7 +138,7 @@ def test_a_recovery_that_fails_takes_its_bag_away_again(tmp_path, original, monk
     with monkeypatch.context() as patch:
         patch.setattr(recovery.BagWriter, "close", full)
         assert main(["recover", str(path)]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+    assert capsys.readouterr().err == f"tcc-sim: {tmp_path / 'x_recovered'}: No space left on device\n"
     assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]
     assert main(["recover", str(path)]) == 0
 
@@ -191,4 +191,4 @@ def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
     bag.close({})
     run, _, stamps, _ = read(tmp_path / "run")
     assert stamps.tolist() == [n * TICK for n in range(3, 10)]
-    assert run.warnings == ["3 messages of /joint_states have another layout and were left out"]
+    assert run.warnings == ["3 messages of /joint_states with another layout left out"]

@@ -112,7 +112,7 @@ def test_results_of_the_parts_are_added(tmp_path):
     list(run.batches())
     assert run.result == {"lost": {"/slip_speed": 13, "/x": 1}, "messages": {"/slip_speed": 20}, "solver": "fixed_step",
                           "unsent": {"/joint_states": 64}}
-    assert "13 messages of /slip_speed were lost while recording" in run.warnings
+    assert "13 messages of /slip_speed lost while recording" in run.warnings
     assert "64 messages of /joint_states could not be sent by their publisher" in run.warnings
 
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from driveline_bags import TICK, bag, by_hand, ticked
+from driveline_bags import START, TICK, bag, by_hand, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.recording.scene_records import holding_from
@@ -109,6 +109,27 @@ def test_a_target_that_becomes_known_later_is_judged_from_there_on(tmp_path):
     path = bag(tmp_path / "run", controlled(20.0), SLIP, targets=[(3000, 20.0)])
     (segment,) = replay(path, discard=0).json()["segments"]
     assert segment["tracking"]["largest_error"] < 130.0 * math.exp(-4.0 * 2.9)
+
+
+@pytest.mark.parametrize("steps", [(5000, -3600), (6040, -3600), (6040, -3.2), (6055, 3600), (6070, -3600),
+                                   (6060, -3600), (6061, -3600)])
+def test_a_new_target_begins_its_segment_where_it_was_said_whatever_the_clock_does(tmp_path, steps):
+    """The clock is set at one state; the new target is said before state 6061, in a chunk that begins with 6000."""
+    at, seconds = steps
+    rows = [*controlled(20.0, seconds=6.06), *shifted(controlled(50.0, start=20.0), 6061)]
+    path = bag(tmp_path / "run", rows, SLIP, targets=[(0, 20.0), (3000, 20.0), (6061, 50.0)],
+               clock=lambda row: START + row * TICK + (round(seconds * 1e9) if row >= at else 0))
+    first, second = replay(path, discard=0).json()["segments"]
+    begins = round(second["start"] * 1e3)
+    assert begins == 6061 or (at == 6061 and begins == 6060)  # What comes with the step itself is in doubt by a state.
+    assert (first["tracking"]["target"], second["tracking"]["target"]) == (20.0, 50.0)
+    assert second["changes"] == {"target_slip_speed": 50.0}
+
+
+def test_a_target_that_is_no_number_is_none(tmp_path):
+    path = bag(tmp_path / "run", controlled(20.0), SLIP, targets=[(0, 20.0), (2000, math.nan), (3000, math.inf)])
+    (segment,) = replay(path, discard=0).json()["segments"]
+    assert segment["tracking"]["target"] == 20.0
 
 
 def test_more_segments_than_are_told_are_counted(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import math
 
+import central_differences
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,7 +12,6 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.smoothed.stroboscopic import stroboscopic_map
-from tcc_sim.studies import differences
 
 SIZES = np.array([10.0, 0.1, 10.0])
 VARYING = load_scene("fig02").system
@@ -107,7 +107,7 @@ def test_derivatives_are_those_of_the_variational_equations(start: float, end: f
 def test_derivatives_are_those_of_differences(system: System, keys: tuple[str, ...]) -> None:
     x = settled(system)
     found = stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
-    expected = differences.stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
+    expected = central_differences.stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
     assert found.events == expected.events
     assert found.state == pytest.approx(expected.state, abs=1e-9)
     own = np.hstack([found.derivative * SIZES, found.by_parameter]) / SIZES[:, None]

@@ -13,19 +13,11 @@ from textbook_maps import TextbookMap
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.studies import basin_rows
-from tcc_sim.studies.attractors import (
-    RUNAWAY,
-    UNDECIDED,
-    Attractor,
-    Captures,
-    find_attractors,
-    follow,
-    halton,
-    section_of,
-)
+from tcc_sim.studies import attractors, basin_rows
+from tcc_sim.studies.attractors import find_attractors
 from tcc_sim.studies.basin_rows import basins
-from tcc_sim.studies.basins import CYCLES, Axis, boundary_of
+from tcc_sim.studies.basins import CYCLES, Axis, boundary_of, halton
+from tcc_sim.studies.captures import RUNAWAY, UNDECIDED, Attractor, Captures, follow, section_of
 from tcc_sim.studies.driveline_motion import DrivelineMotion, mean_load
 from tcc_sim.trajectory import State
 
@@ -120,6 +112,25 @@ def test_a_strange_attractor_is_one_cloud():
     assert found[0].multipliers is None
     captures = Captures(found, of.map.scales, 1)
     assert follow(of, captures, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
+
+
+def leaking(x, p):
+    """The logistic map at r a little above 4: chaos on 0 to 1 with a hole that is met about every 5000 steps, behind
+    which the fixed point 3 attracts.
+    """
+    if 0.0 <= x[0] <= 1.0:
+        return 4.0000004 * x * (1.0 - x), np.array([[4.0000004 * (1.0 - 2.0 * x[0])]]), np.zeros((1, 0))
+    return 3.0 + 0.5 * (x - 3.0), np.array([[0.5]]), np.zeros((1, 0))
+
+
+def test_a_chaotic_transient_is_no_attractor(monkeypatch):
+    of = Iterated(leaking, 1)
+    seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
+    (found,) = find_attractors(of, seeds)
+    assert (found.period, found.section[0, 0]) == (1, pytest.approx(3.0))
+    # One of the seeds stays for longer than it takes a motion without a period to count as such.
+    monkeypatch.setattr(attractors, "_left", lambda of, cloud: (False, None))
+    assert 0 in {a.period for a in find_attractors(of, seeds)}
 
 
 def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
@@ -246,7 +257,9 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
     ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane",
                                               "initial.slip_speed=0:1:3"],
     ["--plane", "initial.slip_speed=0:1:3", "--plane", "engine.frequency=1:2:3"], [*PLANE, "--cycles", "3"],
-    [*PLANE, "--out", "x.csv"], [*PLANE, "--over", "friction.law=1:2:3"], [*PLANE, "--jobs", "0"],
+    [*PLANE, "--out", "x.csv"], [*PLANE, "--over", "friction.law=1:2:3"],
+    [*PLANE, "--over", "initial.plate_angle=0:1:3"], ["--plane", "initial.slip_speed=0:x:3", *PLANE[:2]],
+    [*PLANE, "--jobs", "0"],
     ["--plane", "initial.slip_speed=0:1:3000", "--plane", "initial.plate_angle=0:1:3000"],
     [*PLANE, "--set", "pressure.frequency_ratio=0.7312345", "--set", "pressure.amplitude=10000"]])
 def test_wrong_input_is_one_line(words, capsys, tmp_path, monkeypatch):
@@ -254,3 +267,24 @@ def test_wrong_input_is_one_line(words, capsys, tmp_path, monkeypatch):
     assert main(["basins", "fig02", *words]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_axis_is_told_by_its_own_option(capsys):
+    for wrong in ("initial.slip_speed=0:x:3", "initial.slip_speed=0:1:0"):
+        assert main(["basins", "fig02", "--plane", wrong, *PLANE[2:]]) == 2
+        assert capsys.readouterr().err.startswith("tcc-sim: --plane ")
+    assert main(["basins", "fig02", *PLANE, "--over", "initial.slip_speed=0:1:3"]) == 2
+    assert "an axis of the plane" in capsys.readouterr().err
+
+
+def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
+    """At mu_k = mu_s one motion takes all; at 0.85 mu_s two share the plane."""
+    plane = (Axis("initial.slip_speed", (0.0, 40.0, 80.0, 120.0)), Axis("initial.plate_angle", (-0.1, 0.1, 0.3)))
+    over = Axis("friction.kinetic_coefficient", (0.255, 0.3))
+    part = tmp_path / "over.part"
+    two, one = basins(COEXISTENCE, plane, over=over, part=part)
+    assert part.read_bytes().count(b"\n") == 1 + 2 * 3
+    assert [len(found.attractors) for found in (two, one)] == [2, 1]
+    assert one.fraction(0) == 1.0
+    (alone,) = basins(COEXISTENCE, plane)
+    np.testing.assert_array_equal(two.labels, alone.labels)

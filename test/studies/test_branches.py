@@ -73,6 +73,25 @@ def test_a_branch_point_is_located_and_not_taken_for_a_fold() -> None:
     assert all(s.orbit.section[0] == pytest.approx(1.0 - 1.0 / s.value, abs=1e-8) for s in branch.stations)
 
 
+@pytest.mark.parametrize("guess", [0.0, 0.9])
+def test_the_branch_point_of_a_pitchfork(guess: float) -> None:
+    def pitchfork(x, p):  # x = 0 and p = x^2: both pass p = 0, one of them turning.
+        return (x + 0.3 * (p[0] * x - x**3), np.array([[1.0 + 0.3 * (p[0] - 3.0 * x[0] ** 2)]]), 0.3 * x[:, None])
+
+    branch = branch_of(pitchfork, 1, -0.7, 1.0, 0.81, [guess])
+    (point,) = [f for f in branch.bifurcations if f.kind == "branch_point"]
+    assert point.value == pytest.approx(0.0, abs=1e-8)
+    assert point.residual < 1e-8
+    kinds_found = kinds(branch)
+    assert "period_doubling" not in kinds_found
+    on = [s.orbit.section[0] for s in branch.stations]
+    if guess:
+        assert all(x * x == pytest.approx(s.value, abs=1e-7) for x, s in zip(on, branch.stations))
+        assert (on[0] > 0.0) != (on[-1] > 0.0)
+    else:
+        assert max(map(abs, on)) < 1e-9
+
+
 def test_a_closed_branch_is_recognised() -> None:
     branch = branch_of(isola, 1, -2.0, 2.0, 0.0, [-1.0])
     assert branch.closed

@@ -9,9 +9,10 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
+from tcc_sim.studies.beginnings import start_orbit
 from tcc_sim.studies.branches import first_station, follow
 from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.motions import Plan, check, continue_motions, start_orbit
+from tcc_sim.studies.motions import Plan, check, continue_motions
 from tcc_sim.studies.orbits import newton, orbit_at
 from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.walk import Course
@@ -82,7 +83,7 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
-    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2, switch=1))
+    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2))
     (branch,) = found.branches
     assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in sentence
                for sentence in branch.ended)
@@ -136,12 +137,20 @@ def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
     ("pressure.frequency_ratio", {}, "not periodic"),
     ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("pressure.phase", {"pressure.amplitude": 0.0}, "no effect where pressure.amplitude is 0"),
+    ("friction.decay", {"friction.kinetic_coefficient": 0.3}, "no effect where friction.kinetic"),
     ("engine.frequncy", {}, "did you mean engine.frequency"),
     ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
 ])
 def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         DrivelineMap(replace(load_scene("fig02").system, values), (key,))
+
+
+def test_a_key_has_effect_beside_another_that_is_free() -> None:
+    system = replace(load_scene("fig02").system, {"pressure.amplitude": 0.0, MU_K: 0.3})
+    assert DrivelineMap(system, ("pressure.amplitude", "pressure.phase")).keys[1] == "pressure.phase"
+    assert DrivelineMap(system, (MU_K, "friction.decay")).keys[1] == "friction.decay"
 
 
 def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:

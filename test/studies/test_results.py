@@ -156,3 +156,15 @@ def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:  
     assert out.read_bytes() == before
     with pytest.raises(InputError, match="curves differ"):
         sweep_curves(curves_of(SYSTEM, KINETIC, [0.24, 0.3], "pressure.mean", [2e5, 4e5]), plan, out=out)
+
+
+def test_a_table_that_is_too_wide_for_the_terminal_goes_on_below() -> None:
+    found = [sweep(SYSTEM, KINETIC, [0.23, 0.24], Plan(cycles=30, damping=True, lyapunov=True))]
+    whole = sweep_lines(found, "engine.frequency", [150.0])
+    parts = sweep_lines(found, "engine.frequency", [150.0], width=80)
+    assert max(map(len, whole)) > 80 >= max(map(len, parts[1:]))
+    headings = [line.split("  ") for line in parts if "kinetic_coef  " in line]
+    assert len(headings) == 2
+    heading, first = whole[1][26:], whole[2][26:]
+    assert parts[1][26:] + parts[4][26:] == heading
+    assert parts[2][26:] + parts[5][26:] == first

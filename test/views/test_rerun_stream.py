@@ -208,3 +208,25 @@ def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_li
     with pytest.raises(TccError, match=r"^Rerun's viewer does not start: Failed to find [^\n]* in PATH\.$"):
         RerunStream("run", 0.04, 100.0, spawn=True)
     assert searched == [["/usr/bin", str(Path(sys.executable).parent)]]
+
+
+def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, monkeypatch):
+    """Rerun says that its writer has ended, and not why."""
+    class Broken:
+        def flush(self, timeout_sec):
+            raise RuntimeError("File-writer thread shut down prematurely")
+
+        def disconnect(self):
+            pass
+
+    stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
+    stream.close()
+    monkeypatch.setattr(stream, "_recording", Broken())
+    with pytest.raises(TccError, match="Rerun file was not written: File-writer thread"):
+        stream.close()
+    monkeypatch.setattr(stream, "_file", Path("/dev/full"))
+    with pytest.raises(OSError, match="No space left on device"):
+        stream.close()
+    monkeypatch.setattr(stream, "_file", None)
+    with pytest.raises(InputError, match="viewer did not take the run"):
+        stream.close()

@@ -1,8 +1,7 @@
 """The stroboscopic map of a scene with its derivatives by central differences of the solver.
 
-The signature is that of the engines' exact derivatives, which these differences test; they also serve where an engine
-has none. Truncation is of second order in steps of about 1e-5 of the natural sizes; with the solver at 1e-12 that
-leaves some 1e-9 in a multiplier.
+The signature is that of the engines' exact derivatives, which these differences test. Truncation is of second order in
+steps of about 1e-5 of the natural sizes; with the solver at 1e-12 that leaves some 1e-9 in a multiplier.
 """
 
 from __future__ import annotations

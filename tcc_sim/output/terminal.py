@@ -1,0 +1,41 @@
+"""Text for a terminal: no line wider than it, and what is broken goes on under the place where its text begins."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import textwrap
+
+NARROWEST = 40
+"""Columns that are filled even where a terminal has fewer."""
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal that is standard output, or what COLUMNS says; None for a file or a pipe."""
+    columns = shutil.get_terminal_size(fallback=(0, 0)).columns
+    return max(columns, NARROWEST) if columns else None
+
+
+def wrapped(text: str, width: int | None) -> str:
+    """`text` with every line that is wider than `width` broken between words; as it is where `width` is None.
+
+    The parts go on under the last column that begins within the left half of the line: two spaces or more stand before
+    it. A line without columns goes on two places further in than it begins.
+    """
+    if width is None:
+        return text
+    return "\n".join(part for line in text.split("\n") for part in (
+        [line] if len(line) <= width else textwrap.wrap(
+            line, width, subsequent_indent=" " * _indent(line, width), break_long_words=False, break_on_hyphens=False,
+            expand_tabs=False, replace_whitespace=False)))
+
+
+def _indent(line: str, width: int) -> int:
+    """Where the second part of a broken line begins."""
+    columns = [found.end() for found in re.finditer(r"\S {2,}(?=\S)", line) if found.end() <= width // 2]
+    return columns[-1] if columns else len(line) - len(line.lstrip()) + 2
+
+
+def say(text: str, *, flush: bool = False) -> None:
+    """Print what a command has to say on standard output."""
+    print(wrapped(text, terminal_width()), flush=flush)

@@ -1,0 +1,175 @@
+"""Evidence by branches: which stable motions there are, where each begins and ends, and to which of them (13) leads.
+
+Branches are followed only over the part of an axis that a claim is about, and with few points: what they show holds
+whatever was started from, but a motion that no sweep came to stays unknown.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.paper.catalogue import paper_system
+from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
+from tcc_sim.paper.seen_motions import seen_in
+from tcc_sim.studies.attractors import find_attractors
+from tcc_sim.studies.basins import halton
+from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.driveline_motion import DrivelineMotion
+from tcc_sim.studies.progress import progress_bar
+from tcc_sim.studies.shooting import Window
+from tcc_sim.studies.stretches import End, Stretch, stretch_of, stretches_of
+from tcc_sim.studies.survey import Seen, size_of, station_of, survey
+from tcc_sim.studies.sweep import Curve, workers
+
+SMOOTHING = "friction.smoothing"
+NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}
+"""What the parameter of a claim is called."""
+LONGEST = 2
+"""Longest period, in those of the excitation, whose branches are followed."""
+POINTS, BRANCHES = 60, 4
+"""Points of a branch in one direction, and branches, over one part of an axis."""
+SEEDS = 24
+LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
+"""Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
+
+
+@dataclass
+class StableMotions(Evidence):
+    """Evidence that knows branches too.
+
+    known : stretches and attractors, which no tolerance of the sweeps changes, for several to share
+    """
+
+    known: dict[str, Any] = field(default_factory=dict)
+
+    def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[Stretch]]:
+        """For every row the stable stretches of the branches through the motions of sweeps: cold, up and down.
+
+        Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
+        """
+        names = [json.dumps([sorted(row.items()), axis.tolist(), over]) for row in rows]
+        missing = [k for k, name in enumerate(names) if name not in self.known]
+        sweeps = [self.curves([rows[k] for k in missing], axis, over=over, direction=d) for d in ("cold", "up", "down")]
+        with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
+            tasks = [pool.submit(_followed, directions[0].curve, [s for sweep in directions for s in seen_in(sweep)])
+                     for directions in zip(*sweeps)]
+            for k, task in zip(missing, tasks):
+                self.known[names[k]] = task.result()
+                bar.update()
+        return [self.known[name] for name in names]
+
+    def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
+        """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
+        among, sweep = self.stretches([row], axis, over=over)[0], self.curves([row], axis, over=over)[0]
+        unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
+        base, size = common_cycles(sweep.curve.system), size_of(seen)
+        at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
+        return [at.get(value) for value in sweep.curve.values]
+
+    def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[dict[str, Any]]:
+        """Every stretch of a curve with its ends, and where (13) leads to it."""
+        on = self.reached(row, axis, over=over)
+        return [{"curve": curve, "over": NAMES[over], "period": s.period, "low": end_as_json(s.low),
+                 "high": end_as_json(s.high), "from_start": [float(x) for x, found in zip(axis, on) if found == k]}
+                for k, s in enumerate(self.stretches([row], axis, over=over)[0])]
+
+    def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[End]:
+        """Where a stable motion ends in a jump, whatever was started from, in order."""
+        among = self.stretches([row], axis, over=over)[0]
+        found = {end.value: end for s in among for end in (s.low, s.high) if end.jumps}
+        return [found[value] for value in sorted(found)]
+
+    def heights(self, row: Values, axis: Floats) -> list[list[float]]:
+        """For every frequency ratio the largest slip speed of every stable motion known, that from (13) first."""
+        among = self.stretches([row], axis)[0]
+        cold = self.curves([row], axis)[0].column("max_slip_speed")
+        return [[float(c), *(h for s in among if math.isfinite(h := s.height(float(x))))] for x, c in zip(axis, cold)]
+
+    def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
+        """(n,) whether there is a stable periodic motion: one of a sweep, closed by Newton, with its multipliers."""
+        name = json.dumps(["periodic", sorted(row.items()), axis.tolist()])
+        if name not in self.known:
+            found = np.zeros(len(axis), dtype=bool)
+            for direction in ("cold", "up", "down"):
+                curve = (sweep := self.curves([row], axis, direction=direction)[0]).curve
+                of, window = DrivelineMap(curve.system, (curve.key,)), Window(min(curve.values), max(curve.values))
+                for seen in seen_in(sweep):
+                    k = curve.values.index(seen.value)
+                    if seen.period and not found[k]:
+                        station = station_of(of, window, seen)
+                        found[k] = station is not None and station.orbit.stable
+            self.known[name] = found
+        out: NDArray[np.bool_] = self.known[name]
+        return out
+
+    def attractors(self, row: Values) -> list[tuple[int, float]]:
+        """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
+        name = json.dumps(["attractors", sorted(row.items())])
+        if name not in self.known:
+            system = paper_system(row)
+            i = system.initial
+            own = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
+            found = find_attractors(DrivelineMotion(system), [own, *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))])
+            self.known[name] = sorted((a.period, a.largest) for a in found)
+        out: list[tuple[int, float]] = self.known[name]
+        return out
+
+
+def _followed(curve: Curve, seen: Sequence[Seen]) -> list[Stretch]:
+    """The stable stretches of the branches through motions along a curve; what a worker does."""
+    low, high = min(curve.values), max(curve.values)
+    branches = survey(DrivelineMap(curve.system, (curve.key,)), Window(low, high), curve.key, seen, longest=LONGEST,
+                      points=POINTS, branches=BRANCHES)
+    return stretches_of(branches, low, high, UNITS.get(curve.key, 1.0))
+
+
+def end_as_json(end: End) -> dict[str, Any]:
+    """The end of a stretch; without a kind it is where the motion was followed to."""
+    return {"value": end.value, "kind": end.kind or None, "residual": end.residual if end.kind else None,
+            "jumps": end.jumps}
+
+
+def words_of(motion: dict[str, Any]) -> str:
+    """One entry of `motions` in words."""
+    ends = [f"{end['value']:.6g} (" + (f"{end['kind'].replace('_', ' ')}, residual {end['residual']:.0e}"
+                                       if end["kind"] else "followed no further") + ")"
+            for end in (motion["low"], motion["high"])]
+    at = motion["from_start"]
+    where = f"at {min(at):g} to {max(at):g} ({len(at)} values)" if at else "nowhere"
+    curve = f"{motion['curve']}: " if motion["curve"] else ""
+    return (f"{curve}period {motion['period']}, stable over {motion['over']} from {ends[0]} to {ends[1]}; "
+            f"within {CYCLES + LATER} cycles (13) leads to it {where}")
+
+
+def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any, *,
+                   worst: bool = False) -> tuple[float, float]:
+    """The part of the places at which one curve is the lowest of all (the highest), where any slips.
+
+    Parameters
+    ----------
+    found : per curve and place the largest slip speeds of all stable motions there
+
+    Returns
+    -------
+    The part at which it is so whichever motion there is on every curve, and at which it is so for some.
+    """
+    sign = -1.0 if worst else 1.0
+    every, some, moving = [], [], []
+    for row in zip(*found):
+        own, others = [sign * h for h in row[curve]], [[sign * h for h in r] for k, r in enumerate(row) if k != curve]
+        every.append(max(own) <= min(min(r) for r in others) + 0.05)
+        some.append(min(own) <= min(max(r) for r in others) + 0.05)
+        moving.append(max(max(r) for r in row) > 0.1)
+    among = np.asarray(where) & np.array(moving)
+    return share_where(np.array(every), among), share_where(np.array(some), among)
+
+
+__all__ = ["SMOOTHING", "StableMotions", "end_as_json", "ordered_shares", "words_of"]

@@ -1,0 +1,78 @@
+"""What commands print: no line wider than the terminal, columns kept, whole lines for files and pipes, and grammar."""
+
+import ast
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.errors import counted
+from tcc_sim.output.terminal import terminal_width, wrapped
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@pytest.mark.parametrize(("line", "broken"), [
+    ("short", "short"),
+    ("  name  what it is and what else there is to say of it", "  name  what it is and what else there\n"
+                                                               "        is to say of it"),
+    ("        target 20 rad/s: mean 20, rms error 0.0036, largest", "        target 20 rad/s: mean 20, rms\n"
+                                                                    "          error 0.0036, largest"),
+    ("words without columns go on two places further in", "words without columns go on two places\n  further in"),
+    ("a  b  far to the right another  column is no sign", "a  b  far to the right another  column\n      is no sign"),
+    ("/a/path/that/is/longer/than/the/terminal/is/wide-and-whole", "/a/path/that/is/longer/than/the/terminal/is/"
+                                                                   "wide-and-whole"),
+])
+def test_a_line_goes_on_under_its_own_column(line, broken):
+    assert wrapped(line, 40) == broken
+    assert wrapped(line, None) == line
+    assert wrapped(f"{line}\n\n{line}", 40) == f"{broken}\n\n{broken}"
+
+
+def test_the_width_is_that_of_the_terminal_and_none_for_a_pipe(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "72")
+    assert terminal_width() == 72
+    monkeypatch.setenv("COLUMNS", "10")
+    assert terminal_width() == 40
+    monkeypatch.delenv("COLUMNS")
+    code = "import sys; from tcc_sim.output.terminal import terminal_width; sys.stdout.write(repr(terminal_width()))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
+                          check=True).stdout == "None"
+
+
+@pytest.mark.parametrize("words", [["scenes"], ["explain", "minimal"], ["simulate", "slip", "--cycles", "20"],
+                                   ["--help"]])
+def test_nothing_is_wider_than_a_terminal_of_eighty_columns(words):
+    """A terminal of its own for standard output, set to 80 columns by the command that is started in it."""
+    master, slave = pty.openpty()
+    with subprocess.Popen(["sh", "-c", 'stty cols 80 && exec "$@"', "sh", sys.executable, "-m", "tcc_sim", *words],
+                          cwd=ROOT, stdin=slave, stdout=slave, stderr=subprocess.DEVNULL,
+                          env={k: v for k, v in os.environ.items() if k != "COLUMNS"}) as process:
+        os.close(slave)
+        text = b""
+        try:
+            while part := os.read(master, 65536):
+                text += part
+        except OSError:  # The terminal is gone with its last user.
+            pass
+    os.close(master)
+    assert process.returncode == 0
+    lines = text.decode().replace("\r\n", "\n").split("\n")
+    assert len(lines) > 4
+    assert max(map(len, lines)) <= 80
+
+
+def test_everything_that_verbs_print_is_wrapped():
+    """`print` is left for standard error, where a refusal is one line."""
+    for path in (ROOT / "tcc_sim" / "cli").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print":
+                where = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+                assert where.get("file") == "sys.stderr", f"{path}:{node.lineno}"
+
+
+def test_one_is_no_plural():
+    assert [counted(n, "message") for n in (0, 1, 2)] == ["0 messages", "1 message", "2 messages"]

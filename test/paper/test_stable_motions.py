@@ -1,0 +1,81 @@
+"""Evidence by branches: the motions that coexist behind Fig. 6, with the fold that AUTO-07p has too."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from given import Given, record, stretch
+
+from tcc_sim.paper.catalogue import paper_system
+from tcc_sim.paper.claims import Verdict
+from tcc_sim.paper.claims_constant_load import AT_036, covered_down_to
+from tcc_sim.paper.evidence import KINETIC, Finding, with_kinetic
+from tcc_sim.paper.pages import claims_page
+from tcc_sim.paper.stable_motions import StableMotions, ordered_shares, words_of
+from tcc_sim.solvers import solve
+
+AXIS = np.array([0.865, 0.88, 0.9, 0.915, 0.93])
+FOLD = 0.918464
+"""Of the period-two branch at omega/omega_n = 0.36, by AUTO-07p and by collocation, which agree to 2e-6."""
+
+
+def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
+    evidence = StableMotions(1e-9, 1)
+    (found,) = evidence.stretches([AT_036], AXIS, over=KINETIC)
+    one, two = sorted(found, key=lambda s: s.period)
+    assert (one.low.kind, one.high.kind, one.low.value, one.high.value) == ("", "", pytest.approx(0.865),
+                                                                          pytest.approx(0.93))
+    assert (two.period, two.high.kind, two.high.jumps) == (2, "fold", True)
+    assert two.high.value == pytest.approx(FOLD, abs=2e-6)
+    assert two.high.residual < 1e-8
+    first, second = evidence.motions("", AT_036, AXIS, over=KINETIC)
+    ends = [solve(paper_system(with_kinetic(float(x), AT_036)), cycles=650).cycles.section[-2:] for x in AXIS]
+    once = {float(x): bool(np.abs(end[1] - end[0]).max() < 1e-3) for x, end in zip(AXIS, ends)}
+    assert set(once.values()) == {True, False}
+    assert {first["period"]: first["from_start"], second["period"]: second["from_start"]} == {
+        1: [x for x, repeats in once.items() if repeats], 2: [x for x, repeats in once.items() if not repeats]}
+    json.dumps([first, second], allow_nan=False)
+    assert [end.value for end in evidence.ends(AT_036, AXIS, over=KINETIC)] == [two.high.value]
+    assert len(evidence.known) == 1
+    again = StableMotions(1e-11, 1, known=evidence.known)
+    assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is found
+
+
+def test_both_attractors_of_fig_2_and_a_stable_orbit_at_a_ratio() -> None:
+    evidence = StableMotions(1e-9, 1)
+    ratios = np.array([0.45, 0.46])
+    assert evidence.periodic_at({}, ratios).tolist() == [True, True]  # mu_k = mu_s: pure stick above 0.412, by (10).
+    assert evidence.attractors({"engine.frequency": 0.45 * 387.3}) == [(1, pytest.approx(0.0, abs=0.1))]
+
+
+def test_the_order_of_curves_for_every_choice_of_motions() -> None:
+    low, high, two = [[1.0], [1.0]], [[2.0], [2.0]], [[0.5, 3.0], [1.5]]
+    everywhere = np.array([True, True])
+    assert ordered_shares([low, high], 0, everywhere) == (1.0, 1.0)
+    assert ordered_shares([low, two], 0, everywhere) == (0.5, 1.0)
+    assert ordered_shares([low, two], 0, everywhere, worst=True) == (0.0, 0.5)
+    assert ordered_shares([low, high], 1, everywhere, worst=True) == (1.0, 1.0)
+    assert ordered_shares([[[0.0]], [[0.0]]], 0, np.array([True])) == (1.0, 1.0)  # Nothing slips.
+
+
+def test_motions_cover_a_range_without_a_gap() -> None:
+    chain = [stretch(0.8, 1.0), stretch(0.6, 0.85, 2), stretch(0.5, 0.59), stretch(0.3, 0.7, 3)]
+    assert covered_down_to(chain, 1.0) == 0.6
+    assert covered_down_to([], 1.0) == 1.0
+
+
+def test_motions_stand_on_the_page_in_words() -> None:
+    given = Given(lambda row, x, d: record(), stretches=lambda row: [stretch(0.67, 0.918464, 2, 48.0, "", "jump fold")],
+                  reached=lambda row: {0})
+    (motion,) = given.motions("psi = 0", AT_036, AXIS, over=KINETIC)
+    assert words_of(motion) == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
+                                "(fold, residual 1e-12); within 650 cycles (13) leads to it at 0.865 to 0.93 "
+                                "(5 values)")
+    assert words_of({**motion, "curve": "", "from_start": []}).endswith("cycles (13) leads to it nowhere")
+    verdict = Verdict(Finding("6", "a claim", "a criterion", {}, "confirmed", "", (motion,)), "confirmed")
+    page = claims_page([verdict], None)
+    assert "Stable motions, whatever was started from:\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
+    assert verdict.as_json()["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
+                                                      "jumps": True}
