@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -149,11 +149,31 @@ def place_of(seen: Seen, branches: Sequence[Branch], size: float, base: int = 1)
 def _crossed(branch: Branch, value: float) -> list[tuple[int, tuple[Station, Station, float]]]:
     """The pieces of a branch across a value: number of the first point, both points, and the part of the way."""
     out = []
-    for k, (a, b) in enumerate(pairwise(branch.stations)):
+    for k, a, b in _pieces(branch):
         if min(a.value, b.value) <= value <= max(a.value, b.value):
             width = b.value - a.value
             out.append((k, (a, b, (value - a.value) / width if width else 0.5)))
     return out
+
+
+def _pieces(branch: Branch) -> Iterator[tuple[int, Station, Station]]:
+    """Neighbouring points of a branch, its folds among them: a branch goes on to there beyond its last point."""
+    pairs = list(pairwise(branch.stations))
+    folds: dict[int, list[Station]] = {}
+    for found in branch.bifurcations:
+        if found.kind == "fold" and pairs:
+            aside = [_apart(a, found.station) + _apart(found.station, b) - _apart(a, b) for a, b in pairs]
+            folds.setdefault(int(np.argmin(aside)), []).append(found.station)
+    for k, (a, b) in enumerate(pairs):
+        for one, two in pairwise([a, *folds.get(k, []), b]):
+            yield k, one, two
+
+
+def _apart(a: Station, b: Station) -> float:
+    """Distance of two points of a branch, in natural sizes."""
+    of, window = a.shooting.map, a.shooting.windows[0]
+    away = (b.orbit.section - a.orbit.section) / of.scales
+    return math.hypot(float(np.linalg.norm(away)), window.scaled(b.value) - window.scaled(a.value))
 
 
 def _longest_run(left: dict[int, Seen]) -> list[int]:

@@ -11,7 +11,7 @@ from tcc_sim.studies import survey as surveys
 from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of
 from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import Seen, left_out, place_of, survey
+from tcc_sim.studies.survey import Seen, left_out, place_of, size_of, survey
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
 
@@ -61,6 +61,17 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
     assert jump.cause == "fold"
     assert jump.value == pytest.approx(FOLD if up else -FOLD, abs=1e-9)
     assert jump.low < jump.value < jump.high
+
+
+def test_a_motion_between_the_last_point_and_the_fold_lies_on_the_branch() -> None:
+    seen = swept(hysteresis, np.linspace(-1.0, 1.0, 41), -1.3, hand_over=True)
+    seen = [Seen(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
+    branch, = survey(Lifted(hysteresis, 1), Window(-1.0, 1.0), "p", seen)
+    last = max(s.value for s in branch.stations if s.orbit.section[0] < 0.0)
+    p = 0.5 * (last + FOLD)
+    x = float(np.roots([1.0, 0.0, -1.0, -p]).real.min())
+    assert last < p < FOLD
+    assert place_of(Seen(p, np.array([x]), 0, 1, x + 2.0), [branch], size_of(seen)) is not None
 
 
 class Lifted(TextbookMap):
