@@ -1,5 +1,6 @@
 """What holds for every test."""
 
+import os
 import signal
 
 from tcc_sim.solvers import kernel_cache
@@ -8,7 +9,9 @@ from tcc_sim.solvers import kernel_cache
 def pytest_configure() -> None:
     """Take Ctrl-C as at a terminal: whoever starts the tests in the background may have it ignored, and children
     inherit that. That kernels are being compiled is not said, so that no output depends on what is in the cache.
+    COLUMNS, which pytest's workers set, would break lines that are not a terminal's.
     """
+    os.environ.pop("COLUMNS", None)
     kernel_cache._told.add("compiling")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

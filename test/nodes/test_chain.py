@@ -177,7 +177,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     about = {"format", "version", "scene", "command"}
     assert set(found) - about == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names,
                                   *(f"bare_{n}" for n in names)}
-    assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", *["and"] * 5]
+    assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", *["slack,"] * 4, "all"]
     assert all(names | {"name", "refused"} == set(trial) for trial in found["settings"])
     assert found["settings"][0]["refused"] == found["settings"][1]["refused"] == []
     assert found["rate"] == 500.0
