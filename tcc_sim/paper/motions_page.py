@@ -35,8 +35,8 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, bes
              "## Branches behind Fig. 6", "", f"![branches over mu_k/mu_s](pictures/{BRANCHES}.png)", "",
              *_branches(branches), "",
              "    tcc-sim figure 6 --branches",
-             "    tcc-sim continue SCENE --over friction.kinetic_coefficient=0.165:0.3"]
-    lines += ["", "## Where motions begin and end in two parameters"] * bool(charts)
+             "    tcc-sim continue SCENE --over friction.kinetic_coefficient=0.165:0.3", "",
+             "## Where motions begin and end in two parameters"]
     for number, data in charts.items():
         lines += ["", f"![Chart {number}](pictures/{NAMES[number]}.png)", "", *_chart(data), "",
                   f"    tcc-sim figure {number}"]

@@ -63,9 +63,8 @@ SOLVERS: dict[str, Entry] = {
 
 
 def solve(scene: Scene | System, *, cycles: int | None = None, duration: float | None = None,
-          samples_per_cycle: int = 0,
-          solver: str = "auto", rtol: float | None = None, step: float | None = None, start_cycle: int = 0,
-          state: State | None = None, flywheel_angle: bool = False) -> Trajectory:
+          samples_per_cycle: int = 0, solver: str = "auto", rtol: float | None = None, step: float | None = None,
+          start_cycle: int = 0, state: State | None = None, flywheel_angle: bool = False) -> Trajectory:
     """Solve a scene or a system over whole engine cycles or a duration in seconds.
 
     Parameters

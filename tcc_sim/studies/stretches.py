@@ -12,15 +12,13 @@ import numpy as np
 from tcc_sim.studies.bifurcations import Bifurcation, Station
 from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.jumps import nearest_bifurcation
-from tcc_sim.studies.survey import SAME, Seen
+from tcc_sim.studies.survey import MET, SAME, Seen
 from tcc_sim.studies.switching import doubled
 
 ALIKE = 1e-3
 """Difference of the largest sizes, relative to themselves, up to which two stretches are one followed twice."""
 NARROW = 1e-3
 """Width, relative to the range, below which a stretch is left out: on canards stability comes and goes within less."""
-MET = 1e-5
-"""Distance, relative to the range, at which doubled motions end in a doubling."""
 
 
 @dataclass(frozen=True)

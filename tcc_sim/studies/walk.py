@@ -19,10 +19,7 @@ from tcc_sim.studies.continuation import (
     tangent_of,
 )
 from tcc_sim.studies.event_borders import differ
-from tcc_sim.studies.maps import (
-    FAILURES,
-    Floats,
-)
+from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import newton
 from tcc_sim.studies.passages import between, collapse, returned, returning
 from tcc_sim.studies.shooting import GROWTH, Shooting
