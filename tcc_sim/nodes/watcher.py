@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.control_watch import ControlWatch
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import LATCHED
@@ -132,9 +133,7 @@ class Watcher:
                 times.append(info["received_timestamp"] or time.time_ns())
         found = np.frombuffer(b"".join(kept), dtype=np.uint8).reshape(len(kept), len(self._template))
         right = ((found == self._template) | ~self._fixed).all(axis=1)
-        found = found[right]
-        self.states += len(found)
-        rows: NDArray[np.void] = np.ascontiguousarray(found).view(cdr.JOINT_STATE)[:, 0]
+        rows: NDArray[np.void] = np.ascontiguousarray(found[right]).view(cdr.JOINT_STATE)[:, 0]
         return rows, np.array(times, dtype=np.int64)[right]
 
     def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void],
@@ -148,10 +147,11 @@ class Watcher:
         self._last_stamp = int(stamps[-1])
         column = {name: rows[name].astype(np.float64) for name in topic("joint_states").fields}
         slip_speed = column["flywheel_speed"] - column["plate_speed"]
-        signals = (slip_speed, column["plate_angle"], column["plate_speed"], column["engine_torque"],
+        sampled = (slip_speed, column["plate_angle"], column["plate_speed"], column["engine_torque"],
                    column["friction_torque"])
-        pieces = self._cycles.feed(stamps, *signals)
-        view.samples(stamps, *signals, modes_of(slip_speed, self._stick_speed), new_run=new_run)
+        pieces = self._cycles.feed(stamps, *sampled)
+        view.samples(stamps, *sampled, modes_of(slip_speed, self._stick_speed), new_run=new_run)
+        self.states += len(stamps)
         for piece in pieces:
             view.cycles(piece.cycles, piece.first)
         view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run))
@@ -204,7 +204,9 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
                 say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
                 try:
                     while True:
-                        watcher.drain(view)
+                        # What was taken is shown whole: between the two nothing may end.
+                        with signals.held():
+                            watcher.drain(view)
                         time.sleep(DRAIN_PERIOD)
                 except KeyboardInterrupt:
                     watcher.drain(view)

@@ -157,6 +157,35 @@ def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Call
     assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC
 
 
+INTERRUPTED = """
+import os, signal, sys
+from tcc_sim import cli
+from tcc_sim.views.rerun_stream import RerunStream
+
+send = RerunStream.samples
+
+def interrupted(self, *samples, **run):
+    RerunStream.samples = send
+    os.kill(os.getpid(), signal.SIGINT)
+    send(self, *samples, **run)
+
+RerunStream.samples = interrupted
+sys.exit(cli.main(["watch", "--rrd", "live.rrd"]))
+"""
+"""`tcc-sim watch` that is interrupted between taking its first states and showing them."""
+
+
+def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline: Callable[..., NodeProcess],
+                                                                       tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    driveline(scene="minimal")
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED], cwd=tmp_path, text=True, capture_output=True,
+                           timeout=60, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert (ended.returncode, "Traceback" in ended.stderr) == (0, False)
+    shown = int(ended.stdout.split()[0])
+    assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC > STATIC
+
+
 def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[..., NodeProcess], control: Control,
                                                            tmp_path: Path) -> None:
     pytest.importorskip("rerun")
