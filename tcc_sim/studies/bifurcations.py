@@ -26,6 +26,9 @@ ENOUGH = 1e-11
 """Residual at which a root counts as found, however wide the bracket is."""
 FORWARD = 0.1
 """Least cosine between tangent and chord with which the tangents at its ends tell where the branch runs."""
+NOISE, IDLE = 1e-6, 2
+"""Part of the larger end value below which a test may be rounding, and evaluations in a row that then may fail to halve
+the least one before the root counts as found: to narrow the bracket further would be to ask the rounding."""
 WORST = 1e-2
 """Residual above which a change of sign is one of rounding, not of a bifurcation."""
 COMPLEX = 1e-6
@@ -163,7 +166,9 @@ def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
 
 
 def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = ROOT_TOLERANCE) -> float:
-    """A root of `f` between `a` and `b`, where its signs differ; an argument at which it was evaluated.
+    """A root of `f` between `a` and `b`, where its signs differ; the argument at which it was found to be least.
+
+    It ends where the bracket is as narrow as `tolerance`, or where `f` is no more than its own rounding.
 
     Raises
     ------
@@ -176,17 +181,21 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
     if (fa > 0.0) == (fb > 0.0):
         raise ValueError("no change of sign")
     c, fc, part = a, fa, 0.5
+    noise, idle = NOISE * max(abs(fa), abs(fb)), 0
+    best, least = (a, abs(fa)) if abs(fa) < abs(fb) else (b, abs(fb))
     for _ in range(100):
         t = a + part * (b - a)
         ft = f(t)
+        idle = 0 if abs(ft) < 0.5 * least or least > noise else idle + 1
+        if abs(ft) < least:
+            best, least = t, abs(ft)
         if (ft > 0.0) == (fa > 0.0):
             c, fc = a, fa
         else:
             c, b, fc, fb = b, a, fb, fa
         a, fa = t, ft
-        best = a if abs(fa) < abs(fb) else b
         width = tolerance / max(abs(b - c), 1e-300)
-        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance:
+        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance or idle >= IDLE:
             return best
         xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
         if phi**2 < xi and (1.0 - phi) ** 2 < 1.0 - xi:

@@ -83,3 +83,14 @@ def test_the_bracketing_root_is_exact_to_rounding() -> None:
     assert chandrupatla(lambda x: math.cos(x) - x, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-13)
     with pytest.raises(ValueError, match="sign"):
         chandrupatla(lambda x: 1.0 + x * x, 0.0, 1.0)
+
+
+def test_the_bracketing_root_of_a_noisy_function_is_not_looked_for_in_its_noise() -> None:
+    asked = []
+
+    def noisy(x: float) -> float:
+        asked.append(x)
+        return math.cos(x) - x + 1e-9 * math.sin(1e15 * x)
+
+    assert chandrupatla(noisy, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-9)
+    assert len(asked) <= 10
