@@ -13,7 +13,7 @@ import numpy as np
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import JUMP
-from tcc_sim.paper.seen_motions import seen_in, surveyed
+from tcc_sim.paper.seen_motions import seen_in, still_higher, surveyed
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.studies.bifurcations import Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
@@ -59,7 +59,11 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
             if jump.found is not None and creeps(jump.found, sweep.curve.system):
                 entry["cause"] = STICK_BORDER
             jumps.append(entry)
-        out.append({**shown, "jumps": jumps, "left_out": left_out(row, branches, base)})
+        higher, sentences = still_higher(sweep, row), left_out(row, branches, base)
+        if higher:
+            sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "
+                             "dropped")
+        out.append({**shown, "jumps": jumps, "left_out": sentences})
     return out
 
 

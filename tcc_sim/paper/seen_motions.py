@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from tcc_sim.model.parameters import System
+from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import LATER, later
+from tcc_sim.solvers import solve
 from tcc_sim.studies.branches import Branch
 from tcc_sim.studies.driveline_map import DrivelineMap
+from tcc_sim.studies.orbits import shifts
 from tcc_sim.studies.progress import progress_bar
 from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import LONGEST, Seen, survey
+from tcc_sim.studies.survey import LONGEST, SAME, Seen, beginning, station_of, survey
 from tcc_sim.studies.sweep import Curve, Sweep
+from tcc_sim.trajectory import State
+
+NEAR = 0.1
+"""Distance, in natural sizes, of a motion that still settles from the orbit that it is taken to come to."""
+RUNS = 5
+"""Times that a motion goes on for LATER cycles until it has a period: near a bifurcation it settles slowly."""
 
 
 def seen_in(sweep: Sweep) -> list[Seen]:
@@ -28,13 +40,66 @@ def _seen(sweep: Sweep, k: int) -> Seen | None:
     if record is None or record["max_slip_speed"] is None:
         return None
     if record.get("settled", True):
-        return Seen(value, np.array(record["final"]), record["final_cycle"], record["period"], record["max_slip_speed"])
-    settled = later(sweep.curve.at(k), record)
-    if settled is None:
-        return None
-    found, final = settled
-    return Seen(value, np.array([final.slip_speed, final.plate_angle, final.plate_speed]),
-                record["final_cycle"] + LATER, found.period if found.settled else 0, found.max_slip_speed)
+        final, cycle, period, height = (record[k] for k in ("final", "final_cycle", "period", "max_slip_speed"))
+        if period:
+            height = largest_of(sweep.curve.at(k), final, cycle, period)
+        return Seen(value, np.array(final), cycle, period, height)
+    return _later(sweep.curve, k, record)
+
+
+def _later(curve: Curve, k: int, record: Mapping[str, Any]) -> Seen | None:
+    """The motion that a record still settles to; without a period where RUNS do not tell one."""
+    late = None
+    for _ in range(RUNS):
+        settled = later(curve.at(k), record)
+        if settled is None:
+            break
+        found, final = settled
+        state, cycle = (final.slip_speed, final.plate_angle, final.plate_speed), record["final_cycle"] + LATER
+        late = approached(curve, Seen(curve.values[k], np.array(state), cycle, found.period, found.max_slip_speed),
+                          found.settled)
+        if late.period:
+            break
+        record = {"final": state, "final_cycle": cycle}
+    return late
+
+
+def approached(curve: Curve, late: Seen, settled: bool) -> Seen:
+    """A motion with period and size of the stable orbit NEAR that it comes to; without a period where that orbit is
+    unstable, which it then leaves, or where there is none and it has not `settled`.
+
+    A motion of which no period can be told yet may still come to one of period one, turn by turn on either side of it.
+    """
+    window, goal = Window(min(curve.values), max(curve.values)), replace(late, period=late.period or 1)
+    station = station_of(DrivelineMap(curve.system, (curve.key,)), window, goal)
+    if station is not None:
+        of, orbit = station.shooting.map, station.orbit
+        points = np.array(shifts(of, orbit.section, orbit.values, orbit.period))
+        if np.abs((points - beginning(of, late)) / of.scales).max(axis=1).min() < NEAR:
+            return replace(goal, height=orbit.seen.largest) if orbit.stable else replace(late, period=0)
+    return late if settled else replace(late, period=0)
+
+
+def largest_of(system: System, state: Sequence[float], cycle: int, period: int) -> float:
+    """Largest |slip speed| of a periodic motion, rad/s: a sweep's may be that of a transient before it.
+
+    Parameters
+    ----------
+    state : slip speed (rad/s), plate angle (rad), plate speed (rad/s) at the start of engine cycle `cycle`
+    period : cycles after which the section repeats
+    """
+    together = math.lcm(period, common_cycles(system) or 1)
+    cycles = solve(system, cycles=together, start_cycle=cycle, state=State(*state[:3])).raise_for_status().cycles
+    assert cycles is not None
+    return float(np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)).max())
+
+
+def still_higher(sweep: Sweep, seen: Sequence[Seen]) -> int:
+    """How many points of a sweep are higher than the motions that they come to: a transient outlasts what is dropped.
+    """
+    heights = {s.value: s.height for s in seen if s.period}
+    shown = ((r["max_slip_speed"], heights.get(v)) for v, r in zip(sweep.curve.values, sweep.records) if r is not None)
+    return sum(h is not None and top is not None and top > (1.0 + SAME) * h for top, h in shown)
 
 
 def surveyed(curve: Curve, seen: Sequence[Seen], progress: bool = False, longest: int = LONGEST) -> list[Branch]:

@@ -17,12 +17,12 @@ from tcc_sim.studies.shooting import Shooting, Window
 from tcc_sim.studies.switching import doubled
 from tcc_sim.studies.walk import Course
 
-MOST_BRANCHES = 8
+MOST_BRANCHES = 24
 MOST_POINTS = 200
 """Points of a branch in one direction."""
 LARGEST = 0.3
 """Longest step, in natural sizes: a hundredth of what a picture shows or so."""
-LONGEST = 4
+LONGEST = 12
 """Longest period followed, in periods of the excitation."""
 SAME = 0.01
 """Difference of two largest sizes, relative to the largest of the sweep, up to which they belong to one motion."""
@@ -116,16 +116,18 @@ def size_of(seen: Sequence[Seen]) -> float:
 
 def station_of(of: ParameterMap, window: Window, seen: Seen) -> Station | None:
     """The point of a branch at a motion of a sweep; None where Newton's method finds no orbit there."""
-    base = of.forcing_period
-    shooting = Shooting.single(of, math.lcm(seen.period, base), window)
+    shooting = Shooting.single(of, math.lcm(seen.period, of.forcing_period), window)
     try:
-        state, phase = seen.state, seen.cycle % base
-        if phase:
-            state = of.evaluate(state, (seen.value,), phase, base - phase).value
-        z = find_orbit(shooting, (seen.value,), [state])
+        z = find_orbit(shooting, (seen.value,), [beginning(of, seen)])
         return None if z is None else first_station(shooting, z)
     except FAILURES:
         return None
+
+
+def beginning(of: ParameterMap, seen: Seen) -> Floats:
+    """The state of a motion where the excitation begins anew, in its cycle or in one of the next."""
+    phase = seen.cycle % of.forcing_period
+    return of.evaluate(seen.state, (seen.value,), phase, of.forcing_period - phase).value if phase else seen.state
 
 
 def place_of(seen: Seen, branches: Sequence[Branch], size: float, base: int = 1) -> Place | None:
