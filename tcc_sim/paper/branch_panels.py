@@ -18,6 +18,8 @@ CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period",
 """What stands at a jump; the other kinds are named as they are."""
 UNNAMED = ("aperiodic", "not_followed")
 """Causes that the JSON and the pages name alone: there may be dozens of them."""
+UNSEEN = ("steep",)
+"""Causes that nothing shows: one motion goes on."""
 UNSTABLE = (0, (3, 1.5))
 NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
@@ -48,6 +50,11 @@ def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
 
 
+def named_jumps(curves: Sequence[Data]) -> bool:
+    """Whether `label_jumps` writes anything over the axes."""
+    return any(jump["cause"] not in UNNAMED + UNSEEN for curve in curves for jump in curve["jumps"])
+
+
 def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequence[str]) -> None:
     """The cause of every jump that a bifurcation or a basin makes, written upwards from the top of the axes, none over
     another; a thin line leads to it. Jumps beside a motion without a period or a branch have a dotted line alone.
@@ -59,7 +66,7 @@ def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequenc
             x, cause = jump["value"] / unit, jump["cause"]
             if cause in UNNAMED:
                 axis.axvline(x, color=colour, linewidth=0.4, linestyle=(0, (1, 3)), alpha=0.6, zorder=1.4)
-            elif cause != "steep":
+            elif cause not in UNSEEN:
                 axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
                 named.setdefault((CAUSES.get(cause, cause.replace("_", " ")), f"{x:.4f}"), (x, colour))
     labels = sorted((x, f"{name} {value}", colour) for (name, value), (x, colour) in named.items())
@@ -99,22 +106,32 @@ def top_of(curves: Sequence[Data]) -> tuple[float, int]:
     return top, sum(v is not None and v > top for curve in curves for v in curve["max_slip_speed"])
 
 
-def legend_of(axis: Any, curves: Sequence[Data], beyond: int) -> None:
-    """What lines and marks mean, for all panels, in axes of its own; and how many points lie beyond them."""
+def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: int) -> None:
+    """What the lines and marks that are there mean, in axes of its own; and how many points lie beyond the panels.
+
+    Parameters
+    ----------
+    curves : whose branches are shown
+    swept : whose points and jumps are
+    """
     axis.set_axis_off()
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
     other = "hollow: section does not repeat" + (f" ({beyond} beyond the axes)" if beyond else "")
-    handles = [*axis.plot([], [], color=style.INK, label="stable (thicker: longer period)"),
-               *axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable"),
-               *axis.plot([], [], marker="o", markersize=2.0, markeredgewidth=0.0, label="sweep", **looks),
-               *axis.plot([], [], marker="o", markersize=2.4, markerfacecolor="white", markeredgewidth=0.5, label=other,
-                          **looks)]
+    handles = axis.plot([], [], color=style.INK, label="stable (thicker: longer period)")
+    if not all(all(b["stable"]) for curve in curves for b in curve["branches"]):
+        handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
+    handles += axis.plot([], [], marker="o", markersize=2.0, markeredgewidth=0.0, label="sweep", **looks)
+    if beyond or not all(all(curve["settled"]) for curve in swept):
+        handles += axis.plot([], [], marker="o", markersize=2.4, markerfacecolor="white", markeredgewidth=0.5,
+                             label=other, **looks)
     for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
-    handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
-    handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
-                         label="jump off the branches")
+    if named_jumps(swept):
+        handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
+    if any(jump["cause"] in UNNAMED for curve in swept for jump in curve["jumps"]):
+        handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
+                             label="jump off the branches")
     axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
 
 

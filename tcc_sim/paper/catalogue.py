@@ -8,6 +8,7 @@ its own. Amplitudes are ratios Tsp/Tsm = Pp/Pm.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -83,6 +84,7 @@ STUCK_RATIO = math.sqrt(0.02 / 0.22)
 
 def plain(label: str) -> str:
     """A label without the signs of mathematical typesetting."""
+    label = re.sub(r"\\frac\{(\d+)\}\{(\d+)\}", r"\1/\2 ", label)
     for sign in ("$", "\\", "{", "}"):
         label = label.replace(sign, "")
     return label

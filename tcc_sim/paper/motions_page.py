@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
+from tcc_sim.paper.branch_panels import UNNAMED
 from tcc_sim.paper.pages import escape
 from tcc_sim.studies.basins import Basins
 from tcc_sim.studies.captures import RUNAWAY, UNDECIDED
@@ -61,10 +63,14 @@ def _branches(data: Data) -> list[str]:
     words = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
     told = ["", "Jumps of the sweeps:", ""]
     for swept in data["curves"]:
-        for jump in swept["jumps"]:
-            before, after = jump["max_slip_speed"]
-            told.append(f"- {words[swept['direction']]}, at {jump['value'] / unit:.6f}: {before:.2f} to {after:.2f} "
-                        f"rad/s, {_cause(jump['cause'])}")
+        for cause, run in groupby(swept["jumps"], lambda jump: jump["cause"]):
+            alike = list(run)
+            for jumps in [alike] if cause in UNNAMED else [[jump] for jump in alike]:
+                sizes = jumps[0]["max_slip_speed"][0], jumps[-1]["max_slip_speed"][1]
+                where = " to ".join(dict.fromkeys(f"{jump['value'] / unit:.6f}" for jump in (jumps[0], jumps[-1])))
+                many = f" in {len(jumps)} jumps" if len(jumps) > 1 else ""
+                told.append(f"- {words[swept['direction']]}, at {where}: {sizes[0]:.2f} to {sizes[1]:.2f} rad/s{many}, "
+                            f"{_cause(cause)}")
     return lines + (told if len(told) > 3 else [])
 
 

@@ -17,7 +17,7 @@ from tcc_sim.cli import main
 from tcc_sim.model.closed_form import constant_load_limits
 from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
-from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system
+from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system, plain
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import FigureOptions
@@ -208,6 +208,20 @@ def test_the_page_says_what_was_found() -> None:
                   "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %",
                   "fold, period 2 (smoothed end of stick) | 2"):
         assert words in page, words
+
+
+def test_the_page_joins_jumps_that_nothing_is_known_of() -> None:
+    unknown = [{"value": x, "between": [x, x], "max_slip_speed": [size, size - 10.0], "cause": "aperiodic",
+                "bifurcation": None} for x, size in ((0.1, 90.0), (0.15, 80.0), (0.2, 70.0))]
+    figure = given_figure(6, "orbit", [given_curve(jumps=unknown)])
+    lines = [line for line in motions_page(figure, {}, given_basins()).splitlines() if line.startswith("- ")]
+    unit = figure["unit"]
+    assert lines == [f"- from the initial state (13), at {0.1 / unit:.6f} to {0.2 / unit:.6f}: 90.00 to 60.00 rad/s "
+                     "in 3 jumps, a motion without a period beside it"]
+
+
+def test_labels_are_said_without_their_typesetting() -> None:
+    assert plain(r"$\omega_f = \frac{2}{3}\omega$") == "omega_f = 2/3 omega"
 
 
 def test_all_figures_leave_branches_out_where_there_are_none(monkeypatch) -> None:  # type: ignore[no-untyped-def]
