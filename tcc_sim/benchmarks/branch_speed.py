@@ -34,8 +34,11 @@ from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 KEY = "friction.kinetic_coefficient"
-MESHES = (200, 800, 1600)
+MESHES = (200, 400, 800)
 """Mesh intervals that AUTO is given, until it gets through the range."""
+TUNED = {1: (4, 0.02), 2: (5, 0.01)}
+"""Collocation points in each (NCOL) and longest step (DSMAX) by period: with those of period one AUTO locates the upper
+fold of period two with no mesh, with the others with 400 intervals."""
 MOST = 45
 """Points followed to either side from the middle of the branch of period two, enough to pass both of its folds."""
 REPEATS = 5
@@ -178,11 +181,12 @@ end subroutine
 
 def constants(system: System, period: int, low: float, high: float) -> str:
     """AUTO's file of constants."""
+    points, longest = TUNED[period]
     return "\n".join([
         "dat='model.dat'", f"PAR={{1: {system.friction.kinetic_coefficient!r}, 11: {period * system.cycle!r}}}",
-        "NDIM=5, IPS=2, IRS=0, ILP=1, ICP=[1, 11], NCOL=4, IAD=3, ISP=2, ISW=1, IPLT=0, NBC=0, NINT=0",
+        f"NDIM=5, IPS=2, IRS=0, ILP=1, ICP=[1, 11], NCOL={points}, IAD=3, ISP=2, ISW=1, IPLT=0, NBC=0, NINT=0",
         "NMX=600, NPR=0, MXBF=0, IID=2, ITMX=9, ITNW=10, NWTN=10, JAC=1", "EPSL=1e-8, EPSU=1e-8, EPSS=1e-8",
-        "DS=0.001, DSMIN=1e-5, DSMAX=0.02, IADS=1", f"THL={{11: 0.0}}, UZSTOP={{1: [{low!r}, {high!r}]}}", ""])
+        f"DS=0.001, DSMIN=1e-5, DSMAX={longest!r}, IADS=1", f"THL={{11: 0.0}}, UZSTOP={{1: [{low!r}, {high!r}]}}", ""])
 
 
 def installed() -> bool:
