@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
-from tcc_sim.paper.seen_motions import seen_in
+from tcc_sim.paper.seen_motions import RUNS, seen_in
 from tcc_sim.studies.attractors import find_attractors
 from tcc_sim.studies.basins import halton
 from tcc_sim.studies.driveline_map import DrivelineMap
@@ -146,7 +146,7 @@ def words_of(motion: dict[str, Any]) -> str:
     where = f"at {min(at):g} to {max(at):g} ({len(at)} values)" if at else "nowhere"
     curve = f"{motion['curve']}: " if motion["curve"] else ""
     return (f"{curve}period {motion['period']}, stable over {motion['over']} from {ends[0]} to {ends[1]}; "
-            f"within {CYCLES + LATER} cycles (13) leads to it {where}")
+            f"within {CYCLES + RUNS * LATER} cycles (13) leads to it {where}")
 
 
 def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any, *,
