@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
@@ -143,7 +144,9 @@ def words_of(motion: dict[str, Any]) -> str:
                                        if end["kind"] else "followed no further") + ")"
             for end in (motion["low"], motion["high"])]
     at = motion["from_start"]
-    where = f"at {min(at):g} to {max(at):g} ({len(at)} values)" if at else "nowhere"
+    where = "nowhere"
+    if at:
+        where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} ({counted(len(at), 'value')})"
     curve = f"{motion['curve']}: " if motion["curve"] else ""
     return (f"{curve}period {motion['period']}, stable over {motion['over']} from {ends[0]} to {ends[1]}; "
             f"within {CYCLES + RUNS * LATER} cycles (13) leads to it {where}")

@@ -71,8 +71,9 @@ def test_motions_stand_on_the_page_in_words() -> None:
                   reached=lambda row: {0})
     (motion,) = given.motions("psi = 0", AT_036, AXIS, over=KINETIC)
     assert words_of(motion) == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
-                                "(fold, residual 1e-12); within 650 cycles (13) leads to it at 0.865 to 0.93 "
+                                "(fold, residual 1e-12); within 2650 cycles (13) leads to it at 0.865 to 0.93 "
                                 "(5 values)")
+    assert words_of({**motion, "from_start": [0.9]}).endswith("leads to it at 0.9 (1 value)")
     assert words_of({**motion, "curve": "", "from_start": []}).endswith("cycles (13) leads to it nowhere")
     verdict = Verdict(Finding("6", "a claim", "a criterion", {}, "confirmed", "", (motion,)), "confirmed")
     page = claims_page([verdict], None)
