@@ -27,6 +27,8 @@ SQUARED = 1e-5
 """A Newton step below this leaves an error of its square; the residual before it then decides too."""
 SLOWEST = 0.7
 """Share of the step before above which Newton's method is given up: a shorter step of the walk costs less."""
+GROWN, NOTHING = 10.0, 1e-12
+"""Growth of a residual by the last Newton step above which that step has led elsewhere, and a residual that is none."""
 CONTRACTION = 0.15
 """Share of Newton's first step that the second one is aimed to be: four of them then reach rounding."""
 MORE_REFUSED = 1.2
@@ -123,6 +125,22 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
     return None
 
 
+def astray_beyond(equations: Equations, here: Point, new: Point) -> bool:
+    """Whether a step over a change of the event sequence has come to no solution.
+
+    There the curve may have a corner, and Newton's method a cycle of two points on either side of it: the last step
+    from a small residual beyond leads back to a large one.
+    """
+    before, after = here.found.seen, new.found.seen
+    if before is None or after is None or before.events == after.events:
+        return False
+    try:
+        left = float(np.abs(equations.linearise(new.z).residual).max())
+    except FAILURES:
+        return True
+    return left > GROWN * max(float(np.abs(new.found.residual).max()), NOTHING)
+
+
 def tangent_of(found: Linearised, along: Floats) -> Floats:
     """The unit tangent of the curve on the side of `along`."""
     side = np.zeros(len(along))
@@ -198,7 +216,8 @@ def advance(equations: Equations, here: Point, before: Sequence[Point], stride: 
             turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
             jumped = new.sign != here.sign and stride.length > stride.branching
             astray = beside(here, new, len(climb) > 0) < stride.turn
-            if found.distance <= stride.farthest * stride.length and not (turned or jumped or astray):
+            if found.distance <= stride.farthest * stride.length and not (turned or jumped or astray
+                                                                          or astray_beyond(equations, here, new)):
                 stride.length = stride.after(found, refused)
                 return new
         stride.length *= 0.5

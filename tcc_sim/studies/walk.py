@@ -118,6 +118,8 @@ class Walk:
                 break
             self._take(new)
             before.append(here.point)
+            if here.shooting.map.piecewise and differ(here.orbit.seen.events, new.orbit.seen.events):
+                before = []  # Beyond a corner the points before it tell nothing.
             if self.done or self._in_family():
                 break
             recut = self._recut(self.stations[-1])

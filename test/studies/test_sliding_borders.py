@@ -144,3 +144,24 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     grazing = [f for f in found.bifurcations if f.kind == "grazing_sliding"]
     assert [f.value for f in grazing] == pytest.approx([60.4323499, 61.0995394, 61.0868244, 63.0914522], abs=1e-6)
     assert max(f.residual for f in found.bifurcations) < 1e-8
+
+
+@pytest.mark.parametrize("start", [57.456, 57.40])
+def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
+    """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes to
+    and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the branch
+    went back along itself.
+    """
+    system = replace(System(), {"friction.law": "set_valued", MU_K: 0.26032645180732467, OMEGA: 57.52,
+                                "pressure.mean": 225e3, "pressure.amplitude": 28125.0,
+                                "pressure.frequency_ratio": 2 / 3, PSI: 6.051853081466417})
+    branch, = continue_motions(system, Plan(OMEGA, start, 57.52, period=3)).branches
+    assert [branch.stations[0].value, branch.stations[-1].value] == [start, 57.52]
+    near = [f for f in branch.bifurcations if 57.46 < f.value < 57.48]
+    assert [f.kind for f in near] == ["fold", "grazing_sliding"]
+    assert [f.value for f in near] == pytest.approx([57.464462122, 57.464461386], abs=2e-9)
+    within = [s for s in branch.stations if near[1].value < s.value < near[0].value]
+    kept = [min(within, key=lambda s, m=m: abs(s.orbit.multipliers[0].real - m)) for m in (-815.0, 1.5, 0.85)]
+    for station in kept:
+        # It closes by SciPy's motion too.
+        margin_by_scipy("grazing_sliding", replace(system, {OMEGA: station.value}), station.orbit.section, 3)
