@@ -148,9 +148,9 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
 
 @pytest.mark.parametrize("start", [57.456, 57.40])
 def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
-    """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes to
-    and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the branch
-    went back along itself.
+    """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes
+    to and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the
+    branch went back along itself.
     """
     system = replace(System(), {"friction.law": "set_valued", MU_K: 0.26032645180732467, OMEGA: 57.52,
                                 "pressure.mean": 225e3, "pressure.amplitude": 28125.0,
