@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.studies.bifurcations import Bifurcation, Chord, Station, station_at
+from tcc_sim.studies.bifurcations import WORST, Bifurcation, Chord, Station, station_at
 from tcc_sim.studies.continuation import point_at, tangent_of
 from tcc_sim.studies.event_borders import border_residual, differ, kind_of_change, margin_of, ring
 from tcc_sim.studies.maps import FAILURES, Floats, Margins
@@ -38,7 +38,7 @@ ASTRAY = 10.0
 def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
     """The stations on both sides of a change of the event sequence, and the bifurcation there.
 
-    None where the change is none of friction (the pressure meeting 0).
+    None where the change is none of friction (the pressure meeting 0), or where no margin vanishes.
     """
     low, high = 0.0, 1.0
     left, right = chord.a, chord.b
@@ -72,7 +72,8 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
         if best is None or residual < best[2].residual:
             best = left, right, Bifurcation(kind, at, residual)
     assert best is not None
-    return best
+    # Slip that begins at phase 0 itself, to rounding, changes the sequence too, and nothing vanishes there.
+    return best if best[2].residual < WORST else (best[0], best[1], None)
 
 
 def observed(station: Station) -> Station:

@@ -22,7 +22,7 @@ from tcc_sim.studies.event_borders import differ
 from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import newton
 from tcc_sim.studies.passages import between, collapse, returned, returning
-from tcc_sim.studies.shooting import GROWTH, Shooting
+from tcc_sim.studies.shooting import GROWTH, Linearised, Shooting
 
 MOST_POINTS = 3000
 MOST_TRIES = 6000
@@ -252,7 +252,10 @@ class Walk:
         return station_at(finer, point_at(polished, found, tangent_of(found, along)))
 
     def _turn_at_border(self, here: Station) -> bool:
-        """Go on beyond a change of the event sequence at which the branch has a corner; whether that was possible."""
+        """Go on beyond a change of the event sequence at which the branch has a corner; whether that was possible.
+
+        An end of slip that passes phase 0 makes one too: of motions that stick there none has a slip speed.
+        """
         shooting = here.shooting
         if not shooting.map.piecewise:
             return False
@@ -263,24 +266,31 @@ class Walk:
                 sides = [self._events_at(shooting, here.point.z + s * beside * tangent) for s in (1.0, -1.0)]
             except FAILURES:
                 continue
-            changed = [differ(e, here.orbit.seen.events) for e in sides]
-            if changed[0] == changed[1]:
-                continue
-            tangent = tangent if changed[0] else -tangent
+            for along, events in zip((tangent, -tangent), sides):
+                new = None if events == here.orbit.seen.events else self._beyond(here, found, along, beside)
+                if new is not None:
+                    self._take(new)
+                    return True
+        return False
+
+    def _beyond(self, here: Station, found: Linearised, along: Floats, beside: float) -> Station | None:
+        """The next station on the other piece of a branch that has a corner at `here`; None where none is found.
+
+        found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
+        """
+        shooting, z = here.shooting, here.point.z
+        for known in (found, None):
             stride = Stride(length=beside, smallest=1e-10)
-            start = point_at(here.point.z, found, tangent)
             try:
-                moved = advance(shooting, start, [], stride, False)
-                if moved is None:
-                    continue
-                new = station_at(shooting, moved)
+                start = known or shooting.linearise(z + beside * along)
+                moved = advance(shooting, point_at(z, start, tangent_of(start, along)), [], stride, False)
+                new = None if moved is None else station_at(shooting, moved)
             except FAILURES:
                 continue
-            if differ(new.orbit.seen.events, here.orbit.seen.events):
+            if new is not None and new.orbit.seen.events != here.orbit.seen.events:
                 self.stride.length = stride.length
-                self._take(new)
-                return True
-        return False
+                return new
+        return None
 
     @staticmethod
     def _events_at(shooting: Shooting, z: Floats) -> str:

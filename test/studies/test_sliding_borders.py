@@ -165,3 +165,21 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
     for station in kept:
         # It closes by SciPy's motion too.
         margin_by_scipy("grazing_sliding", replace(system, {OMEGA: station.value}), station.orbit.section, 3)
+
+
+PULSED = replace(System(), {"friction.law": "set_valued", "pressure.mean": 225e3, "pressure.amplitude": 112.5e3,
+                            "pressure.frequency_ratio": 2 / 3})
+
+
+@pytest.mark.parametrize(("changes", "plan", "ends", "others"), [
+    ({OMEGA: 143.36225159413465, MU_K: 0.28861945760876007, PSI: 1.1955}, Plan(PSI, 1.1, 1.1968, period=3),
+     ("+S+S+S+", "S+S-S+S+S"), {"adding_sliding": 1.17245087}),
+    ({OMEGA: 223.2582543030187, MU_K: 0.2176099171331234, PSI: 4.248239135991167, "driveline.damping": 0.5},
+     Plan("driveline.damping", 0.1, 2.0, period=3), ("S+S", "+S+"), {})], ids=["slip ends", "slip begins"])
+def test_an_event_that_passes_phase_0_neither_ends_a_branch_nor_is_a_bifurcation(changes, plan, ends, others):
+    """Where slip ends at phase 0 the section has a corner: on one side of it no motion has a slip speed there."""
+    branch, = continue_motions(replace(PULSED, changes), plan).branches
+    first, last = branch.stations[0], branch.stations[-1]
+    assert (first.value, last.value) == (plan.low, plan.high)
+    assert {f.kind: f.value for f in branch.bifurcations} == pytest.approx(others, abs=1e-8)
+    assert (first.orbit.seen.events, last.orbit.seen.events) == ends
