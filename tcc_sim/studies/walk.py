@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,6 +41,8 @@ CANARD = 1e10
 """Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to no better than 1e-2 over its
 period, and neither value nor sign of such a multiplier can be trusted. Motions along the falling branch of friction get
 there."""
+SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
+"""Kinds that are no change of the event sequence."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
@@ -61,6 +63,20 @@ class Course:
     tick: Callable[[Station], None] | None = None
     detect: bool = True
     largest: float = 0.1
+
+
+def away_from(found: list[Bifurcation], new: Station) -> Station:
+    """The station behind a change of the event sequence, with its tangent away from there.
+
+    Where two pieces of a branch meet on one side of a border, tangents that point alike lead back to it.
+    """
+    borders = [f.station.point.z for f in found if f.kind not in SMOOTH]
+    if not borders or len(borders[-1]) != len(new.point.z):
+        return new
+    way = new.point.z - borders[-1]
+    if float(way @ new.point.tangent) > -0.5 * float(np.linalg.norm(way)):
+        return new
+    return replace(new, point=new.point._replace(tangent=-new.point.tangent, sign=-new.point.sign))
 
 
 @dataclass
@@ -160,6 +176,7 @@ class Walk:
                 last.pop()
             self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
         self.bifurcations += found
+        new = away_from(found, new)
         if self.course.tick is not None:
             self.course.tick(new)
         if len(self.stations) > 3 and not self.done and returned(self._ends, self.stations[0], here, new):

@@ -183,3 +183,15 @@ def test_an_event_that_passes_phase_0_neither_ends_a_branch_nor_is_a_bifurcation
     assert (first.value, last.value) == (plan.low, plan.high)
     assert {f.kind: f.value for f in branch.bifurcations} == pytest.approx(others, abs=1e-8)
     assert (first.orbit.seen.events, last.orbit.seen.events) == ends
+
+
+def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
+    """Both motions that meet at the grazing at 48.9755788 rad/s exist above it, with tangents that point alike: the
+    walk stepped from one to the other beside the border, with its tangent back to it, and went back along itself.
+    """
+    system = replace(EQUAL, {MU_K: 0.2789029457369511, OMEGA: 49.2})
+    branch, = continue_motions(system, Plan(OMEGA, 46.4758, 60.0, period=1)).branches
+    assert [branch.stations[0].value, branch.stations[-1].value] == [46.4758, 60.0]
+    met = [(f.kind, round(f.value, 7)) for f in branch.bifurcations]
+    assert len(set(met)) == len(met)
+    assert ("grazing_sliding", 48.9755788) in met
