@@ -15,7 +15,7 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import JUMP
 from tcc_sim.paper.seen_motions import seen_in, still_higher, surveyed
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.studies.bifurcations import Bifurcation
+from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.jumps import jumps_of
 from tcc_sim.studies.progress import progress_bar
@@ -27,7 +27,6 @@ from tcc_sim.trajectory import State
 STICK_BORDER = "stick_border"
 CREEP = 3.0
 """Largest slip speed, in those up to which law (7) counts as stick, at which a motion still creeps in stick."""
-SMOOTH_ENDS = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict[str, Any]]:
@@ -92,7 +91,7 @@ def _alone(sweep: Sweep) -> dict[str, Any]:
 
 def creeps(found: Bifurcation, system: System) -> bool:
     """Whether a bifurcation of the smoothed law is the end of stick: its motion still creeps."""
-    if system.friction.law != "smoothed" or found.kind not in SMOOTH_ENDS:
+    if system.friction.law != "smoothed" or found.kind not in SMOOTH:
         return False
     limit = stick_speed_of(terms_of(system))
     return math.isfinite(limit) and found.station.orbit.seen.largest <= CREEP * limit

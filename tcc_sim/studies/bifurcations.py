@@ -20,6 +20,8 @@ from tcc_sim.studies.maps import FAILURES, Floats
 from tcc_sim.studies.orbits import Orbit, orbit_at
 from tcc_sim.studies.shooting import Shooting
 
+SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
+"""Kinds that are no change of the event sequence."""
 ROOT_TOLERANCE = 1e-13
 """Width of the bracket, relative to the step, at which a root counts as found."""
 ENOUGH = 1e-11

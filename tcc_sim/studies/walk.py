@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at
+from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation, Station, station_at
 from tcc_sim.studies.continuation import (
     LARGEST_LEFT,
     Point,
@@ -41,8 +41,6 @@ CANARD = 1e10
 """Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to no better than 1e-2 over its
 period, and neither value nor sign of such a multiplier can be trusted. Motions along the falling branch of friction get
 there."""
-SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
-"""Kinds that are no change of the event sequence."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
