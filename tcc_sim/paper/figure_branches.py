@@ -53,7 +53,7 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
     for sweep, row in zip(sweeps, found):
         forward = sorted(row, key=lambda s: s.value)
         jumps = []
-        for jump in jumps_of(forward, branches, JUMP, base):
+        for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction):
             entry = jump.as_json(bifurcations)
             if jump.found is not None and creeps(jump.found, sweep.curve.system):
                 entry["cause"] = STICK_BORDER

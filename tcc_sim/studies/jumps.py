@@ -49,7 +49,8 @@ class Jump:
                 "cause": self.cause, "bifurcation": numbers[0] if numbers else None}
 
 
-def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, base: int = 1) -> list[Jump]:
+def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, base: int = 1,
+             direction: str = "cold") -> list[Jump]:
     """The jumps of a sweep, each with its cause.
 
     Parameters
@@ -58,6 +59,8 @@ def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, bas
     branches : as `survey` found them
     least : smallest change of the largest size between neighbours that counts, relative to the largest with a period
     base : cycles after which the excitation repeats
+    direction : up or down where every motion goes on from its neighbour below or above: the end of that one is the
+        cause then
     """
     size = size_of(seen)
     width = abs(seen[-1].value - seen[0].value) if seen else 0.0
@@ -65,17 +68,17 @@ def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, bas
     for a, b in pairwise(seen):
         if not abs(b.height - a.height) > least * size:
             continue
-        cause, found = _cause(a, b, branches, size, width, base)
+        cause, found = _cause(a, b, branches, size, width, base, direction)
         out.append(Jump(a.value, b.value, a.height, b.height, cause, found))
     return out
 
 
-def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: float,
-           base: int) -> tuple[str, Bifurcation | None]:
+def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: float, base: int,
+           direction: str) -> tuple[str, Bifurcation | None]:
     """What ends between two neighbouring motions of a sweep."""
     here, there = place_of(a, branches, size, base), place_of(b, branches, size, base)
     unplaced = NOT_FOLLOWED if any(s.period and p is None for s, p in ((a, here), (b, there))) else APERIODIC
-    ends = []
+    ends: list[tuple[bool, Bifurcation]] = []
     for place, goal, other, seen in ((here, b.value, there, b), (there, a.value, here, a)):
         if place is None:
             continue
@@ -87,10 +90,10 @@ def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: flo
         if not reached:
             found = nearest_bifurcation(branch, last, size, width)
             if found is not None:
-                ends.append(found)
+                ends.append((direction == ("up" if place is here else "down"), found))
     if ends:
         middle = 0.5 * (a.value + b.value)
-        best = min(ends, key=lambda f: abs(f.value - middle))
+        best = max(ends, key=lambda end: (end[0], -abs(end[1].value - middle)))[1]
         return best.kind, best
     return (BASIN, None) if here is not None and there is not None else (unplaced, None)
 

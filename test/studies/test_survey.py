@@ -93,6 +93,16 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
     assert jump.low <= -0.05 + 0.05**3 <= jump.high  # the unstable motion is at the start: p + x - x^3 = 0
 
 
+@pytest.mark.parametrize(("direction", "side"), [("up", 1.0), ("down", -1.0)])
+def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str, side: float) -> None:
+    # p + x - x^3 = 0: the lower motion ends at p = 2/3^1.5, the upper one at -2/3^1.5.
+    seen = [Seen(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
+            for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in swept(hysteresis, np.array([p]), p, cycles=400)]
+    branches = survey(Lifted(hysteresis, 1), Window(-0.6, 0.6), "p", seen)
+    jump, = jumps_of(seen, branches, 0.2, direction=direction)
+    assert (jump.cause, jump.value) == ("fold", pytest.approx(side * 2.0 / 3.0**1.5, abs=1e-9))
+
+
 def test_a_jump_at_a_doubling_names_it_and_its_unstable_branch_is_followed() -> None:
     seen = swept(subcritical, np.linspace(-0.31, 0.09, 5), 1e-3, cycles=4000, period_of=period)
     branches = surveyed(subcritical, seen, -0.31, 0.09)
