@@ -34,20 +34,25 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.benchmarks.branch_speed import compared, page_lines
     from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
     from tcc_sim.paper.figure_options import FigureOptions
-    from tcc_sim.paper.figures import figure_data
+    from tcc_sim.paper.figures import figure_of
     from tcc_sim.paper.motions_page import motions_page
     from tcc_sim.studies.basin_rows import basins
     from tcc_sim.studies.basins import Axis
+    from tcc_sim.studies.processes import each_in_a_process
     from tcc_sim.studies.sweep import values_of_range
 
     cells = QUICK_CELLS if arguments.quick else CELLS
     plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",
                                                                 f"initial.plate_angle=-0.1:0.3:{cells}")]
-    branched = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True, branches=True)
-    plain = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True)
+    # A bar counts the figures; those of their parts would write over each other.
+    alone = arguments.jobs == 1
+    branched = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=alone, branches=True)
+    plain = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=alone)
     try:
-        branches = figure_data(6, branched)
-        charts = {number: figure_data(number, plain) for number in CHARTS}
+        # The charts take longest, so they come first.
+        tasks = [*((number, plain) for number in CHARTS), (6, branched)]
+        *drawn, branches = each_in_a_process(figure_of, tasks, arguments.jobs, "figure", True)
+        charts = dict(zip(CHARTS, drawn))
         found, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
         beside = [] if arguments.quick else page_lines(list(compared()))
     except (KeyboardInterrupt, BasinsInterrupted):

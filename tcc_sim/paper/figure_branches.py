@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
-import signal
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,7 +16,7 @@ from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.jumps import jumps_of
-from tcc_sim.studies.progress import progress_bar
+from tcc_sim.studies.processes import each_in_a_process
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.survey import Seen, left_out, station_of
 from tcc_sim.studies.sweep import Sweep, cores
@@ -68,20 +66,10 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
 
 def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
                         progress: bool = False) -> list[dict[str, Any]]:
-    """`motions_behind` of every sweep, of systems that differ, each in a process: following branches holds the
-    interpreter lock most of the time.
-    """
-    count = min(len(sweeps), jobs or cores())
-    if count < 2:
+    """`motions_behind` of every sweep, of systems that differ, each in a process."""
+    if min(len(sweeps), jobs or cores()) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
-    # Ctrl-C ends the pool, which ends its processes; they are not to report it themselves.
-    with multiprocessing.get_context("spawn").Pool(count, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool, \
-            progress_bar("curve", len(sweeps), shown=progress) as bar:
-        out = []
-        for found in pool.imap(_alone, sweeps):
-            out.append(found)
-            bar.update()
-        return out
+    return each_in_a_process(_alone, sweeps, jobs, "curve", progress)
 
 
 def _alone(sweep: Sweep) -> dict[str, Any]:

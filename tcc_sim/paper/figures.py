@@ -49,6 +49,11 @@ def figure_data(number: int, options: FigureOptions) -> dict[str, Any]:
     return out
 
 
+def figure_of(task: tuple[int, FigureOptions]) -> dict[str, Any]:
+    """`figure_data` of a number and options, as a part of the work of several processes."""
+    return figure_data(*task)
+
+
 def figure_system(number: int, options: FigureOptions) -> System:
     """The system of a figure's first curve; the others and its axis are changes of it."""
     return system_of(figure_row(number).series[0], options)

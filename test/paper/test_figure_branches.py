@@ -176,7 +176,7 @@ def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) 
     monkeypatch.setattr(figures, "figure_data", lambda number, options: data[number])
     monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
     folder = tmp_path / "motions"
-    assert main(["motions", "--quick", "--out", str(folder)]) == 0
+    assert main(["motions", "--quick", "--jobs", "1", "--out", str(folder)]) == 0
     page = (folder / "motions.md").read_text()
     pictures = re.findall(r"\((pictures/[a-z_]+\.png)\)", page)
     assert len(pictures) == 4
@@ -194,7 +194,7 @@ def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None
         raise KeyboardInterrupt
 
     monkeypatch.setattr(figures, "figure_data", interrupted)
-    assert main(["motions", "--out", str(tmp_path / "motions")]) == 130
+    assert main(["motions", "--jobs", "1", "--out", str(tmp_path / "motions")]) == 130
     assert not list(tmp_path.iterdir())
 
 
