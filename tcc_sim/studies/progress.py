@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+
+_lock = threading.RLock()
+"""Of all bars of a process. tqdm's own is a semaphore of the system too, which a process that is ended leaves behind.
+"""
 
 
 @contextmanager
@@ -20,5 +25,6 @@ def progress_bar(unit: str, total: int | None = None, done: int = 0, shown: bool
     """
     from tqdm import tqdm
 
+    tqdm.set_lock(_lock)
     with tqdm(total=total, initial=done, disable=None if shown else True, unit=unit, smoothing=0.05) as bar:
         yield bar
