@@ -55,6 +55,11 @@ def named_jumps(curves: Sequence[Data]) -> bool:
     return any(jump["cause"] not in UNNAMED + UNSEEN for curve in curves for jump in curve["jumps"])
 
 
+def room_above(curves: Sequence[Data]) -> float:
+    """Room over the axes, in points, for what `label_jumps` writes there and a title."""
+    return 64.0 if named_jumps(curves) else 6.0
+
+
 def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequence[str]) -> None:
     """The cause of every jump that a bifurcation or a basin makes, written upwards from the top of the axes, none over
     another; a thin line leads to it. Jumps beside a motion without a period or a branch have a dotted line alone.

@@ -19,9 +19,6 @@ MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
 SECTION = r"$\delta_2$ (rad)"
 DIRECTIONS = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
 
-LABELS, PLAIN = 64.0, 6.0
-"""Room over the axes, in points, with labels of jumps written upwards there and without."""
-
 
 def draw(data: Data, stem: Path) -> None:
     """Write the picture of one figure as `stem`.png and `stem`.svg.
@@ -187,7 +184,7 @@ def _paint_branches(drawn: Any, data: Data) -> None:
             _marks(axis, data)
     for axis in rows[-1]:
         axis.set_xlabel(AXES[data["axis"]])
-    room = LABELS if panels.named_jumps(curves[:1]) else PLAIN
+    room = panels.room_above(curves[:1])
     for axis, title in zip(rows[0], ("(a) maximum slip speed", "(b) orbit diagrams")):
         axis.annotate(title, (0.0, 1.0), (0.0, room), xycoords="axes fraction", textcoords="offset points",
                       fontsize=8.5, fontweight="bold")
@@ -274,7 +271,7 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
         titles.append("branches behind both")
     style.panel_titles(axes, titles)
     if branched:
-        axes[-1].set_title(axes[-1].get_title(loc="left"), pad=LABELS if panels.named_jumps(curves) else PLAIN)
+        axes[-1].set_title(axes[-1].get_title(loc="left"), pad=panels.room_above(curves))
 
 
 def _paint_law(drawn: Any, data: Data) -> None:
