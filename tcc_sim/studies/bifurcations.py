@@ -56,6 +56,12 @@ class Station:
         return self.orbit.values[0]
 
 
+def turned(station: Station) -> Station:
+    """The station with its tangent the other way round."""
+    point = station.point
+    return replace(station, point=point._replace(tangent=-point.tangent, sign=-point.sign))
+
+
 @dataclass(frozen=True)
 class Bifurcation:
     """A located bifurcation.

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at, with_branch
+from tcc_sim.studies.bifurcations import Bifurcation, Station, station_at, turned, with_branch
 from tcc_sim.studies.continuation import null_direction, point_at
 from tcc_sim.studies.maps import Floats
 from tcc_sim.studies.shooting import Shooting
@@ -47,15 +47,13 @@ def follow(first: Station, course: Course, origin: Any, number: int, *, both: bo
     walks: list[Walk] = []
     try:
         for sign in (1.0, -1.0) if both else (1.0,):
-            point = first.point
-            turned = point if sign > 0.0 else point._replace(tangent=-point.tangent, sign=-point.sign)
-            walks.append(Walk(course, [replace(first, point=turned)]))
+            walks.append(Walk(course, [first if sign > 0.0 else turned(first)]))
             if walks[-1].run().closed:
                 break
     finally:
         forward = walks[0]
         backward = walks[1] if len(walks) > 1 else None
-        behind = [] if backward is None else [_turned(s) for s in backward.stations[:0:-1]]
+        behind = [] if backward is None else [turned(s) for s in backward.stations[:0:-1]]
         branch.stations = behind + forward.stations
         branch.bifurcations = [with_branch(f, number) for w in (backward, forward) if w is not None
                                for f in (w.bifurcations[::-1] if w is backward else w.bifurcations)]
@@ -66,12 +64,6 @@ def follow(first: Station, course: Course, origin: Any, number: int, *, both: bo
         behind_it = backward.sentence if backward is not None else began
         branch.ended = (ahead if forward.closed else behind_it or ahead, ahead)
     return branch
-
-
-def _turned(station: Station) -> Station:
-    """The station with its tangent the other way round."""
-    point = station.point
-    return replace(station, point=point._replace(tangent=-point.tangent, sign=-point.sign))
 
 
 def first_station(shooting: Shooting, z: Floats) -> Station:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation, Station, station_at
+from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation, Station, station_at, turned
 from tcc_sim.studies.continuation import (
     LARGEST_LEFT,
     Point,
@@ -74,7 +74,7 @@ def away_from(found: list[Bifurcation], new: Station) -> Station:
     way = new.point.z - borders[-1]
     if float(way @ new.point.tangent) > -0.5 * float(np.linalg.norm(way)):
         return new
-    return replace(new, point=new.point._replace(tangent=-new.point.tangent, sign=-new.point.sign))
+    return turned(new)
 
 
 @dataclass
