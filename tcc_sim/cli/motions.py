@@ -38,14 +38,14 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.paper.motions_page import motions_page
     from tcc_sim.studies.basin_rows import basins
     from tcc_sim.studies.basins import Axis
-    from tcc_sim.studies.processes import each_in_a_process
+    from tcc_sim.studies.processes import each_in_a_process, processes_for
     from tcc_sim.studies.sweep import values_of_range
 
     cells = QUICK_CELLS if arguments.quick else CELLS
     plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",
                                                                 f"initial.plate_angle=-0.1:0.3:{cells}")]
     # A bar counts the figures; those of their parts would write over each other.
-    alone = arguments.jobs == 1
+    alone = processes_for(1 + len(CHARTS), arguments.jobs) < 2
     branched = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=alone, branches=True)
     plain = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=alone)
     try:

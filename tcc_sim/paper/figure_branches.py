@@ -16,10 +16,10 @@ from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation
 from tcc_sim.studies.driveline_map import DrivelineMap
 from tcc_sim.studies.jumps import jumps_of
-from tcc_sim.studies.processes import each_in_a_process
+from tcc_sim.studies.processes import each_in_a_process, processes_for
 from tcc_sim.studies.shooting import Window
 from tcc_sim.studies.survey import Seen, left_out, station_of
-from tcc_sim.studies.sweep import Sweep, cores
+from tcc_sim.studies.sweep import Sweep
 from tcc_sim.trajectory import State
 
 STICK_BORDER = "stick_border"
@@ -67,7 +67,7 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
 def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
                         progress: bool = False) -> list[dict[str, Any]]:
     """`motions_behind` of every sweep, of systems that differ, each in a process."""
-    if min(len(sweeps), jobs or cores()) < 2:
+    if processes_for(len(sweeps), jobs) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
     return each_in_a_process(_alone, sweeps, jobs, "curve", progress)
 

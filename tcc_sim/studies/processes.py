@@ -13,6 +13,11 @@ from tcc_sim.studies.sweep import cores
 Part = TypeVar("Part")
 
 
+def processes_for(parts: int, jobs: int | None = None) -> int:
+    """How many processes so many parts are given, of at most `jobs`, by default one for every core."""
+    return min(parts, jobs or cores())
+
+
 def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: int | None = None, unit: str = "part",
                       progress: bool = False) -> list[Any]:
     """What `work`, a function of a module, makes of every part, in order.
@@ -22,7 +27,7 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
     jobs : processes, all cores by default; with one, or for one part, `work` is called here
     unit, progress : what a part is called, and whether a bar counts them on a terminal
     """
-    count = min(len(parts), jobs or cores())
+    count = processes_for(len(parts), jobs)
     if count < 2:
         return [work(part) for part in parts]
     # Ctrl-C ends the pool, which ends its processes; they are not to report it themselves.
