@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import LATER, later
@@ -89,9 +90,9 @@ def largest_of(system: System, state: Sequence[float], cycle: int, period: int) 
     period : cycles after which the section repeats
     """
     together = math.lcm(period, common_cycles(system) or 1)
-    cycles = solve(system, cycles=together, start_cycle=cycle, state=State(*state[:3])).raise_for_status().cycles
+    cycles = solve(system, cycles=together, start_cycle=cycle, state=State(*state)).raise_for_status().cycles
     assert cycles is not None
-    return float(np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)).max())
+    return summarise_cycles(cycles, system.cycle).max_slip_speed
 
 
 def still_higher(sweep: Sweep, seen: Sequence[Seen]) -> int:
