@@ -7,27 +7,29 @@ config/*.yaml (a scene) -> scene.Scene -> model + solvers, holding only what the
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from tcc_sim.basins.rows import basins
+    from tcc_sim.continuation.motions import continuation
     from tcc_sim.model.parameters import System
     from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
-    from tcc_sim.studies.basin_rows import basins
-    from tcc_sim.studies.motions import continuation
-    from tcc_sim.studies.simulation import simulate
-    from tcc_sim.studies.sweep import sweep, sweep_grid
+    from tcc_sim.sweeps.simulation import simulate
+    from tcc_sim.sweeps.sweep import sweep, sweep_grid
     from tcc_sim.trajectory import Trajectory
     from tcc_sim.views.plots import plot
 
 __version__ = "0.1.0"
 
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
-           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.studies.simulation",
-           "sweep": "tcc_sim.studies.sweep", "sweep_grid": "tcc_sim.studies.sweep", "analyse": "tcc_sim.replay.replay",
-           "continuation": "tcc_sim.studies.motions", "basins": "tcc_sim.studies.basin_rows",
+           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.sweeps.simulation",
+           "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep", "analyse": "tcc_sim.replay.replay",
+           "continuation": "tcc_sim.continuation.motions", "basins": "tcc_sim.basins.rows",
            "plot": "tcc_sim.views.plots"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
@@ -45,3 +47,15 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """The public names."""
     return sorted(__all__)
+
+
+class _Package(ModuleType):
+    """Two rooms have the names of the functions that they are for; importing a room does not hide its function."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Bind a name, but for a room where Python would put it over a public function."""
+        if not (name in _PUBLIC and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

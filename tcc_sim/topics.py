@@ -22,7 +22,7 @@ class Topic:
     carries : what one message says
     view : entity path in Rerun; empty where it is not shown
     latched : the last message is kept for those who subscribe later
-    fields : what fills it every tick, names of `nodes.plant.Reading`; empty where it is not said every tick
+    fields : what fills it every tick, names of `plant.driveline.Reading`; empty where it is not said every tick
     key : the scene key that has the range of a command
     """
 

@@ -3,7 +3,7 @@
 import os
 import signal
 
-from tcc_sim.solvers import kernel_cache
+from tcc_sim.solvers.compiling import kernel_cache
 
 
 def pytest_configure() -> None:

@@ -16,17 +16,18 @@ from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solvers", "recording", "analysis", "studies",
-         "output", "views", "nodes", "replay", "paper", "benchmarks", "cli", "__main__"]
+ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solvers", "plant", "recording", "analysis",
+         "sweeps", "continuation", "basins", "output", "views", "nodes", "replay", "paper", "benchmarks", "cli",
+         "__main__"]
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes"]
 DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {
-    "numba": ["solvers.compiled", "solvers.kernel_cache", "solvers.linked", "solvers.unrolled"],
-    "llvmlite": ["solvers.unrolled"], "scipy": ["solvers", "analysis", "studies", "benchmarks"],
-    "distributed": ["studies.cluster"], "dask": ["studies.cluster"],
+    "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
+    "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "benchmarks"],
+    "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["scene", "recording", "messages"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,

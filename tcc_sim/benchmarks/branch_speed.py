@@ -22,14 +22,14 @@ from pathlib import Path
 
 import numpy as np
 
+from tcc_sim.continuation.branch import first_station, follow
+from tcc_sim.continuation.initial_orbits import start_orbit
+from tcc_sim.continuation.motions import Plan, check
+from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.walk import Course
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.studies.beginnings import start_orbit
-from tcc_sim.studies.branches import first_station, follow
-from tcc_sim.studies.motions import Plan, check
-from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.walk import Course
 from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))

@@ -12,7 +12,7 @@ from tcc_sim.errors import BasinsInterrupted, InputError, counted
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
-    from tcc_sim.studies.basins import Axis, Basins
+    from tcc_sim.basins.compute import Axis, Basins
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,10 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
+    from tcc_sim.basins.rows import basins
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document, said
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.studies.basin_rows import basins
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     plane = [_axis("--plane", text) for text in arguments.plane]
@@ -84,8 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _axis(option: str, text: str) -> Axis:
     """KEY=START:STOP:COUNT."""
-    from tcc_sim.studies.basins import Axis
-    from tcc_sim.studies.sweep import values_of_range
+    from tcc_sim.basins.compute import Axis
+    from tcc_sim.sweeps.sweep import values_of_range
 
     key, values = values_of_range(text, option)
     return Axis(key, tuple(values))

@@ -14,7 +14,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
-    from tcc_sim.studies.motions import Motions
+    from tcc_sim.continuation.motions import Motions
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,11 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
+    from tcc_sim.continuation.initial_orbits import seeds_in
+    from tcc_sim.continuation.motions import Motions, Plan, check, continue_motions
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.studies.beginnings import seeds_in
-    from tcc_sim.studies.motions import Motions, Plan, check, continue_motions
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     key, low, high = _range("--over", arguments.over)
@@ -104,7 +104,7 @@ def _print(found: Motions) -> None:
 @contextmanager
 def _bar() -> Iterator[Callable[[Any], None]]:
     """A function to call with every point; it moves a count where standard error is a terminal."""
-    from tcc_sim.studies.progress import progress_bar
+    from tcc_sim.sweeps.progress import progress_bar
 
     with progress_bar("point") as bar:
         def tick(station: Any) -> None:

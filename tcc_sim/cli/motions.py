@@ -31,15 +31,15 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
     require("matplotlib", "a picture")
+    from tcc_sim.basins.compute import Axis
+    from tcc_sim.basins.rows import basins
     from tcc_sim.benchmarks.branch_speed import compared, page_lines
     from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
     from tcc_sim.paper.figure_options import FigureOptions
     from tcc_sim.paper.figures import figure_of
     from tcc_sim.paper.motions_page import motions_page
-    from tcc_sim.studies.basin_rows import basins
-    from tcc_sim.studies.basins import Axis
-    from tcc_sim.studies.processes import each_in_a_process, processes_for
-    from tcc_sim.studies.sweep import values_of_range
+    from tcc_sim.sweeps.processes import each_in_a_process, processes_for
+    from tcc_sim.sweeps.sweep import values_of_range
 
     cells = QUICK_CELLS if arguments.quick else CELLS
     plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.provenance import document
     from tcc_sim.output.table import simulation_lines
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.studies.simulation import Plan, simulate
+    from tcc_sim.sweeps.simulation import Plan, simulate
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     cycle = scene.system.cycle

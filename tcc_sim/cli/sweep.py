@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.provenance import document, said
     from tcc_sim.output.sweep_table import sweep_lines
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.studies.sweep import Curve, Grid, Plan, curves_of, sweep_curves, values_of_range
+    from tcc_sim.sweeps.sweep import Curve, Grid, Plan, curves_of, sweep_curves, values_of_range
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     if len(arguments.over) > 2:

@@ -24,8 +24,8 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.inputs import Command
 from tcc_sim.nodes.outputs import Outputs
 from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.plant import Plant
 from tcc_sim.nodes.scheduling import attend, prepare_thread
+from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic

@@ -24,8 +24,8 @@ from std_msgs.msg import Float64
 from tcc_sim.nodes import context, signals
 from tcc_sim.nodes.process import run
 from tcc_sim.nodes.qos import LATCHED
-from tcc_sim.nodes.slip_control import SlipController, Tuning
 from tcc_sim.nodes.subscriptions import poll
+from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
 """Order of the joints in joint_states."""

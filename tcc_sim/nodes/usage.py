@@ -45,7 +45,7 @@ def _parameters(name: str) -> Iterator[tuple[str, str]]:
             yield key, quantity.description + (f", {quantity.unit}" if quantity.unit else "")
         yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
     elif name == "slip_controller":
-        from tcc_sim.nodes.slip_control import Tuning
+        from tcc_sim.plant.slip_control import Tuning
 
         meanings = dict(line.strip().split(" : ", 1) for line in (Tuning.__doc__ or "").splitlines() if " : " in line)
         for item in dataclasses.fields(Tuning):

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.basins.compute import Axis, Basins
 from tcc_sim.output.files import draft
-from tcc_sim.studies.basins import Axis, Basins
 
 
 def write_basins(path: Path, found: Sequence[Basins], over: Axis | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from tcc_sim.studies.results import Sweep, extras_of
+from tcc_sim.sweeps.results import Sweep, extras_of
 
 Row = dict[str, Any]
 

@@ -8,8 +8,8 @@ from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted
-from tcc_sim.studies.lyapunov import Lyapunov
-from tcc_sim.studies.simulation import Simulation
+from tcc_sim.sweeps.exponents import Lyapunov
+from tcc_sim.sweeps.simulation import Simulation
 
 SECTION_LINES = 16
 """Most section points shown."""

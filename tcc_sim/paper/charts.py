@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.continuation.codim2 import Curve, bifurcation_curve, border_curve
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.problem import Floats
+from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
 from tcc_sim.paper.figure_branches import creeps
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.paper.seen_motions import seen_in, surveyed
-from tcc_sim.studies.bifurcations import Bifurcation, chandrupatla
-from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.maps import Floats
-from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.simulation import Plan
-from tcc_sim.studies.sweep import sweep_grid
-from tcc_sim.studies.two_parameters import Curve, bifurcation_curve, border_curve
+from tcc_sim.sweeps.simulation import Plan
+from tcc_sim.sweeps.sweep import sweep_grid
 
 FOLLOWED = ("fold", "period_doubling")
 LONGEST = 2

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.damping import slope_of_friction
+from tcc_sim.continuation.stable_segments import Stretch
 from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import OMEGA_N, SUPER_HARMONICS, paper_system
 from tcc_sim.paper.evidence import (
@@ -23,7 +24,6 @@ from tcc_sim.paper.evidence import (
 )
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.solvers import solve
-from tcc_sim.studies.stretches import Stretch
 
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
 NEAR = 0.02

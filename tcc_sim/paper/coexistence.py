@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.paper.evidence import JUMP, steep
-from tcc_sim.studies.point import handed_over, solve_point
-from tcc_sim.studies.simulation import Start
-from tcc_sim.studies.sweep import Sweep
+from tcc_sim.sweeps.point import handed_over, solve_point
+from tcc_sim.sweeps.simulation import Start
+from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import State
 
 

@@ -15,8 +15,8 @@ from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System, Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
-from tcc_sim.studies.point import Plan, solve_point
-from tcc_sim.studies.sweep import Curve, Sweep, sweep_curves
+from tcc_sim.sweeps.point import Plan, solve_point
+from tcc_sim.sweeps.sweep import Curve, Sweep, sweep_curves
 from tcc_sim.trajectory import State, Status, Trajectory
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.continuation.diagram import Seen, left_out, station_of
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.jumps import jumps_of
+from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import JUMP
 from tcc_sim.paper.seen_motions import seen_in, still_higher, surveyed
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.studies.bifurcations import SMOOTH, Bifurcation
-from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.jumps import jumps_of
-from tcc_sim.studies.processes import each_in_a_process, processes_for
-from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import Seen, left_out, station_of
-from tcc_sim.studies.sweep import Sweep
+from tcc_sim.sweeps.processes import each_in_a_process, processes_for
+from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import State
 
 STICK_BORDER = "stick_border"

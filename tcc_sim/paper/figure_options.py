@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, Value, replace
 from tcc_sim.paper.catalogue import FIGURES, Series, figure_row, paper_system
-from tcc_sim.studies.results import Curve, Sweep
-from tcc_sim.studies.simulation import Plan
+from tcc_sim.sweeps.results import Curve, Sweep
+from tcc_sim.sweeps.simulation import Plan
 
 QUICK_SHARE = 4
 """`--quick` takes one value of so many."""

@@ -19,7 +19,7 @@ from tcc_sim.paper.coexistence import coexisting
 from tcc_sim.paper.figure_branches import motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.studies.sweep import Curve, Plan, Sweep, sweep_curves
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
+from tcc_sim.basins.compute import Basins
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
 from tcc_sim.paper.branch_panels import UNNAMED
 from tcc_sim.paper.pages import escape
-from tcc_sim.studies.basins import Basins
-from tcc_sim.studies.captures import RUNAWAY, UNDECIDED
 
 Data = Mapping[str, Any]
 NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}

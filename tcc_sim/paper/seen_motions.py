@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.summary import summarise_cycles
+from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.diagram import LONGEST, SAME, Seen, beginning, station_of, survey
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.newton import shifts
+from tcc_sim.continuation.shooting import Window
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import LATER, later
 from tcc_sim.solvers import solve
-from tcc_sim.studies.branches import Branch
-from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.orbits import shifts
-from tcc_sim.studies.progress import progress_bar
-from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.survey import LONGEST, SAME, Seen, beginning, station_of, survey
-from tcc_sim.studies.sweep import Curve, Sweep
+from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.sweep import Curve, Sweep
 from tcc_sim.trajectory import State
 
 NEAR = 0.1

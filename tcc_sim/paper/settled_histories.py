@@ -15,7 +15,7 @@ from tcc_sim.paper.catalogue import PaperFigure, paper_system
 from tcc_sim.paper.figure_branches import orbit_behind
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.solvers import solve
-from tcc_sim.studies.lyapunov import largest_lyapunov_exponent
+from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 from tcc_sim.trajectory import State, Trajectory
 
 SAMPLES = 1000

@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.basins.attractors import find_attractors
+from tcc_sim.basins.compute import halton
+from tcc_sim.basins.driveline import DrivelineMotion
+from tcc_sim.continuation.diagram import Seen, size_of, station_of, survey
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.stable_segments import End, Stretch, stretch_of, stretches_of
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
 from tcc_sim.paper.seen_motions import RUNS, seen_in
-from tcc_sim.studies.attractors import find_attractors
-from tcc_sim.studies.basins import halton
-from tcc_sim.studies.driveline_map import DrivelineMap
-from tcc_sim.studies.driveline_motion import DrivelineMotion
-from tcc_sim.studies.progress import progress_bar
-from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.stretches import End, Stretch, stretch_of, stretches_of
-from tcc_sim.studies.survey import Seen, size_of, station_of, survey
-from tcc_sim.studies.sweep import Curve, workers
+from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.sweep import Curve, workers
 
 SMOOTHING = "friction.smoothing"
 NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}

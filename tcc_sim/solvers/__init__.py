@@ -50,7 +50,7 @@ SOLVERS: dict[str, Entry] = {
                         SMOOTHED, "step", 1e-3),
     "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
                       SMOOTHED, "rtol", 1e-8),
-    "event_driven": Entry("event_driven.solution", "solve", "exact: closed forms between located events",
+    "event_driven": Entry("event_driven.solve", "solve", "exact: closed forms between located events",
                           SET_VALUED, "rtol", 1e-10),
     "rk45": Entry(SCIPY, "rk45", "SciPy, Dormand and Prince 5(4)", SMOOTHED, "rtol", 1e-6),
     "dop853": Entry(SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", SMOOTHED, "rtol", 1e-6),

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 
 DEGREE_MAXIMUM = 31
 HALVINGS = 40

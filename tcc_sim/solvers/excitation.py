@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ENGINE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
 

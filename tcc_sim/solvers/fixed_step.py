@@ -21,7 +21,7 @@ from tcc_sim.model import equations, friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiled import compiled, engine_torque, saturation_torque, smoothed
+from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, saturation_torque, smoothed
 from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root

@@ -25,7 +25,7 @@ from tcc_sim.solvers.bernstein import (
     later_part,
     to_bernstein,
 )
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 
 
 @fast

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.solvers.compiled import compiled, engine_torque, saturation_torque, smoothed_and_slope
+from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, saturation_torque, smoothed_and_slope
 from tcc_sim.trajectory import Floats
 
 NEWTON_LIMIT = 12

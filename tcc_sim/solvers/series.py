@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers.compiled import fast
-from tcc_sim.solvers.unrolled import unrolled
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.unrolled import unrolled
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD, EXCESS, TANH = range(8)
 """Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts; E, T."""

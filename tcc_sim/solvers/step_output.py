@@ -12,7 +12,7 @@ import numpy as np
 
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN, later_part, to_bernstein
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 
 CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),

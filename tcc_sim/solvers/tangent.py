@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiled import compiled, saturation_torque, smoothed_and_slope
+from tcc_sim.solvers.compiling.compiled import compiled, saturation_torque, smoothed_and_slope
 from tcc_sim.solvers.radau_step import (
     NODES,
     carry_tangent,

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.basins.compute import Axis, Basins
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor
 from tcc_sim.model.parameters import QUANTITIES
-from tcc_sim.studies.basins import Axis, Basins
-from tcc_sim.studies.captures import RUNAWAY, UNDECIDED, Attractor
 from tcc_sim.views import style
 
 TINTS = ("#BFD9EC", "#F6D9A8", "#BFE3D4", "#F0C6AE", "#EBD2E0", "#D3ECF8", "#D0D0D0")

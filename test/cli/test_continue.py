@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.studies import motions
+from tcc_sim.continuation import motions
 
 STICK = ["continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305"]
 ORBIT_KEYS = {"value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "stick_fraction", "stable",

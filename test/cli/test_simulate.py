@@ -197,7 +197,7 @@ def test_an_interrupt_ends_it_at_once_and_leaves_nothing(capsys, monkeypatch, tm
         _thread.interrupt_main()
         ended.wait(120.0)
 
-    monkeypatch.setattr("tcc_sim.studies.simulation.solve", solve)
+    monkeypatch.setattr("tcc_sim.sweeps.simulation.solve", solve)
     assert main(["simulate", "chaos", "--out", str(tmp_path / "run.npz")]) == 130
     assert capsys.readouterr().err == "tcc-sim: interrupted\n"
     assert list(tmp_path.iterdir()) == []

@@ -176,7 +176,7 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
     from std_msgs.msg import Float64
 
     from tcc_sim.cli.demo import _controller
-    from tcc_sim.nodes.slip_control import Tuning
+    from tcc_sim.plant.slip_control import Tuning
 
     bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)]))
     heard: list[float] = []
@@ -195,8 +195,8 @@ def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(b
     """
     from sensor_msgs.msg import FluidPressure, JointState
 
-    from tcc_sim.nodes.slip_control import SlipController, Tuning
     from tcc_sim.nodes.slip_controller import QOS
+    from tcc_sim.plant.slip_control import SlipController, Tuning
 
     node = SlipControllerNode(context=bench.context)
     driveline = bench.add(rclpy.create_node("driveline", context=bench.context))
@@ -225,7 +225,7 @@ def test_a_senseless_parameter_is_refused(bench: Any) -> None:
 
 
 def test_the_scene_is_the_one_that_the_controller_is_tuned_for() -> None:
-    from tcc_sim.nodes.slip_control import Tuning
+    from tcc_sim.plant.slip_control import Tuning
 
     system = load_scene("controlled").system
     tuning = Tuning()

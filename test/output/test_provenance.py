@@ -10,10 +10,11 @@ from documents import valid
 from jsonschema import Draft202012Validator, ValidationError
 
 from tcc_sim import cli
+from tcc_sim.basins import rows as basin_rows
 from tcc_sim.model.parameters import System
 from tcc_sim.output import provenance
 from tcc_sim.scene import load_scene
-from tcc_sim.studies import basin_rows, sweep_file
+from tcc_sim.sweeps import file as sweep_file
 
 
 @pytest.mark.parametrize("kind", provenance.FORMATS)

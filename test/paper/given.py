@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.continuation.stable_segments import End, Stretch
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.stable_motions import StableMotions
-from tcc_sim.studies.point import Plan
-from tcc_sim.studies.stretches import End, Stretch
-from tcc_sim.studies.sweep import Curve, Sweep
+from tcc_sim.sweeps.point import Plan
+from tcc_sim.sweeps.sweep import Curve, Sweep
 
 
 def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", **more: Any) -> dict[str, Any]:

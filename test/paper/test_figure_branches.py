@@ -13,7 +13,11 @@ import numpy as np
 import pytest
 from documents import valid
 
+from tcc_sim.basins import rows as basin_rows
+from tcc_sim.basins.compute import Axis, Basins
+from tcc_sim.basins.proximity import Attractor
 from tcc_sim.cli import main
+from tcc_sim.continuation.shooting import Window
 from tcc_sim.model.closed_form import constant_load_limits
 from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
@@ -23,11 +27,7 @@ from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind
 from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.paper.motions_page import motions_page
-from tcc_sim.studies import basin_rows
-from tcc_sim.studies.basins import Axis, Basins
-from tcc_sim.studies.captures import Attractor
-from tcc_sim.studies.shooting import Window
-from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 
 @pytest.mark.parametrize("words", [["2", "--branches"], ["3", "--branches"], ["5", "--branches"], ["7", "--branches"],

@@ -27,7 +27,7 @@ from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figures import figure_data
 from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.solvers import solve
-from tcc_sim.studies.sweep import Curve, Plan, sweep_curves
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 
 def test_every_figure_from_2_to_18_has_a_row() -> None:

@@ -12,7 +12,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.figure_branches import motions_behind
 from tcc_sim.paper.seen_motions import seen_in, still_higher
-from tcc_sim.studies.sweep import Curve, Plan, Sweep, sweep_curves
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
 
 KEY = "friction.kinetic_coefficient"
 DOUBLING = 0.7773325465

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tcc_sim.solvers.event_driven.arcs import SHAPE, monotone, root_of
+from tcc_sim.solvers.event_driven.step import SHAPE, monotone, root_of
 from tcc_sim.solvers.polynomial import variation
 from tcc_sim.solvers.series import SLIP
 

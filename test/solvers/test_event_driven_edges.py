@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.event_driven.bounds import FAR_SHARE, bounds_of
 from tcc_sim.solvers.event_driven.modes import mode_at_rest
+from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
 from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import State
@@ -87,7 +87,7 @@ def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
 
 
 def test_a_failure_says_the_time_it_reached(monkeypatch):
-    from tcc_sim.solvers.event_driven import solution
+    from tcc_sim.solvers.event_driven import solve as solution
     monkeypatch.setattr(solution, "STEP_MAXIMUM", 3)
     run = solve(FIG02, cycles=5)
     assert run.status is Status.STEP_LIMIT

@@ -76,7 +76,7 @@ def test_near_grazing_breakaway(offset):
 
 
 def test_chattering_ends_with_a_sentence(monkeypatch):
-    from tcc_sim.solvers.event_driven import solution as event_driven
+    from tcc_sim.solvers.event_driven import solve as event_driven
     monkeypatch.setattr(event_driven, "event_limit", lambda terms, cycle: 3)
     system = replace(System(),
                      {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
@@ -87,7 +87,7 @@ def test_chattering_ends_with_a_sentence(monkeypatch):
 
 
 def test_too_many_steps_end_with_a_sentence(monkeypatch):
-    from tcc_sim.solvers.event_driven import solution as event_driven
+    from tcc_sim.solvers.event_driven import solve as event_driven
     monkeypatch.setattr(event_driven, "STEP_MAXIMUM", 4)
     run = solve(replace(System(), {"friction.law": "set_valued"}), cycles=5)
     assert run.status is Status.STEP_LIMIT

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers.event_driven.bounds import bounds_of
+from tcc_sim.solvers.event_driven.setup import bounds_of
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import State, Trajectory
@@ -29,7 +29,7 @@ SCENES: dict[str, dict[str, Any]] = {
                    "engine.torque_amplitude": 900.7},
     "light plate": {**FIG02, "driveline.plate_inertia": 1e-4, "driveline.damping": 10.0},
 }
-ENGINES = {"smoothed": ("smoothed", "smoothed.solve"), "event_driven": ("set_valued", "event_driven.solution"),
+ENGINES = {"smoothed": ("smoothed", "smoothed.solve"), "event_driven": ("set_valued", "event_driven.solve"),
            "fixed_step": ("smoothed", "fixed_step")}
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.event_driven import exact_sections
+from tcc_sim.solvers.event_driven import sections as event_driven_sections
 from tcc_sim.solvers.smoothed import sections
 from tcc_sim.trajectory import State
 
@@ -13,7 +13,7 @@ FALLING = {"friction.kinetic_coefficient": 0.225, "engine.frequency": 120.0, "pr
 
 
 @pytest.mark.parametrize(("law", "of", "rtol"), [("smoothed", sections.sections, 1e-8),
-                                                 ("set_valued", exact_sections.sections, 1e-10)])
+                                                 ("set_valued", event_driven_sections.sections, 1e-10)])
 @pytest.mark.parametrize("values", [{}, {**FALLING, "pressure.amplitude": 0.0}, {**FALLING, "pressure.amplitude": 3e5}])
 def test_each_motion_is_as_solved_by_itself(law, of, rtol, values):
     system = replace(System(), {"friction.law": law, **values})
@@ -25,7 +25,8 @@ def test_each_motion_is_as_solved_by_itself(law, of, rtol, values):
         np.testing.assert_allclose(points, alone, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("law", "of"), [("smoothed", sections.sections), ("set_valued", exact_sections.sections)])
+@pytest.mark.parametrize(("law", "of"), [("smoothed", sections.sections),
+                                          ("set_valued", event_driven_sections.sections)])
 def test_what_cannot_be_solved_is_nan_and_harms_no_other(law, of):
     system = replace(System(), {"friction.law": law})
     starts = np.array([[0.0, 1e308, 1e308], [50.0, 0.1, 0.0]])

@@ -17,7 +17,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.studies.sweep import Plan, sweep, sweep_grid
+from tcc_sim.sweeps.sweep import Plan, sweep, sweep_grid
 from tcc_sim.views import plots, style, sweeps
 from tcc_sim.views.overview import overview
 
@@ -140,7 +140,7 @@ def test_a_missing_extra_is_said_before_anything_is_computed_or_written(missing,
                                                                         capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, missing, None)
-    for module in ("tcc_sim.solvers", "tcc_sim.studies.sweep", "tcc_sim.replay.replay", "tcc_sim.paper.figures"):
+    for module in ("tcc_sim.solvers", "tcc_sim.sweeps.sweep", "tcc_sim.replay.replay", "tcc_sim.paper.figures"):
         for name in ("solve", "sweep", "replay", "figure_data"):
             if hasattr(sys.modules.get(module), name):
                 monkeypatch.setattr(sys.modules[module], name, lambda *_, **__: pytest.fail("something was computed"))

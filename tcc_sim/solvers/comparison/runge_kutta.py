@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.compiled import accelerations, compiled, engine_torque, saturation_torque
-from tcc_sim.solvers.compiled import smoothed as smoothed_coefficient
+from tcc_sim.solvers.compiling.compiled import accelerations, compiled, engine_torque, saturation_torque
+from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
 from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of

@@ -11,7 +11,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import slopes
-from tcc_sim.solvers.compiled import compiled, saturation_torque, smoothed_and_slope
+from tcc_sim.solvers.compiling.compiled import compiled, saturation_torque, smoothed_and_slope
 from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of

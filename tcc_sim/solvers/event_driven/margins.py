@@ -12,10 +12,10 @@ from typing import Any
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN, HALVINGS, LEFT, NOISE, SCALED, WIDTH, WORKSPACE, halve, to_bernstein
-from tcc_sim.solvers.compiled import fast
-from tcc_sim.solvers.event_driven.arcs import DOWNWARD, UPWARD
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
-from tcc_sim.solvers.event_driven.variation import LANES, Rates
+from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
+from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD
 from tcc_sim.solvers.key_derivatives import (
     DAMPING,
     EXCESS_RATIO,

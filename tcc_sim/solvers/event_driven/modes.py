@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 
 NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
 """Negative slip, stick, positive slip, and no load as the pressure is clamped at 0; as `Transitions` names them."""

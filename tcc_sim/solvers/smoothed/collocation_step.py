@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_tables import (
     DEGREE,
@@ -22,7 +22,7 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
     C,
     Tables,
 )
-from tcc_sim.solvers.smoothed.limits import Limits
+from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.stages import add_slip, follow_manifold, guess, slip_polynomial, solve_stages, to_powers
 from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
 from tcc_sim.solvers.smoothed.step_size import SHRINK_MOST, growth, rung_below

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import DRIVE
-from tcc_sim.solvers.smoothed.kernel import Setup, integrate
+from tcc_sim.solvers.smoothed.integrate import Setup, integrate
 from tcc_sim.solvers.smoothed.solve import own_setup
 from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, STATE, WORK, Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE

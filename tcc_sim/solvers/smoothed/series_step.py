@@ -6,10 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, expand
-from tcc_sim.solvers.smoothed.limits import Limits
+from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import ACCEPTED, FAILED, FALLING, LAYER, SLIDING, Place, Step
 from tcc_sim.solvers.smoothed.step_size import converging_length, series_length
 from tcc_sim.solvers.terms import Terms

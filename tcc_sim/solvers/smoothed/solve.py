@@ -22,8 +22,9 @@ from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.smoothed import collocation_tables, kernel
-from tcc_sim.solvers.smoothed.limits import Limits, limits_of
+from tcc_sim.solvers.smoothed import collocation_tables
+from tcc_sim.solvers.smoothed import integrate as kernel
+from tcc_sim.solvers.smoothed.setup import Limits, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
 from tcc_sim.solvers.smoothed.state import (
     CONTROL,

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.unrolled import exp, largest, limited, magnitude, row_of, unrolled, with_sign
 from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
-from tcc_sim.solvers.unrolled import exp, largest, limited, magnitude, row_of, unrolled, with_sign
 
 ITERATIONS_MAXIMUM = 20
 DOMINANT = 6.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_tables import NODES
 

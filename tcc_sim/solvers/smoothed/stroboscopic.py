@@ -17,10 +17,10 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
 from tcc_sim.solvers.smoothed import collocation_tables
+from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, integrate_parts
+from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED, Tangent
 from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
 from tcc_sim.solvers.smoothed.state import DONE, Memory
-from tcc_sim.solvers.smoothed.tangent_march import MOVES, PART, integrate_parts
-from tcc_sim.solvers.smoothed.tangent_series import CHANGES, LANES, SHARED, Tangent
 from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence

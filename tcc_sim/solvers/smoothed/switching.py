@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.solvers.compiled import fast
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.collocation_step import FLAT
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
-from tcc_sim.solvers.smoothed.limits import Limits
 from tcc_sim.solvers.smoothed.series_step import Friction
+from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place
 from tcc_sim.solvers.smoothed.step_size import growth, rung_below
 from tcc_sim.solvers.terms import Terms

@@ -1,0 +1,66 @@
+"""A scene of the driveline as a `Motion`: sections of many cycles by its fast engine, and what running away is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.problem import Floats, ParameterMap
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.event_driven import sections as event_driven_sections
+from tcc_sim.solvers.smoothed import sections
+from tcc_sim.solvers.terms import peak_load, terms_of
+from tcc_sim.trajectory import State
+
+RTOL = 1e-8
+CONSTANT = 40.0
+"""Beyond this many times 1/alpha the law's exponential is below 1e-17 of the rest."""
+SECTIONS = {"smoothed": sections.sections, "set_valued": event_driven_sections.sections}
+"""Section points of many motions by the engine of either law."""
+
+
+class DrivelineMotion:
+    """One system; states are slip speed (rad/s), plate angle (rad) and plate speed (rad/s) at phase 0 of the engine."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.map: ParameterMap = DrivelineMap(system, ())
+        terms = terms_of(system)
+        self._constant = CONSTANT / terms.stribeck[1] if terms.stribeck and terms.stribeck[1] > 0.0 else 0.0
+        self._drift = terms.mean_torque
+        self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and terms.stribeck[1] == 0.0 else 1.0)
+        torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
+        plate = (torques + system.friction_ratio * peak_load(terms)) / terms.linear[3] * system.natural_frequency
+        self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate
+        """How far slip can swing within a few cycles about its mean, rad/s."""
+
+    def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
+        """(m, cycles + 1, 3) states at the starts of cycles first to first + cycles, NaN behind a failure."""
+        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, RTOL)
+
+    def runs_away(self, points: Floats) -> NDArray[np.bool_]:
+        """(m,) whether slip is so fast that friction is constant, and the mean engine torque more than it can hold.
+
+        From there on slip gains (Tm - Tsm)/I1 a second on average, (1a) with a bounded plate, and never comes back.
+        """
+        v = points[:, 0]
+        out: NDArray[np.bool_] = (np.abs(v) > self._constant + self._swing) & (self._drift * np.sign(v) > self._drag)
+        return out
+
+    def largest(self, x: Floats, first: int, cycles: int) -> float:
+        """The largest |slip speed| over some cycles, rad/s."""
+        state = State(float(x[0]), float(x[1]), float(x[2]))
+        found = solve(self.system, cycles=cycles, state=state, start_cycle=first, rtol=RTOL).cycles
+        assert found is not None
+        return max(float(found.highest.max()), -float(found.lowest.min()))
+
+
+def mean_load(system: System) -> float:
+    """The mean over time of the saturation torque Ts, clamped at 0, N m."""
+    terms = terms_of(system)
+    if terms.pulsation is None or abs(terms.pulsation[0]) <= terms.mean_load:
+        return terms.mean_load
+    edge = np.arcsin(-terms.mean_load / terms.pulsation[0])
+    return float((terms.mean_load * (np.pi - 2.0 * edge) + 2.0 * terms.pulsation[0] * np.cos(edge)) / (2.0 * np.pi))

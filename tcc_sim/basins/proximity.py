@@ -1,0 +1,137 @@
+"""Attractors, and to which of them a motion has come: by proximity to their points, within validated radii."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tcc_sim.continuation.problem import Floats, ParameterMap
+
+UNDECIDED, RUNAWAY = -1, -2
+"""Labels of a motion that came to no attractor."""
+Labels = NDArray[np.int64]
+Counts = NDArray[np.int64]
+CHUNK = 4
+"""Cycles after which motions are asked where they are."""
+
+
+class Motion(Protocol):
+    """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
+
+    map: ParameterMap
+
+    def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
+        """(m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles first to first + cycles.
+
+        NaN from where one cannot be solved further.
+        """
+
+    def runs_away(self, points: Floats) -> NDArray[np.bool_]:
+        """Whether motions with these section points (m, n) are sure to grow without bound."""
+
+    def largest(self, x: Floats, first: int, cycles: int) -> float:
+        """The largest size of the motion over some cycles."""
+
+
+def section_of(of: Motion, x: Floats, first: int, cycles: int) -> Floats:
+    """(m + 1, n) states of one motion at the starts of its cycles; m < cycles where it cannot be solved further."""
+    points = of.sections(np.asarray(x, dtype=np.float64)[None], first, cycles)[0]
+    out: Floats = points[np.isfinite(points).all(axis=1)]
+    return out
+
+
+@dataclass(frozen=True)
+class Attractor:
+    """One attractor.
+
+    period : cycles; 0 where it has none
+    section : (period, n) its points at the starts of the cycles from 0 on; of one without period the cloud (m, n)
+    phases : (period or m,) cycle of each point modulo the map's forcing period
+    multipliers : (n,) Floquet multipliers, largest modulus first; None where it has no period
+    largest : the largest size of the motion
+    radius : capture radius, in the map's natural sizes
+    """
+
+    period: int
+    section: Floats
+    phases: NDArray[np.int64]
+    multipliers: NDArray[np.complex128] | None
+    largest: float
+    radius: float = 0.0
+
+
+class Captures:
+    """Tells by proximity to which of some attractors a motion has come.
+
+    Two consecutive section points must be within the capture radius of two consecutive points of the same attractor (of
+    two points of the cloud, for one without a period), at the same phase of the excitation.
+    """
+
+    def __init__(self, attractors: Sequence[Attractor], scales: Floats, forcing_period: int) -> None:
+        self._scales, self._forcing = scales, forcing_period
+        orbits = [(k, a) for k, a in enumerate(attractors) if a.period]
+        self._points = np.concatenate([a.section for _, a in orbits] or [np.empty((0, len(scales)))]) / scales
+        self._owner = np.array([k for k, a in orbits for _ in range(a.period)], dtype=np.int64)
+        self._cycle = np.array([i for _, a in orbits for i in range(a.period)], dtype=np.int64)
+        self._reach = np.array([a.radius**2 for _, a in orbits for _ in range(a.period)])
+        starts = np.cumsum([0, *(a.period for _, a in orbits)])
+        self._following = np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits)
+                                    for i in range(a.period)],
+                                   dtype=np.int64)
+        self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales)
+                                       for phase in range(forcing_period)])
+                        for k, a in enumerate(attractors) if not a.period]
+
+    def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
+        """Indices of attractors (k,) and cycles until they were reached (k,) of section points (k, m + 1, n).
+
+        UNDECIDED where a motion comes to none, as where its points are NaN.
+        """
+        scaled = points / self._scales
+        inside = ((scaled[:, :, None] - self._points) ** 2).sum(axis=3) <= self._reach
+        phases = (first + np.arange(scaled.shape[1])) % self._forcing
+        if self._forcing > 1:
+            inside &= (phases[:, None] - self._cycle) % self._forcing == 0
+        both = inside[:, :-1] & inside[:, 1:, self._following]
+        reached = both.any(axis=2)
+        labels, after = np.full(len(points), UNDECIDED), np.full(len(points), scaled.shape[1])
+        at = np.flatnonzero(reached.any(axis=1))
+        if len(at):
+            after[at] = reached[at].argmax(axis=1)
+            labels[at] = self._owner[both[at, after[at]].argmax(axis=1)]
+        for k, radius, trees in self._clouds:
+            near = np.zeros(scaled.shape[:2], dtype=bool)
+            for i, phase in enumerate(phases):
+                known = np.isfinite(scaled[:, i]).all(axis=1)
+                near[known, i] = trees[phase].query(scaled[known, i], distance_upper_bound=radius)[0] <= radius
+            two = near[:, 1:] & near[:, :-1]
+            sooner = two.any(axis=1) & (two.argmax(axis=1) < after)
+            labels[sooner], after[sooner] = k, two[sooner].argmax(axis=1)
+        return labels, after
+
+
+def follow(of: Motion, captures: Captures, starts: Floats, most: int) -> tuple[Labels, Counts]:
+    """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
+
+    A motion counts as come to an attractor at the first of two section points by it, whatever chunks it is solved in.
+    """
+    labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
+    going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0
+    while cycle < most and len(going):
+        length = min(CHUNK, most - cycle)
+        points = of.sections(x, cycle, length)
+        solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
+        last = points[np.arange(len(going)), solved]
+        found, after = captures.find(points, cycle)
+        away = (found == UNDECIDED) & of.runs_away(last)
+        found[away] = RUNAWAY
+        ended = (found != UNDECIDED) | (solved < length)
+        labels[going[ended]] = found[ended]
+        cycles[going[ended]] = cycle + np.where(found[ended] >= 0, after[ended], solved[ended])
+        going, x, cycle = going[~ended], last[~ended], cycle + length
+    return labels, cycles

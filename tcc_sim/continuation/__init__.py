@@ -1,0 +1,1 @@
+"""Periodic orbits and their branches: shooting, Newton, arclength, special points, curves of bifurcations."""

@@ -1,0 +1,158 @@
+"""A scene of the driveline as a map from engine cycle to engine cycle, with some of its keys as free parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.continuation.problem import NO_MARGINS, Floats, Image, Margins, Observation, Values
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.event_driven import stroboscopic as event_driven_stroboscopic
+from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
+from tcc_sim.solvers.smoothed import stroboscopic
+from tcc_sim.trajectory import State, Trajectory
+
+RTOL = 1e-12
+SCALES = (10.0, 0.1, 10.0)
+"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
+EXACTLY_STUCK = 1e-12
+"""Slip speed, rad/s, below which the set-valued law is taken to stick."""
+
+Prepared = stroboscopic.Prepared | event_driven_stroboscopic.Prepared
+Passed = stroboscopic.Stroboscopic | event_driven_stroboscopic.SectionMap
+
+
+class DrivelineMap:
+    """`ParameterMap` of one scene; states are slip speed, plate angle and plate speed at phase 0 of the engine.
+
+    Raises
+    ------
+    InputError
+        A key that is no number, that only says where a solution starts, or that would make the excitation aperiodic.
+    """
+
+    dimension = 3
+    height_scale = 10.0
+
+    def __init__(self, system: System, keys: Sequence[str]) -> None:
+        for key in keys:
+            _check_key(system, key, keys)
+        self.system, self.keys = system, tuple(keys)
+        self.scales = np.array(SCALES)
+        self.piecewise = system.friction.law == "set_valued"
+        self.forcing_period = common_cycles(system)
+        if self.forcing_period == 0:
+            raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
+                             "a ratio of whole numbers up to 1000")
+        self.divisible = True
+        self._made: tuple[Values, System] | None = None
+        self._prepared: tuple[Values, Prepared] | None = None
+        self._last: tuple[Any, Passed] | None = None
+
+    def system_at(self, values: Values) -> System:
+        """The scene's system with the free keys at `values`."""
+        if self._made is None or self._made[0] != values:
+            self._made = values, replace(self.system, dict(zip(self.keys, values)))
+        return self._made[1]
+
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
+        """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
+        return self._image(self._passed(x, values, first, cycles), cycles)
+
+    def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
+                      cycles: Sequence[float]) -> list[Image]:
+        """`evaluate` for several starts."""
+        return [self._image(found, count) for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
+
+    def _image(self, found: Passed, cycles: float) -> Image:
+        """A motion as the map's image."""
+        climb = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
+        return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), climb)
+
+    def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
+        """Largest |slip speed|, stick fraction and event sequence."""
+        return self._seen(self._passed(x, values, first, cycles), cycles)
+
+    def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Passed:
+        """The motion with all there is to know of it; the last one is kept for who asks again."""
+        asked = x.tobytes(), values, first, cycles
+        if self._last is None or self._last[0] != asked:
+            self._last = asked, self._each(x[None], values, [first], [cycles])[0]
+        return self._last[1]
+
+    def _prepare(self, values: Values) -> Prepared:
+        """The system at these values, ready to be evaluated at many states."""
+        if self._prepared is None or self._prepared[0] != values:
+            of = event_driven_stroboscopic.Prepared if self.piecewise else stroboscopic.Prepared
+            self._prepared = values, of(self.system_at(values), self.keys, RTOL)
+        return self._prepared[1]
+
+    def _each(self, states: Floats, values: Values, firsts: Sequence[float],
+              cycles: Sequence[float]) -> Sequence[Passed]:
+        """Motions from several starts."""
+        ends = [first + count for first, count in zip(firsts, cycles)]
+        found = self._prepare(values).each(np.array([self._settled(x) for x in states]), firsts, ends)
+        if not all(np.isfinite(part.state).all() for part in found):
+            raise ArithmeticError("the state is not finite")
+        return found
+
+    def _seen(self, found: Passed, cycles: float) -> Observation:
+        """What is seen of a motion."""
+        assert self._prepared is not None
+        heights = found.heights.tolist()
+        return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
+                           tuple(heights))
+
+    def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
+        """The trajectory itself."""
+        x = self._settled(x)
+        return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=RTOL, samples_per_cycle=samples,
+                     state=State(float(x[0]), float(x[1]), float(x[2]))).raise_for_status()
+
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
+        """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""
+        of = self._prepare(values)
+        if not isinstance(of, event_driven_stroboscopic.Prepared):
+            return NO_MARGINS
+        found, system = of.over(self._settled(x), first, first + cycles, margins=True).margins, self.system_at(values)
+        strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
+        sizes = {"grazing": (GRAZING, self.height_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
+        slopes = {name: (found[row, GRADIENT:GRADIENT + 3] / size, found[row, GRADIENT + 3:] / size)
+                  for name, (row, size) in sizes.items()}
+        grazing, arrival, stick = (float(found[row, VALUE]) / size for row, size in sizes.values())
+        return Margins(grazing, arrival, bool(found[ARRIVAL, GROWS]), stick, slopes)
+
+    def _settled(self, x: Floats) -> Floats:
+        """`x`, with a slip speed that differs from 0 by rounding only at 0 under the set-valued law."""
+        if self.piecewise and x[0] != 0.0 and abs(x[0]) < EXACTLY_STUCK:
+            x = x.copy()
+            x[0] = 0.0
+        return x
+
+
+def _check_key(system: System, key: str, among: Sequence[str]) -> None:
+    """Raise InputError unless periodic motions can be followed in `key`, one `among` those that are free."""
+    if key not in DEFAULTS:
+        raise unknown_key(key, DEFAULTS)
+    value = dict(values_of(system))[key]
+    if not isinstance(value, float):
+        raise InputError(f"{key} is {value!r}; motions are followed in a key that is one number")
+    if key.startswith("initial."):
+        raise InputError(f"{key} is where a solution starts; periodic motions do not depend on it")
+    if key == "friction.smoothing" and system.friction.law == "set_valued":
+        raise InputError("friction.smoothing has no effect with friction.law set_valued")
+    if key in ("pressure.frequency_ratio", "pressure.phase") and system.saturation_amplitude == 0.0 \
+            and "pressure.amplitude" not in among:
+        raise InputError(f"{key} has no effect where pressure.amplitude is 0")
+    coefficients = {"friction.kinetic_coefficient", "friction.static_coefficient"}
+    if key == "friction.decay" and system.friction_ratio == 1.0 and not coefficients & set(among):
+        raise InputError("friction.decay has no effect where friction.kinetic_coefficient is "
+                         "friction.static_coefficient")
+    if key == "pressure.frequency_ratio":
+        raise InputError("pressure.frequency_ratio cannot be followed: between ratios of whole numbers the excitation "
+                         "is not periodic")

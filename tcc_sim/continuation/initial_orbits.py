@@ -1,0 +1,164 @@
+"""The orbits that branches begin with: the motion that a scene settles in, or given ones such as basins' attractors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.diagram import Seen, holds, station_of
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.newton import find_orbit
+from tcc_sim.continuation.problem import Floats
+from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.special_points import Station
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.parameters import System, values_of
+from tcc_sim.solvers import solve
+
+SETTLING = (300, 1200, 4800)
+"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for
+aperiodic.
+"""
+LONGEST_PERIOD = 16
+GUESSES = 8
+"""Section points from which an orbit is looked for."""
+FAMILY = 1e-7
+"""Distance of a multiplier from 1 at which a motion in pure slip belongs to a family of them."""
+FOUND_BY = "tcc_sim basins "
+"""How the format of the file begins that seeds are read from."""
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A motion near which an orbit is: value of the parameter, slip speed, plate angle and plate speed at phase 0, and
+    period in engine cycles.
+    """
+
+    value: float
+    state: tuple[float, float, float]
+    period: int
+
+
+def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float,
+                period: int | None) -> tuple[Shooting, Floats]:
+    """The orbit to begin with: Newton from the section of the motion that the scene settles in.
+
+    Raises
+    ------
+    NumericalFailure
+        None was found.
+    """
+    own, base = 0, map_.forcing_period
+    for count in SETTLING:
+        run = solve(system, cycles=count).raise_for_status()
+        assert run.cycles is not None
+        section, settled = run.cycles.section, run.cycles[count // 2:]
+        own = periodicity(settled).period
+        if own:
+            break
+    starts = range(count - count % base, count // 2, -base)
+    wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
+    for cycles in wanted:
+        cycles = math.lcm(cycles, base) if period is None else cycles
+        shooting = Shooting.single(map_, cycles, window)
+        guesses = _recurrent(section, starts, cycles, map_.scales)
+        guesses.append(np.mean(guesses, axis=0))
+        known = _shorter(map_, window, value, cycles, guesses)
+        z = find_orbit(shooting, (value,), guesses, known)
+        if z is not None:
+            return shooting, z
+    named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
+    raise NumericalFailure(f"no motion {named} was found near the settled one, from the {GUESSES} of its section "
+                           "points that come back closest; try another --period")
+
+
+def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
+    """The section points that come back closest after `cycles` cycles, nearest first."""
+    kept = [k for k in starts if k >= cycles]
+    away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
+    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:GUESSES]]
+
+
+def _shorter(map_: DrivelineMap, window: Window, value: float, period: int, guesses: list[Floats]) -> list[Floats]:
+    """Sections of an orbit of the shortest period, to be deflated from the search for a longer one."""
+    base = map_.forcing_period
+    if period == base:
+        return []
+    shooting = Shooting.single(map_, base, window)
+    z = find_orbit(shooting, (value,), [guesses[-1], guesses[0]])
+    return [] if z is None else [shooting.nodes(z)[0]]
+
+
+def seeded(map_: DrivelineMap, window: Window, seeds: Sequence[Seed], period: int | None,
+           known: Sequence[Branch]) -> Iterator[tuple[Station, dict[str, Any]]]:
+    """First points of branches at seeds that lie on none of those `known` by then, each with its origin.
+
+    Raises
+    ------
+    InputError
+        As `refuse_family`.
+    NumericalFailure
+        No orbit is near any of them.
+    """
+    met = False
+    for number, seed in enumerate(seeds):
+        if period not in (None, seed.period):
+            continue
+        first = station_of(map_, window, Seen(seed.value, np.array(seed.state), 0, seed.period, 0.0))
+        if first is None:
+            continue
+        refuse_family(first, map_.system_at((seed.value,)))
+        met = True
+        if not any(holds(branch, first) for branch in known):
+            yield first, {"kind": "attractor", "value": seed.value, "attractor": number}
+    if not met:
+        raise NumericalFailure(f"no motion{'' if period is None else f' of period {period}'} was found near any of the "
+                               f"{len(seeds)} seeds")
+
+
+def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, high: float) -> tuple[Seed, ...]:
+    """The periodic attractors of a `basins --json` document within a range of `over`.
+
+    Raises
+    ------
+    InputError
+        No such document, one of another scene (but for `over` and initial.*), or none of them in the range.
+    """
+    try:
+        if not str(found["format"]).startswith(FOUND_BY):
+            raise InputError(f"--seeds holds {found['format']!r}; it must be what basins --json wrote")
+        scene, varied = found["scene"], found.get("over")
+        if varied not in (None, over):
+            raise InputError(f"--seeds varies {varied}; it must be {over}, the key of --over, or none")
+        for key, value in values_of(system):
+            told = tuple(scene[key]) if isinstance(scene[key], list) else scene[key]
+            if key != over and not key.startswith("initial.") and told != value:
+                raise InputError(f"--seeds has {key} = {scene[key]!r}; it must be that of the scene, {value!r}")
+        values = [scene[over]] if varied is None else found["values"]
+        each = [found["attractors"]] if varied is None else found["attractors"]
+        out = tuple(Seed(float(value), (float(v), float(angle), float(speed)), int(a["period"]))
+                    for value, attractors in zip(values, each) for a in attractors if a["period"]
+                    for v, angle, speed in [a["state"]] if low <= value <= high)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"--seeds is no document of basins --json: {error!r}") from None
+    if not out:
+        raise InputError(f"--seeds has no periodic attractor at {over} from {low:g} to {high:g}")
+    return out
+
+
+def refuse_family(first: Station, system: System) -> None:
+    """Raise InputError where the motion is one of infinitely many in pure slip."""
+    events = first.orbit.seen.events
+    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
+        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm "
+                         f"({system.engine.mean_torque:g} N m): a family of motions with a multiplier of exactly 1, "
+                         "through which no single branch leads")
+
+
+__all__ = ["LONGEST_PERIOD", "Seed", "refuse_family", "seeded", "seeds_in", "start_orbit"]

@@ -1,0 +1,250 @@
+"""The periodic motions of a scene along one of its keys: branches, bifurcations, curves and limits, as `continue` asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch_switching import orbits_at, switch
+from tcc_sim.continuation.codim2 import KINDS, Curve, bifurcation_curve, border_curve
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
+from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.smoothing_limit import limit_of
+from tcc_sim.continuation.special_points import Bifurcation, Station
+from tcc_sim.continuation.walk import Course
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.scene import Scene
+
+DEEPEST_SWITCH = 8
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is asked for.
+
+    over : key and range; `second` the same for two-parameter curves
+    period : engine cycles of the motion to begin with; None takes the settled one's
+    at : values at which orbits are wanted
+    switch : generations of doubled branches
+    limit : whether bifurcations of the smoothed law are followed to the set-valued one
+    seeds : motions from which branches are followed, those that lie on none yet, instead of the settled one
+
+    Raises
+    ------
+    InputError
+        A range, value, period or depth that makes no sense.
+    """
+
+    over: str
+    low: float
+    high: float
+    period: int | None = None
+    at: tuple[float, ...] = ()
+    switch: int = 0
+    second: tuple[str, float, float] | None = None
+    limit: bool = False
+    seeds: tuple[Seed, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
+        if self.period is not None and not 1 <= self.period <= LONGEST_PERIOD:
+            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_PERIOD} engine cycles")
+        if not 0 <= self.switch <= DEEPEST_SWITCH:
+            raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
+        for seed in self.seeds:
+            if not self.low <= seed.value <= self.high:
+                raise InputError(f"a seed is at {self.over} = {seed.value:g}; it must be within the range of --over, "
+                                 f"{self.low:g} to {self.high:g}")
+        for value in self.at:
+            if not self.low <= value <= self.high:
+                raise InputError(f"--at is {value:g}; it must be within the range of --over, {self.low:g} to "
+                                 f"{self.high:g}")
+        if self.second is not None:
+            key, low, high = self.second
+            if key == self.over:
+                raise InputError(f"--second is {key}, the key of --over; it must be another one")
+            if not low < high:
+                raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
+
+
+@dataclass
+class Motions:
+    """What was found; complete is False where it was interrupted."""
+
+    plan: Plan
+    law: str
+    branches: list[Branch] = field(default_factory=list)
+    at: list[dict[str, Any]] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+    limits: dict[int, float | None] = field(default_factory=dict)
+    complete: bool = False
+
+    @property
+    def bifurcations(self) -> list[Bifurcation]:
+        """Of all branches, in order."""
+        return [f for branch in self.branches for f in branch.bifurcations]
+
+    def as_json(self) -> dict[str, Any]:
+        """As INTERFACE of `continue --json` names it; a value that is not finite is null."""
+        found = []
+        for number, item in enumerate(self.bifurcations):
+            entry = item.as_json()
+            if self.plan.limit:
+                entry["limit"] = self.limits.get(number)
+            found.append(entry)
+        out: dict[str, Any] = {"over": self.plan.over, "range": [self.plan.low, self.plan.high], "law": self.law,
+                               "branches": [b.as_json() for b in self.branches], "at": self.at, "bifurcations": found,
+                               "complete": self.complete}
+        if self.plan.second is not None:
+            out["second_over"] = self.plan.second[0]
+            out["curves"] = [{"kind": c.kind, "value": list(c.values), "second": list(c.second), "ended": list(c.ended)}
+                             for c in self.curves]
+        return out
+
+
+def continuation(scene: Scene | System, over: str, start: float, stop: float, **settings: Any) -> Motions:
+    """The branches of periodic motions along one scene key, with their bifurcations.
+
+    Parameters
+    ----------
+    over : scene key that is followed, from the smaller of `start` and `stop` to the larger
+    settings : the other fields of `Plan`, such as ``at=(301.5,)`` or ``switch=1``
+
+    Raises
+    ------
+    InputError, NumericalFailure
+        As `continue_motions`, and for a setting that there is not.
+
+    Examples
+    --------
+    >>> from tcc_sim import load_scene
+    >>> scene = load_scene("stick").with_values({"friction.law": "set_valued"})
+    >>> found = continuation(scene, "engine.mean_torque", 295.0, 305.0, at=(301.5,))
+    >>> [(branch.period, branch.origin) for branch in found.branches], found.at[0]["stable"]
+    ([(1, 'start')], True)
+    """
+    names = {item.name for item in fields(Plan)} - {"over", "low", "high"}
+    for name in settings:
+        if name not in names:
+            raise InputError(f"{name} is no setting of a continuation; there are {', '.join(sorted(names))}")
+    system = scene if isinstance(scene, System) else scene.system
+    return continue_motions(system, Plan(over, min(start, stop), max(start, stop), **settings))
+
+
+def check(system: System, plan: Plan) -> DrivelineMap:
+    """The map of the scene with the plan's key free, once it is sure that the plan can be carried out.
+
+    Raises
+    ------
+    InputError
+        A key that cannot be followed, a range beyond the key's own, or an option that would do nothing.
+    """
+    found = DrivelineMap(system, (plan.over,))
+    for value in (plan.low, plan.high):
+        replace(system, {plan.over: value})
+    if plan.second is not None:
+        key, low, high = plan.second
+        DrivelineMap(system, (plan.over, key))
+        for first in (plan.low, plan.high):
+            for value in (low, high):
+                replace(system, {plan.over: first, key: value})
+        present = _present(system, key)
+        if not low <= present <= high:
+            raise InputError(f"--second runs from {low:g} to {high:g}; it must include the scene's {key}, {present:g}")
+    if plan.limit and system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {system.friction.law}; --limit is for the smoothed law")
+    if plan.limit and plan.over == "friction.smoothing":
+        raise InputError("--limit follows friction.smoothing itself; --over must be another key")
+    if plan.period is not None and plan.period % found.forcing_period:
+        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine "
+                         "cycles, and the period must be a multiple of that")
+    return found
+
+
+def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None] | None = None,
+                     into: Motions | None = None) -> Motions:
+    """Follow the branch through the scene's settled motion (or those through seeds), and all that the plan asks for.
+
+    Parameters
+    ----------
+    tick : called with every point
+    into : filled in as things are found, so that they are there after Ctrl-C
+
+    Raises
+    ------
+    InputError
+        As `check`; also where the settled motion is one of a family with a multiplier of exactly 1.
+    NumericalFailure
+        No periodic motion was found to begin with.
+    """
+    map_ = check(system, plan)
+    out = into if into is not None else Motions(plan, system.friction.law)
+    window = Window(plan.low, plan.high)
+    course = Course(plan.over, tick=tick)
+    if plan.seeds:
+        for first, origin in seeded(map_, window, plan.seeds, plan.period, out.branches):
+            follow(first, course, origin, len(out.branches), keep=out.branches)
+    else:
+        start = min(max(_present(system, plan.over), plan.low), plan.high)
+        shooting, z = start_orbit(map_, replace(system, {plan.over: start}), window, start, plan.period)
+        first = first_station(shooting, z)
+        refuse_family(first, map_.system_at((start,)))
+        follow(first, course, "start", 0, keep=out.branches)
+    if plan.switch:
+        switch(out.branches, course, plan.switch)
+    for value in plan.at:
+        for number, branch in enumerate(out.branches):
+            out.at += [{"branch": number, "period": branch.period, "origin": branch.origin, **orbit.as_json()}
+                       for orbit in orbits_at(branch, value)]
+    if plan.second is not None:
+        _curves(system, plan, window, out)
+    if plan.limit:
+        _limits(system, plan, window, out)
+    out.complete = True
+    return out
+
+
+def _present(system: System, key: str) -> float:
+    """The scene's value of a key that is one number."""
+    value = dict(values_of(system))[key]
+    assert isinstance(value, float)
+    return value
+
+
+def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:
+    """Two-parameter curves of every bifurcation that has one."""
+    assert plan.second is not None
+    key, low, high = plan.second
+    windows, present = (window, Window(low, high)), _present(system, key)
+    map_ = DrivelineMap(system, (plan.over, key))
+    for item in out.bifurcations:
+        if item.kind not in KINDS:
+            continue
+        if item.kind == "stick_border":
+            def margin(first: float, second: float) -> float:
+                at = map_.system_at((first, second))
+                return stick_margin(at).torque / (at.friction_ratio * at.saturation_mean)
+
+            curve = border_curve(margin, windows, item.value, present)
+        else:
+            curve = bifurcation_curve(item, map_, windows, present)
+        if curve is not None:
+            out.curves.append(curve)
+
+
+def _limits(system: System, plan: Plan, window: Window, out: Motions) -> None:
+    """The limit of every bifurcation as sigma goes to infinity."""
+    smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
+    set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
+    for number, item in enumerate(out.bifurcations):
+        out.limits[number] = limit_of(item, smoothed, set_valued, window, system.friction.smoothing)
+
+
+__all__ = ["Motions", "Plan", "check", "continuation", "continue_motions"]

@@ -1,0 +1,207 @@
+"""Periodic orbits at given parameters: Newton with deflation of those already known, multipliers, stability.
+
+Deflation: P. E. Farrell, A. Birkisson, S. W. Funke, Deflation techniques for finding distinct solutions of nonlinear
+partial differential equations, SIAM J. Sci. Comput. 37 (2015).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eig
+
+from tcc_sim.continuation.problem import FAILURES, Floats, Observation, ParameterMap, Values
+from tcc_sim.continuation.shooting import Linearised, Shooting, product_of
+
+TOLERANCE = 1e-10
+"""Last Newton step, in natural sizes, at which an orbit counts as found."""
+ROUNDING = 1e-12
+"""Residual, in natural sizes, below which no further Newton step is worth taking."""
+ITERATIONS = 25
+SAME = 1e-6
+"""Distance, in natural sizes, below which two orbits are the same."""
+LARGEST_STEP = 2.0
+LOST = 1e-8
+"""Reciprocal of a multiplier that the pencil has lost digits of; the product gives it, as it is the largest there."""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A periodic orbit of the map.
+
+    period : cycles
+    values : the free parameters
+    nodes : (m, n) states at the starts of its segments; the first is the section at phase 0
+    multipliers : (n,) Floquet multipliers, largest modulus first
+    seen : largest size, stick fraction and event sequence
+    residual : largest component of the equations, in natural sizes
+    """
+
+    period: int
+    values: Values
+    nodes: Floats
+    multipliers: NDArray[np.complex128]
+    seen: Observation
+    residual: float
+
+    @property
+    def section(self) -> Floats:
+        """(n,) state at phase 0."""
+        out: Floats = self.nodes[0]
+        return out
+
+    @property
+    def stable(self) -> bool:
+        """Whether every multiplier lies inside the unit circle."""
+        return bool(abs(self.multipliers[0]) < 1.0)
+
+    def as_json(self) -> dict[str, Any]:
+        """The orbit as JSON values, with the names that `continue --json` gives its columns."""
+        out: dict[str, Any] = {"value": self.values[0]}
+        out.update(zip(("slip_speed", "plate_angle", "plate_speed"), map(float, self.section)))
+        out.update(max_slip_speed=self.seen.largest, stick_fraction=self.seen.stick_fraction, stable=self.stable,
+                   multipliers=[[float(m.real), float(m.imag)] for m in self.multipliers], events=self.seen.events,
+                   residual=self.residual)
+        return out
+
+
+def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
+    """Floquet multipliers, largest modulus first; the positive imaginary part first in a pair.
+
+    Of several segments, given in order, they are the finite eigenvalues of the pencil whose rows are x_(k+1) = M_k x_k
+    and M_m x_m = lambda x_1: the product of the M_k, which may grow and shrink by many orders, is never formed.
+    """
+    m, n = len(blocks), len(blocks[0])
+    if m == 1:
+        values = np.linalg.eigvals(blocks[0])
+    else:
+        left, right = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
+        for k, block in enumerate(blocks):
+            rows = slice(k * n, k * n + n)
+            left[rows, rows] = block
+            if k + 1 < m:
+                left[rows, (k + 1) * n:(k + 2) * n] = -np.eye(n)
+        right[(m - 1) * n:, :n] = np.eye(n)
+        top, bottom = eig(left, right, right=False, homogeneous_eigvals=True)
+        finite = np.argsort(-np.abs(bottom))[:n]
+        large = np.abs(bottom[finite]) < LOST * np.abs(top[finite])
+        values = np.where(large, 0.0, top[finite] / np.where(large, 1.0, bottom[finite]))
+        if large.any():
+            whole = np.linalg.eigvals(product_of(np.array(blocks)))
+            values[large] = whole[np.argsort(-np.abs(whole))][:int(large.sum())]
+    out: NDArray[np.complex128] = values.astype(np.complex128)
+    return out[np.lexsort((-out.imag, -np.abs(out)))]
+
+
+def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
+    """The orbit of a solution `z` with its linearisation."""
+    nodes, values = shooting.nodes(z), shooting.values(z)
+    seen = found.seen if found.seen is not None else shooting.map.observe(nodes[0], values, 0, shooting.period)
+    return Orbit(shooting.period, values, nodes, multipliers_of(*found.blocks), seen,
+                 float(np.abs(found.residual).max()))
+
+
+def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iterations: int = ITERATIONS) -> Floats | None:
+    """A solution near `z` at its parameters, none of the `known` ones; None where there is none to be found.
+
+    `z` and `known` are scaled unknowns; the parameters of `z` stay. Steps are halved until the residual falls.
+    """
+    z, size = z.copy(), shooting.size
+    try:
+        found = shooting.linearise(z)
+        for _ in range(iterations):
+            step = _newton_step(found.jacobian[:, :size], found.residual)
+            turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
+            if turn:
+                step = step / (1.0 - turn)
+            length = float(np.abs(step).max())
+            if not np.isfinite(length):
+                return None
+            if length < TOLERANCE or np.abs(found.residual).max() < ROUNDING:
+                z[:size] += step
+                return z if all(np.abs(z[:size] - k[:size]).max() > SAME for k in known) else None
+            step *= min(1.0, LARGEST_STEP / length)
+            before = _weight(z, known, size) * float(np.linalg.norm(found.residual))
+            for part in (1.0, 0.5, 0.25, 0.1, 0.03):
+                trial = z.copy()
+                trial[:size] += part * step
+                try:
+                    after = shooting.linearise(trial)
+                except FAILURES:
+                    continue
+                if _weight(trial, known, size) * float(np.linalg.norm(after.residual)) < before:
+                    z, found = trial, after
+                    break
+            else:
+                return None
+    except FAILURES:
+        return None
+    return None
+
+
+def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
+    """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
+    step: Any
+    try:
+        step = np.linalg.solve(jacobian, -residual)
+    except np.linalg.LinAlgError:
+        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
+    out: Floats = step
+    return out
+
+
+def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:
+    """The deflation operator: product of 1 + 1/|z - known|^2."""
+    out = 1.0
+    for k in known:
+        out *= 1.0 + 1.0 / max(float(np.sum((z[:size] - k[:size]) ** 2)), 1e-300)
+    return out
+
+
+def _slope(away: Any, step: Any) -> float:
+    """Derivative of the logarithm of 1 + 1/|away|^2 along `step`."""
+    square = max(float(away @ away), 1e-300)
+    return -2.0 * float(away @ step) / (square * (square + 1.0))
+
+
+def shifts(of: ParameterMap, x: Floats, values: Values, period: int) -> list[Floats]:
+    """The points of a closed orbit at the starts of all cycles at which the map repeats."""
+    points, at = [x], x
+    for first in range(0, period - of.forcing_period, of.forcing_period):
+        at = of.evaluate(at, values, first, of.forcing_period).value
+        points.append(at)
+    return points
+
+
+def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = SAME) -> int:
+    """The smallest number of cycles after which a closed orbit of `period` cycles repeats, to `same` natural sizes."""
+    points = shifts(of, x, values, period)
+    for k in range(1, len(points)):
+        if len(points) % k == 0 and np.abs((points[k] - x) / of.scales).max() < same:
+            return k * of.forcing_period
+    return period
+
+
+def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats],
+               known: Sequence[Floats] = ()) -> Floats | None:
+    """The scaled unknowns of an orbit with exactly the period of `shooting` from the first guess that leads to one.
+
+    guesses : states (n,) at phase 0
+    known : states (n,) at phase 0 of orbits that are not looked for; orbits of shorter periods that come up join them
+    """
+    deflated = [shooting.point(x[None], values) for x in known]
+    for guess in guesses:
+        start = shooting.point(np.asarray(guess, dtype=np.float64)[None], values)
+        for _ in range(4):
+            z = newton(shooting, start, deflated)
+            if z is None:
+                break
+            x = shooting.nodes(z)[0]
+            if minimal_period(shooting.map, x, values, shooting.period) == shooting.period:
+                return z
+            deflated += [shooting.point(p[None], values) for p in shifts(shooting.map, x, values, shooting.period)[:1]]
+    return None

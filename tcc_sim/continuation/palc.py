@@ -1,0 +1,270 @@
+"""Pseudo-arclength continuation of any curve of solutions, one equation fewer than unknowns.
+
+H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977. Each step is Newton's method in
+the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (heights)
+are coordinates of the arclength beside the unknowns: where a motion grows much while its section hardly moves, steps
+are measured by its size. A step is halved where the corrector goes
+far from the predictor, where the tangent turns by more than a set angle, or where the determinant of Jacobian and
+tangent changes sign: there the curve has met another one, or the corrector has jumped to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.shooting import Linearised
+
+TOLERANCE = 1e-9
+ITERATIONS = 8
+LARGEST_LEFT = 5e-9
+"""Residual above which no point is accepted."""
+SQUARED = 1e-5
+"""A Newton step below this leaves an error of its square; the residual before it then decides too."""
+SLOWEST = 0.7
+"""Share of the step before above which Newton's method is given up: a shorter step of the walk costs less."""
+GROWN, NOTHING = 10.0, 1e-12
+"""Growth of a residual by the last Newton step above which that step has led elsewhere, and a residual that is none."""
+CONTRACTION = 0.15
+"""Share of Newton's first step that the second one is aimed to be: four of them then reach rounding."""
+MORE_REFUSED = 1.2
+"""Growth of the step's length at most after a longer one was refused."""
+NODES = 3
+"""Points before the last one from which the next is predicted."""
+
+
+class Equations(Protocol):
+    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking, and
+    `exact` whether the Jacobian is, so that a tangent tells where a curve goes on as well as its points do.
+    """
+
+    rounding: ClassVar[float]
+    exact: ClassVar[bool]
+
+    def linearise(self, z: Floats) -> Linearised:
+        """Residual and Jacobian."""
+
+
+class Point(NamedTuple):
+    """A solution: unknowns (d + 1,), unit tangent, linearisation, and the sign of det [Jacobian; tangent]."""
+
+    z: Floats
+    tangent: Floats
+    found: Linearised
+    sign: float
+
+
+class Corrected(NamedTuple):
+    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the
+    heights, where they are coordinates too), how these climb along the tangent, and what share of its first step
+    Newton's second one was.
+    """
+
+    z: Floats
+    found: Linearised
+    tangent: Floats
+    distance: float
+    climb: Floats
+    contraction: float
+
+
+class Plane(NamedTuple):
+    """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values
+    (N,) at the guess.
+    """
+
+    weights: Floats
+    heights: Floats
+
+
+FLAT = Plane(np.empty(0), np.empty(0))
+
+
+def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT, tolerance: float = TOLERANCE,
+            start: Floats | None = None) -> Corrected | None:
+    """Newton to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0, from `start`.
+
+    It starts at the guess where nothing else is given. None where it does not converge.
+    """
+    z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
+    contraction = 0.0
+    size, climbs = len(guess), len(plane.weights) > 0
+    matrix, sides = np.empty((size, size)), np.zeros((size, 2))
+    for _ in range(ITERATIONS):
+        try:
+            found = equations.linearise(z)
+            matrix[:-1], matrix[-1] = found.jacobian, row
+            sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
+            sides[-1, 1] = 1.0
+            if climbs:
+                if len(found.heights) != len(plane.heights):
+                    return None
+                matrix[-1] += plane.weights @ found.climb
+                sides[-1, 0] -= float(plane.weights @ (found.heights - plane.heights))
+                away = float(np.linalg.norm(found.heights - plane.heights))
+            solved: Any = np.linalg.solve(matrix, sides)
+        except FAILURES:
+            return None
+        step = solved[:, 0]
+        length, left = float(np.abs(step).max()), float(np.abs(found.residual).max())
+        if not length < 10.0:
+            return None
+        z = z + step
+        if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
+            tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
+            climb = found.climb @ tangent if climbs else plane.weights
+            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb, contraction)
+        if length > (SLOWEST if length > SQUARED else 1.0) * last:
+            return None
+        contraction = contraction or (length / last if last < np.inf else 0.0)
+        last = length
+    return None
+
+
+def astray_beyond(equations: Equations, here: Point, new: Point) -> bool:
+    """Whether a step over a change of the event sequence has come to no solution.
+
+    There the curve may have a corner, and Newton's method a cycle of two points on either side of it: the last step
+    from a small residual beyond leads back to a large one.
+    """
+    before, after = here.found.seen, new.found.seen
+    if before is None or after is None or before.events == after.events:
+        return False
+    try:
+        left = float(np.abs(equations.linearise(new.z).residual).max())
+    except FAILURES:
+        return True
+    return left > GROWN * max(float(np.abs(new.found.residual).max()), NOTHING)
+
+
+def tangent_of(found: Linearised, along: Floats) -> Floats:
+    """The unit tangent of the curve on the side of `along`."""
+    side = np.zeros(len(along))
+    side[-1] = 1.0
+    t: Any = np.linalg.solve(np.vstack([found.jacobian, along]), side)
+    out: Floats = t / float(np.linalg.norm(t))
+    return out
+
+
+def null_direction(found: Linearised) -> Floats:
+    """A unit vector that the Jacobian maps to 0."""
+    out: Floats = np.linalg.svd(found.jacobian)[2][-1]
+    return out
+
+
+def point_at(z: Floats, found: Linearised, tangent: Floats) -> Point:
+    """A point with the sign of its determinant."""
+    return Point(z, tangent, found, float(np.sign(np.linalg.det(np.vstack([found.jacobian, tangent])))))
+
+
+@dataclass
+class Stride:
+    """The step length of a walk and what bounds it; lengths are in natural sizes.
+
+    wanted : distance between predictor and corrector that is aimed at
+    farthest : the same, relative to the step, above which a step is refused
+    turn : smallest cosine between neighbouring tangents
+    tried : steps tried until now
+    """
+
+    length: float = 0.01
+    smallest: float = 1e-9
+    largest: float = 0.1
+    wanted: float = 2e-3
+    farthest: float = 0.3
+    turn: float = 0.9
+    branching: float = 1e-4
+    """A change of the determinant's sign is believed in steps this short."""
+    tried: int = 0
+
+    def after(self, found: Corrected, refused: bool) -> float:
+        """The next length after a step; the corrector's way goes as the third power of the length.
+
+        refused : whether a longer one has just been, which the next one is not to be then
+        """
+        ways = (found.distance / self.wanted, found.contraction / CONTRACTION)
+        factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
+        most = MORE_REFUSED if refused else 2.0
+        return min(self.length * min(max(float(factor), 0.5), most), self.largest)
+
+
+def advance(equations: Equations, here: Point, before: Sequence[Point], stride: Stride,
+            climbing: bool = True) -> Point | None:
+    """The next point along the curve; None where no step is short enough.
+
+    before : points before `here`, the nearest one last, from which the predictor takes the curve's bend
+    climbing : whether the heights are coordinates of the arclength, where there are any
+    """
+    climb = here.found.climb @ here.tangent if climbing and len(here.found.heights) else FLAT.weights
+    reach = float(np.sqrt(1.0 + climb @ climb))
+    known, refused = behind(here, before, climb), False
+    if not equations.exact and len(known) > 3:
+        del known[1]
+    while stride.length >= stride.smallest:
+        ahead = extrapolated(known, stride.length * reach)
+        guess, heights = here.z + ahead[:len(here.z)], here.found.heights[:len(climb)] + ahead[len(here.z):]
+        stride.tried += 1
+        found = correct(equations, guess, here.tangent, Plane(climb, heights))
+        if found is not None:
+            along = float(found.tangent @ here.tangent + found.climb @ climb)
+            tangent = found.tangent if along > 0.0 else -found.tangent
+            new = point_at(found.z, found.found, tangent)
+            turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
+            jumped = new.sign != here.sign and stride.length > stride.branching
+            astray = beside(here, new, len(climb) > 0) < stride.turn
+            if found.distance <= stride.farthest * stride.length and not (turned or jumped or astray
+                                                                          or astray_beyond(equations, here, new)):
+                stride.length = stride.after(found, refused)
+                return new
+        stride.length *= 0.5
+        refused, known = True, known[:max(len(known) - 2, 2)]
+    return None
+
+
+def beside(here: Point, new: Point, climbing: bool) -> float:
+    """Cosine between the way from one point to the next and the tangent there.
+
+    Along a curve that bends little the way lies between both tangents; elsewhere the corrector has gone to another one.
+    """
+    way, along = new.z - here.z, new.tangent
+    if climbing:
+        way = np.concatenate([way, new.found.heights - here.found.heights])
+        along = np.concatenate([along, new.found.climb @ new.tangent])
+    return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
+
+
+def behind(here: Point, before: Sequence[Point], climb: Floats) -> list[tuple[float, Floats]]:
+    """Nodes of the predictor: how far each is along the tangent, and its unknowns and heights from those of `here`.
+
+    The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.
+    """
+    size, used = len(here.z), len(climb)
+    nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, climb]) / (1.0 + climb @ climb))]
+    for point in before[:-NODES - 1:-1]:
+        if len(point.z) != size or (used and len(point.found.heights) != used):
+            break
+        away = np.concatenate([point.z - here.z, point.found.heights[:used] - here.found.heights[:used]])
+        at = float(here.tangent @ away[:size] + climb @ away[size:])
+        if not at < nodes[-1][0]:
+            break
+        nodes.append((at, away))
+    return nodes
+
+
+def extrapolated(nodes: list[tuple[float, Floats]], at: float) -> Floats:
+    """The polynomial through nodes in order, by divided differences; a second one at the same place is its slope."""
+    places, column = [place for place, _ in nodes], [value for _, value in nodes]
+    slope = column[1] if places[0] == places[1] else None
+    if slope is not None:
+        column[1] = column[0]
+    out, product = column[0], 1.0
+    for order in range(1, len(nodes)):
+        column = [slope if slope is not None and order == 1 and k == 0 else
+                  (column[k + 1] - column[k]) / (places[k + order] - places[k]) for k in range(len(nodes) - order)]
+        product *= at - places[order - 1]
+        out = out + product * column[0]
+    return out

@@ -1,0 +1,242 @@
+"""The equations of a periodic orbit: one or more segments whose ends meet (multiple shooting).
+
+Unknowns are scaled: the nodes, each by the map's natural sizes, then the free parameters, each by the width of its
+range, so that 0 to 1 is the range. U. M. Ascher, R. M. M. Mattheij, R. D. Russell, Numerical Solution of Boundary Value
+Problems, SIAM 1995, Section 4.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import groupby
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.continuation.problem import Floats, Image, Observation, ParameterMap, Values
+from tcc_sim.errors import InputError
+
+GROWTH = 1e2
+"""Growth over a segment, in natural sizes, above which it is cut: what a step of the solver leaves, some 1e-13, stays
+below 1e-10 in the residual."""
+PARTS = 16
+"""Parts of a cycle, or of a part, in which the growth is looked at."""
+FINEST = PARTS**-3.0
+"""Shortest part, in cycles."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """The range of one free parameter; `inverse` takes the reciprocal as coordinate, 0 at infinity and 1 at `low`."""
+
+    low: float
+    high: float
+    inverse: bool = False
+
+    def value(self, scaled: float) -> float:
+        """The parameter at 0 (low) to 1 (high)."""
+        if self.inverse:
+            return self.low / scaled
+        return self.low + scaled * (self.high - self.low)
+
+    def scaled(self, value: float) -> float:
+        """0 at low to 1 at high."""
+        return self.low / value if self.inverse else (value - self.low) / (self.high - self.low)
+
+    def width(self, scaled: float) -> float:
+        """Change of the parameter per unit of the scaled one."""
+        return -self.low / scaled**2 if self.inverse else self.high - self.low
+
+
+class Linearised(NamedTuple):
+    """Equations at a point, all in natural sizes but the monodromy matrix.
+
+    residual, jacobian : (d,), (d, d + P)
+    monodromy : (n, n) in the map's units
+    blocks : (m, n, n) derivatives of the segments' ends by their starts
+    seen : what is seen over the period, where the map knows it at once
+    heights, climb : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
+    """
+
+    residual: Floats
+    jacobian: Floats
+    monodromy: Floats
+    blocks: Floats = np.empty((0, 0, 0))
+    seen: Observation | None = None
+    heights: Floats = np.empty(0)
+    climb: Floats = np.empty((0, 0))
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """The equations G = 0 of orbits of `period` cycles in segments, whose lengths `segments` are in cycles."""
+
+    map: ParameterMap
+    period: int
+    windows: tuple[Window, ...]
+    segments: tuple[float, ...]
+
+    rounding: ClassVar[float] = 1e-10
+    exact: ClassVar[bool] = True
+
+    @staticmethod
+    def single(of: ParameterMap, period: int, *windows: Window) -> Shooting:
+        """One segment over the whole period.
+
+        Raises
+        ------
+        InputError
+            A period in which the excitation does not repeat.
+        """
+        if period < 1 or period % of.forcing_period:
+            raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after "
+                             "which the excitation repeats")
+        return Shooting(of, period, windows, (period,))
+
+    @property
+    def size(self) -> int:
+        """Number of equations."""
+        return len(self.segments) * self.map.dimension
+
+    def values(self, z: Floats) -> Values:
+        """The free parameters of a point."""
+        return tuple(w.value(float(u)) for w, u in zip(self.windows, z[self.size:]))
+
+    def nodes(self, z: Floats) -> Floats:
+        """(m, n) states at the starts of the segments."""
+        out: Floats = z[:self.size].reshape(-1, self.map.dimension) * self.map.scales
+        return out
+
+    def point(self, nodes: Floats, values: Values) -> Floats:
+        """The scaled unknowns of nodes (m, n) and parameters."""
+        return np.concatenate([(nodes / self.map.scales).ravel(),
+                               [w.scaled(v) for w, v in zip(self.windows, values)]])
+
+    def linearise(self, z: Floats) -> Linearised:
+        """Residual and derivative at `z`; raises what the map raises."""
+        n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
+        values, nodes = self.values(z), self.nodes(z)
+        widths = np.array([w.width(float(u)) for w, u in zip(self.windows, z[size:])])
+        images = self.map.evaluate_each(nodes, values, starts_of(self.segments), self.segments)
+        ends = np.array([image.value for image in images])
+        blocks = np.array([image.jacobian for image in images]) * (scales / scales[:, None])
+        jacobian = np.zeros((size, size + len(widths)))
+        rows, columns, following = places(count, n)
+        jacobian[rows, columns] = blocks
+        jacobian[following] -= 1.0
+        jacobian[:, size:] = np.concatenate([image.by_parameter for image in images]) * (
+            widths / np.tile(scales, count)[:, None])
+        residual = ((ends - (nodes if count == 1 else np.roll(nodes, -1, axis=0))) / scales).ravel()
+        monodromy = images[0].jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
+        seen = [image.seen for image in images if image.seen is not None and image.climb is not None]
+        if len(seen) < count:
+            return Linearised(residual, jacobian, monodromy, blocks)
+        heights = np.array([h for part in seen for h in part.heights]) / self.map.height_scale
+        climb, row = np.zeros((len(heights), size + len(widths))), 0
+        steps, spans = scales / self.map.height_scale, widths / self.map.height_scale
+        for k, image in enumerate(images):
+            assert image.climb is not None
+            end = row + len(image.climb)
+            climb[row:end, k * n:k * n + n] = image.climb[:, :n] * steps
+            climb[row:end, size:] = image.climb[:, n:] * spans
+            row = end
+        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), heights, climb)
+
+    def cut(self, z: Floats) -> tuple[Shooting, Floats]:
+        """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with
+        them.
+
+        A map that cannot be divided is cut between cycles.
+        """
+        values, x = self.values(z), self.nodes(z)
+        parts: list[tuple[float, Floats, Floats]] = []
+        first = 0.0
+        for k, cycles in enumerate(self.segments):
+            at, end = x[k], first + cycles
+            while first < end:
+                length = min(1.0 - first % 1.0, end - first)
+                pieces, at = self._pieces(at, values, first, length)
+                parts += pieces
+                first += length
+        lengths, nodes = greedy(parts)
+        if not self.map.divisible:
+            lengths = [round(length) for length in lengths]
+        finer = Shooting(self.map, self.period, self.windows, tuple(lengths))
+        return finer, finer.point(np.array(nodes), values)
+
+    def _pieces(self, x: Floats, values: Values, first: float,
+                length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
+        """Length, start and scaled derivative of pieces over each of which the growth is bounded; and the end."""
+        scales = self.map.scales
+        whole: Image = self.map.evaluate(x, values, first if self.map.divisible else round(first),
+                                         length if self.map.divisible else round(length))
+        block = whole.jacobian * scales / scales[:, None]
+        if not self.map.divisible or length <= 1.5 * FINEST:
+            return [(length, x, block)], whole.value
+        if length <= 1.0 / PARTS and float(np.abs(block).max()) < GROWTH**0.5:
+            return [(length, x, block)], whole.value
+        out: list[tuple[float, Floats, Floats]] = []
+        begin, end, step = first, first + length, 1.0 / PARTS
+        while step >= length:
+            step /= PARTS
+        while begin < end:
+            following = min((np.floor(begin / step + 1e-9) + 1.0) * step, end)
+            pieces, x = self._pieces(x, values, begin, following - begin)
+            out += pieces
+            begin = following
+        return out, x
+
+
+@lru_cache(maxsize=64)
+def starts_of(segments: tuple[float, ...]) -> list[float]:
+    """Where segments begin, in cycles."""
+    return [sum(segments[:k]) for k in range(len(segments))]
+
+
+@lru_cache(maxsize=64)
+def places(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Rows and columns (count, n, n) of the segments' derivatives in the Jacobian, and those of the nodes after them.
+    """
+    own = np.arange(count * n).reshape(count, n)
+    rows = np.broadcast_to(own[:, :, None], (count, n, n))
+    columns = np.broadcast_to(own[:, None, :], (count, n, n))
+    return rows, columns, (own.ravel(), np.roll(own, -1, axis=0).ravel())
+
+
+def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list[Floats]]:
+    """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its
+    pieces to its end stays within bounds.
+    """
+    lengths: list[float] = []
+    nodes: list[Floats] = []
+    ahead: list[Floats] = []
+    for length, node, block in parts:
+        grown = [block @ a for a in ahead] + [block]
+        if not ahead or max(float(np.abs(g).max()) for g in grown) > GROWTH:
+            lengths.append(length)
+            nodes.append(node)
+            ahead = [block]
+        else:
+            lengths[-1] += length
+            ahead = grown
+    return lengths, nodes
+
+
+def product_of(blocks: Floats) -> Floats:
+    """The product of the blocks, the first one rightmost."""
+    out: Floats = blocks[0]
+    for block in blocks[1:]:
+        out = block @ out
+    return out
+
+
+def joined(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
+    """What is seen over several segments."""
+    if len(seen) == 1:
+        return seen[0]
+    events = "".join(mode for mode, _ in groupby("".join(part.events for part in seen)))
+    stick = sum(part.stick_fraction * length for part, length in zip(seen, segments)) / sum(segments)
+    return Observation(max(part.largest for part in seen), stick, events,
+                       tuple(h for part in seen for h in part.heights))

@@ -1,0 +1,94 @@
+"""Where the event sequence of a motion changes along a branch: the bifurcations that only set-valued friction has.
+
+M. di Bernardo, P. Kowalczyk, A. Nordmark, Bifurcations of dynamical systems with sliding, Physica D 170 (2002):
+grazing-, crossing-, switching- and adding-sliding. A sequence is compared as a ring, so an event that passes phase 0 is
+none.
+"""
+
+from __future__ import annotations
+
+from tcc_sim.continuation.problem import Margins
+
+REPEATS = 8
+"""Changes of one kind that are looked for at once (a symmetric motion has them in pairs)."""
+
+
+def ring(events: str) -> str:
+    """The sequence of a periodic motion without its start: its first and last mode joined, in the least rotation."""
+    if len(events) > 1 and events[0] == events[-1]:
+        events = events[:-1]
+    return min(events[k:] + events[:k] for k in range(len(events))) if events else events
+
+
+RULES: dict[str, tuple[tuple[str, str], ...]] = {
+    "adding_sliding": (("S+S", "S"), ("S-S", "S")),
+    "grazing_sliding": (("+S+", "+"), ("-S-", "-"), ("+-+", "+"), ("-+-", "-")),
+    "crossing_sliding": (("+S-", "+-"), ("-S+", "-+")),
+    "switching_sliding": (("+-S", "+S"), ("-+S", "-S")),
+}
+"""Per kind, which part of the longer sequence becomes which of the shorter one."""
+
+
+def _reduced(longer: str, rules: tuple[tuple[str, str], ...], shorter: str) -> bool:
+    """Whether replacing parts of the ring `longer`, once or more, gives the ring `shorter`."""
+    found = {longer}
+    for _ in range(REPEATS):
+        found = {new for text in found for pattern, by in rules for new in _replaced(text, pattern, by)}
+        if shorter in found:
+            return True
+    return False
+
+
+def _replaced(text: str, pattern: str, by: str) -> set[str]:
+    """The rings that come of replacing `pattern` by `by` at each of its places on the ring `text`."""
+    out = set()
+    for k in range(len(text)):
+        turned = text[k:] + text[:k]
+        if turned.startswith(pattern):
+            out.add(ring(by + turned[len(pattern):]))
+        elif len(turned) == len(pattern) - 1 and turned + turned[0] == pattern:
+            out.add(by[0])
+    return out
+
+
+def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> str:
+    """The kind of bifurcation between two event sequences; `near` are the margins on both sides of it.
+
+    Where the sequences can differ for several reasons, the smallest margin decides.
+    """
+    one, two = ring(before), ring(after)
+    longer, shorter = (one, two) if len(one) >= len(two) else (two, one)
+    if shorter == "S":
+        return "stick_border"
+    kinds = [kind for kind, rules in RULES.items() if _reduced(longer, rules, shorter)]
+    if kinds:
+        # Both an interval of slip and one of stick that vanish make S+S of S+S+S.
+        return min(kinds, key=lambda kind: border_residual(kind, near))
+    grazing, arrival = min(m.grazing for m in near), min(abs(m.arrival) for m in near)
+    stick = min(abs(m.stick) for m in near)
+    if stick <= min(grazing, arrival):
+        return "adding_sliding"
+    if grazing <= arrival:
+        return "grazing_sliding"
+    least = min(near, key=lambda m: abs(m.arrival))
+    return "switching_sliding" if least.arrival_grows else "crossing_sliding"
+
+
+def margin_of(kind: str) -> str:
+    """The name of the margin that vanishes at a bifurcation of this kind."""
+    return {"grazing_sliding": "grazing", "adding_sliding": "stick", "stick_border": "stick"}.get(kind, "arrival")
+
+
+def border_residual(kind: str, near: tuple[Margins, ...]) -> float:
+    """The margin that vanishes at a bifurcation of this kind, relative to its natural size; the smaller one of `near`.
+    """
+    return min(abs(float(getattr(m, margin_of(kind)))) for m in near)
+
+
+def differ(one: str, two: str) -> bool:
+    """Whether two event sequences are those of different motions; free intervals are no events of friction."""
+    return ring(one) != ring(two)
+
+
+__all__ = ["border_residual", "differ", "kind_of_change", "margin_of", "ring"]
+

@@ -1,0 +1,159 @@
+"""Where on a branch the event sequence changes: bracketed by the sequences, then solved for by the margin that
+vanishes.
+
+The orbit's equations with the margin as one more are regular up to the border from the side on which the margin is
+defined, so Newton's method on them finds it; it goes nine tenths of the way at a time, so as not to leave that side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.continuation.palc import point_at, tangent_of
+from tcc_sim.continuation.problem import FAILURES, Floats, Margins
+from tcc_sim.continuation.shooting import Linearised, Shooting
+from tcc_sim.continuation.sliding import border_residual, differ, kind_of_change, margin_of, ring
+from tcc_sim.continuation.special_points import WORST, Bifurcation, Chord, Station, station_at
+
+NAMES = ("grazing", "arrival", "stick")
+HALVINGS, MORE_HALVINGS = 24, 20
+"""Halvings of the bracket before Newton's method, and further ones where it does not get through."""
+CLOSED = 1e-11
+"""Residual of the orbit itself, in natural sizes, at which it counts as closed."""
+LEFT_OVER = 0.1
+"""Share of the margin that a Newton step leaves."""
+CLOSE = 1e-12
+"""Margin, relative to its natural size, at which a border counts as found."""
+FINEST = 1e-12
+"""Distance from the border, in natural sizes, below which it is not resolved where the margin changes very fast (on a
+canard: slip that follows the falling branch of friction); that distance is the residual then."""
+ITERATIONS = 40
+ASTRAY = 10.0
+"""Distance from the bracket, in its lengths, beyond which another border has been found."""
+
+
+def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
+    """The stations on both sides of a change of the event sequence, and the bifurcation there.
+
+    None where the change is none of friction (the pressure meeting 0), or where no margin vanishes.
+    """
+    low, high = 0.0, 1.0
+    left, right = chord.a, chord.b
+    best: tuple[Station, Station, Bifurcation] | None = None
+    for count in (HALVINGS, MORE_HALVINGS, 0):
+        if not count:
+            left, right = chord.a, chord.b
+        for _ in range(count):
+            middle = 0.5 * (low + high)
+            station = chord.at(middle)
+            if station is None:
+                break
+            station = observed(station)
+            if differ(station.orbit.seen.events, chord.a.orbit.seen.events):
+                high, right = middle, station
+            else:
+                low, left = middle, station
+        events = left.orbit.seen.events, right.orbit.seen.events
+        if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
+            return left, right, None
+        near = nearest(left.shooting, left.point.z), nearest(right.shooting, right.point.z)
+        kind = kind_of_change(*events, (near[0].margins, near[1].margins))
+        found = solved(kind, left, right, near)
+        if found is not None:
+            return left, right, found
+        at = left if left.orbit.residual <= right.orbit.residual else right
+        residual = max(border_residual(kind, (near[0].margins, near[1].margins)), at.orbit.residual)
+        # Where the bracket is as narrow as rounding, both of its ends may be on one side, without the margin that
+        # vanishes;
+        # those of the chord are looked at too then.
+        if best is None or residual < best[2].residual:
+            best = left, right, Bifurcation(kind, at, residual)
+    assert best is not None
+    # Slip that begins at phase 0 itself, to rounding, changes the sequence too, and nothing vanishes there.
+    return best if best[2].residual < WORST else (best[0], best[1], None)
+
+
+def observed(station: Station) -> Station:
+    """The station with what is seen at its very point; a corrector knows it only from before its last step."""
+    seen = station.shooting.linearise(station.point.z).seen
+    return station if seen is None else replace(station, orbit=replace(station.orbit, seen=seen))
+
+
+class Nearest(NamedTuple):
+    """The margins of a periodic motion, and their derivatives by the scaled unknowns, by name, where they are known."""
+
+    margins: Margins
+    gradients: dict[str, Floats]
+
+
+def nearest(shooting: Shooting, z: Floats) -> Nearest:
+    """The margins over all segments."""
+    nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
+    widths = np.array([w.width(float(u)) for w, u in zip(shooting.windows, z[size:])])
+    least = dict.fromkeys(NAMES, np.inf)
+    gradients: dict[str, Floats] = {}
+    grows, first = False, 0.0
+    for k, length in enumerate(shooting.segments):
+        found = shooting.map.margins(nodes[k], values, first, length)
+        first += length
+        for name in NAMES:
+            value = float(getattr(found, name))
+            if not abs(value) < abs(least[name]):
+                continue
+            least[name] = value
+            grows = found.arrival_grows if name == "arrival" else grows
+            if name in found.slopes:
+                gradients[name] = np.zeros(len(z))
+                gradients[name][k * n:k * n + n] = found.slopes[name][0] * shooting.map.scales
+                gradients[name][size:] = found.slopes[name][1] * widths
+    return Nearest(Margins(least["grazing"], least["arrival"], grows, least["stick"]), gradients)
+
+
+def solved(kind: str, left: Station, right: Station, near: tuple[Nearest, Nearest]) -> Bifurcation | None:
+    """The border between two stations by Newton's method on its own margin; None where that does not get through."""
+    name = margin_of(kind)
+    sides = [(s, m) for s, m in zip((left, right), near) if name in m.gradients]
+    if not sides:
+        return None
+    # The margin that is to vanish belongs to the side without the event that it would make.
+    start, at = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1].margins, name))))
+    shooting, z = start.shooting, start.point.z
+    apart = max(float(np.linalg.norm(right.point.z - left.point.z)), 1e-9)
+    one_sided = name != "arrival"
+    try:
+        found = shooting.linearise(z)
+        for _ in range(ITERATIONS):
+            value = float(getattr(at.margins, name))
+            if abs(value) <= CLOSE and float(np.abs(found.residual).max()) <= CLOSED:
+                return located(kind, start, z, found, abs(value))
+            keep = LEFT_OVER if one_sided and abs(value) > CLOSE else 0.0
+            step = np.linalg.solve(np.vstack([found.jacobian, at.gradients[name]]),
+                                   np.append(-found.residual, (keep - 1.0) * value))
+            distance = float(np.linalg.norm(step))
+            if distance <= FINEST and abs(value) > CLOSE:
+                return located(kind, start, z, found, distance)
+            for part in (1.0, 0.5, 0.25, 0.1, 0.03):
+                trial = z + part * step
+                found = shooting.linearise(trial)
+                if one_sided and found.seen is not None and differ(found.seen.events, start.orbit.seen.events):
+                    continue
+                at = nearest(shooting, trial)
+                if name in at.gradients and abs(getattr(at.margins, name)) <= 2.0 * abs(value) + CLOSE:
+                    z = trial
+                    break
+            else:
+                return None
+            if float(np.linalg.norm(z - start.point.z)) > ASTRAY * apart:
+                return None
+    except FAILURES:
+        return None
+    return None
+
+
+def located(kind: str, near: Station, z: Floats, found: Linearised, margin: float) -> Bifurcation:
+    """The bifurcation at a solution."""
+    station = station_at(near.shooting, point_at(z, found, tangent_of(found, near.point.tangent)))
+    return Bifurcation(kind, station, max(margin, station.orbit.residual))

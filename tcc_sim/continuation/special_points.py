@@ -1,0 +1,295 @@
+"""Tests along a branch and the location of their roots: fold, period doubling, Neimark-Sacker, branch point.
+
+Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, Section 10.2. Each bifurcation is a root of a function of its
+own along the chord between two points of the branch, found to rounding by T. R. Chandrupatla's bracketing method (Adv.
+Eng. Softw. 28, 1997) with a corrector in every evaluation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.continuation.newton import Orbit, orbit_at
+from tcc_sim.continuation.palc import FLAT, Plane, Point, correct, point_at
+from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.shooting import Shooting
+from tcc_sim.errors import NumericalFailure
+
+SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
+"""Kinds that are no change of the event sequence."""
+ROOT_TOLERANCE = 1e-13
+"""Width of the bracket, relative to the step, at which a root counts as found."""
+ENOUGH = 1e-11
+"""Residual at which a root counts as found, however wide the bracket is."""
+FORWARD = 0.1
+"""Least cosine between tangent and chord with which the tangents at its ends tell where the branch runs."""
+NOISE, IDLE = 1e-6, 2
+"""Part of the larger end value below which a test may be rounding, and evaluations in a row that then may fail to halve
+the least one before the root counts as found: to narrow the bracket further would be to ask the rounding."""
+WORST = 1e-2
+"""Residual above which a change of sign is one of rounding, not of a bifurcation."""
+COMPLEX = 1e-6
+"""Argument above which a pair of multipliers is complex and not real."""
+
+
+@dataclass(frozen=True)
+class Station:
+    """A point of a branch: unknowns and tangent, the orbit there, and the equations they belong to."""
+
+    point: Point
+    orbit: Orbit
+    shooting: Shooting
+
+    @property
+    def slope(self) -> float:
+        """The parameter's share of the tangent: 0 at a fold."""
+        return float(self.point.tangent[self.shooting.size])
+
+    @property
+    def value(self) -> float:
+        """The parameter."""
+        return self.orbit.values[0]
+
+
+def turned(station: Station) -> Station:
+    """The station with its tangent the other way round."""
+    point = station.point
+    return replace(station, point=point._replace(tangent=-point.tangent, sign=-point.sign))
+
+
+@dataclass(frozen=True)
+class Bifurcation:
+    """A located bifurcation.
+
+    residual : for a smooth one the distance of the multiplier from where it must be, or the scaled test function; for a
+        change of the event sequence the margin that vanishes; never below the residual of the orbit itself
+    branch : index of the branch it lies on
+    limit : value in the limit of set-valued friction; None for one of the smoothing, or where it was not asked for
+    """
+
+    kind: str
+    station: Station
+    residual: float
+    branch: int = 0
+    limit: float | None = None
+
+    @property
+    def value(self) -> float:
+        """The parameter."""
+        return self.station.value
+
+    def as_json(self) -> dict[str, Any]:
+        """As an entry of `bifurcations`."""
+        orbit = self.station.orbit.as_json()
+        names = ("value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "multipliers")
+        return {"kind": self.kind, **{n: orbit[n] for n in names}, "residual": self.residual, "branch": self.branch,
+                "period": self.station.orbit.period}
+
+
+def station_at(shooting: Shooting, point: Point) -> Station:
+    """The station of a point."""
+    return Station(point, orbit_at(shooting, point.z, point.found), shooting)
+
+
+@dataclass(frozen=True)
+class Chord:
+    """The piece of a branch between two stations with the same equations."""
+
+    a: Station
+    b: Station
+    climbing: bool = True
+    """Whether the heights are coordinates of the arclength, as they were on the way from a to b."""
+
+    kept: dict[float, Station] = field(default_factory=dict, compare=False, repr=False)
+    """Stations solved for already, by their part of the chord."""
+
+    def at(self, part: float) -> Station | None:
+        """The station at `part` (0 to 1) of the chord; None where the corrector fails."""
+        p, q = self.a.point, self.b.point
+        chord = q.z - p.z
+        length = float(np.linalg.norm(chord))
+        if part in (0.0, 1.0) or length == 0.0:
+            return self.b if part == 1.0 else self.a
+        if part in self.kept:
+            return self.kept[part]
+        start, plane, low, high = None, FLAT, p.found.heights, q.found.heights
+        if self.climbing and len(low) and len(low) == len(high):
+            guess, plane = p.z + part * chord, Plane((high - low) / length, low + part * (high - low))
+            start = self._start(part, chord / length, plane.weights)
+        else:
+            guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
+        found = correct(self.a.shooting, guess, chord / length, plane, start=start)
+        if found is None:
+            return None
+        tangent = found.tangent if float(found.tangent @ (p.tangent + q.tangent)) > 0.0 else -found.tangent
+        self.kept[part] = station_at(self.a.shooting, point_at(found.z, found.found, tangent))
+        return self.kept[part]
+
+    def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
+        """The cubic through the stations about `part` that are known, with their tangents, there; None where one of
+        them goes back along the chord.
+        """
+        known = {0.0: self.a, 1.0: self.b, **self.kept}
+        low, high = max(k for k in known if k < part), min(k for k in known if k > part)
+        length = float(np.linalg.norm(self.b.point.z - self.a.point.z))
+        whole, slopes = length * (1.0 + float(weights @ weights)), []
+        for station in (known[low], known[high]):
+            tangent = station.point.tangent
+            along = float(row @ tangent + weights @ (station.point.found.climb @ tangent))
+            if not along > FORWARD * float(np.sqrt(1.0 + weights @ weights)):
+                return None
+            slopes.append(tangent * (whole / along * (high - low)))
+        return _hermite(known[low].point.z, known[high].point.z, slopes[0], slopes[1], (part - low) / (high - low))
+
+    def root(self, test: Callable[[Station], float],
+             residual: Callable[[Station], float] | None = None) -> Station | None:
+        """The station where `test` changes sign; None where it does not or the branch is lost on the way, with the
+        heights as coordinates and without them.
+
+        residual : of what is looked for; where it is ENOUGH nothing better is
+        """
+        def value(part: float) -> float:
+            station = self.at(part)
+            if station is None:
+                raise NumericalFailure("the branch is lost between two of its points")
+            return 0.0 if residual is not None and residual(station) <= ENOUGH else test(station)
+
+        try:
+            return self.at(chandrupatla(value, 0.0, 1.0))
+        except ValueError:
+            return None
+        except NumericalFailure:
+            return replace(self, climbing=False, kept={}).root(test, residual) if self.climbing else None
+
+
+def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
+    """The cubic through p and q with derivatives dp and dq at t in 0 to 1."""
+    s = 1.0 - t
+    return s * s * (1.0 + 2.0 * t) * p + t * s * s * dp + t * t * (3.0 - 2.0 * t) * q - t * t * s * dq
+
+
+def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = ROOT_TOLERANCE) -> float:
+    """A root of `f` between `a` and `b`, where its signs differ; the argument at which it was found to be least.
+
+    It ends where the bracket is as narrow as `tolerance`, or where `f` is no more than its own rounding.
+
+    Raises
+    ------
+    ValueError
+        The signs do not differ.
+    """
+    fa, fb = f(a), f(b)
+    if fa == 0.0 or fb == 0.0:
+        return a if fa == 0.0 else b
+    if (fa > 0.0) == (fb > 0.0):
+        raise ValueError("no change of sign")
+    c, fc, part = a, fa, 0.5
+    noise, idle = NOISE * max(abs(fa), abs(fb)), 0
+    best, least = (a, abs(fa)) if abs(fa) < abs(fb) else (b, abs(fb))
+    for _ in range(100):
+        t = a + part * (b - a)
+        ft = f(t)
+        idle = 0 if abs(ft) < 0.5 * least or least > noise else idle + 1
+        if abs(ft) < least:
+            best, least = t, abs(ft)
+        if (ft > 0.0) == (fa > 0.0):
+            c, fc = a, fa
+        else:
+            c, b, fc, fb = b, a, fb, fa
+        a, fa = t, ft
+        width = tolerance / max(abs(b - c), 1e-300)
+        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance or idle >= IDLE:
+            return best
+        xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
+        if phi**2 < xi and (1.0 - phi) ** 2 < 1.0 - xi:
+            part = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb)
+        else:
+            part = 0.5
+        part = min(max(part, width), 1.0 - width)
+    return best
+
+
+def doubling(m: NDArray[np.complex128]) -> float:
+    """det(M + I)."""
+    return float(np.prod(1.0 + m).real)
+
+
+def torus(m: NDArray[np.complex128]) -> float:
+    """Product of lambda_i lambda_j - 1 over pairs: 0 for a complex pair on the unit circle, or a neutral saddle."""
+    return float(np.prod([m[i] * m[j] - 1.0 for i in range(len(m)) for j in range(i)]).real)
+
+
+def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
+    """The bifurcations between two stations of one smooth piece of a branch, in order along it."""
+    a, b, out = chord.a, chord.b, []
+    m, n = a.orbit.multipliers, b.orbit.multipliers
+    crossed = a.point.sign != b.point.sign
+    tests: list[tuple[str, Callable[[Station], float], Callable[[Station], float]]] = []
+    if a.slope * b.slope < 0.0:
+        tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
+    if doubling(m) * doubling(n) < 0.0:
+        tests.append(("period_doubling", lambda s: doubling(s.orbit.multipliers),
+                      lambda s: float(np.abs(s.orbit.multipliers + 1.0).min())))
+    if len(m) > 1 and torus(m) * torus(n) < 0.0:
+        tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
+    if crossed:
+        tests.append(("branch_point", lambda s: s.point.sign,
+                      lambda s: float(np.linalg.svd(s.point.found.jacobian, compute_uv=False)[-1])))
+    for kind, test, residual in tests:
+        station = branch_point(chord) if kind == "branch_point" else chord.root(test, residual)
+        if station is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(station))):
+            continue
+        left = max(residual(station), station.orbit.residual)
+        if left < WORST:
+            out.append(Bifurcation(kind, station, left))
+    along = chord.b.point.z - chord.a.point.z
+    return sorted(out, key=lambda f: float(along @ f.station.point.z))
+
+
+def branch_point(chord: Chord) -> Station | None:
+    """The point where two branches cross, by Newton on a regular system that holds it; None where there is none.
+
+    G + beta w = 0, J^T w = 0, w . w = 1 (G. Moore, The numerical treatment of non-trivial bifurcation points, Numer.
+    Funct. Anal. Optim. 2, 1980); the derivative of J^T w is taken by differences.
+    """
+    near = chord.b
+    shooting, z, found = near.shooting, near.point.z, near.point.found
+    w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.point.z) - 1
+    try:
+        for _ in range(12):
+            matrix, side = np.zeros((2 * d + 2, 2 * d + 2)), np.zeros(2 * d + 2)
+            matrix[:d, :d + 1], matrix[:d, -1] = found.jacobian, w
+            matrix[:d, d + 1:-1] = beta * np.eye(d)
+            matrix[d:-1, d + 1:-1], matrix[-1, d + 1:-1] = found.jacobian.T, 2.0 * w
+            for k in range(d + 1):
+                step = np.zeros(d + 1)
+                step[k] = 1e-6
+                matrix[d:-1, k] = (shooting.linearise(z + step).jacobian - found.jacobian).T @ w / 1e-6
+            side[:d], side[d:-1], side[-1] = found.residual + beta * w, found.jacobian.T @ w, w @ w - 1.0
+            change = np.linalg.solve(matrix, -side)
+            z, w, beta = z + change[:d + 1], w + change[d + 1:-1], beta + float(change[-1])
+            found = shooting.linearise(z)
+            if np.abs(change).max() < 1e-9:
+                break
+        if np.linalg.norm(z - near.point.z) > 1e-2 or abs(beta) > 1e-6:
+            return None
+        return station_at(shooting, point_at(z, found, near.point.tangent))
+    except FAILURES:
+        return None
+
+
+def _from_circle(station: Station) -> float:
+    """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
+    pairs = [abs(abs(x) ** 2 - 1.0) for x in station.orbit.multipliers if abs(np.angle(x)) > COMPLEX
+             and abs(np.angle(x)) < np.pi - COMPLEX]
+    return float(min(pairs, default=np.inf))
+
+
+def with_branch(found: Bifurcation, branch: int) -> Bifurcation:
+    """The same bifurcation on the branch of that number."""
+    return replace(found, branch=branch)

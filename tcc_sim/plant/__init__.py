@@ -1,0 +1,1 @@
+"""The driveline in real time, and what may control it: free of ROS."""

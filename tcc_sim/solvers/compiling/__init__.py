@@ -1,0 +1,1 @@
+"""The one place that compiles, links and keeps compiled kernels."""

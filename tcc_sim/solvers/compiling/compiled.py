@@ -1,0 +1,57 @@
+"""The one place that compiles: Numba, with compiled code kept on disk under the text of what each kernel can call.
+
+Numba's own cache looks only at the file of the function itself, so a change in a file that it calls would be missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core.types.misc import unliteral
+
+from tcc_sim.model import equations, friction
+from tcc_sim.solvers.compiling.kernel_cache import KernelCache
+from tcc_sim.solvers.compiling.linked import PartCompiler, WholeCompiler
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def compiled(function: Function, **options: bool) -> Function:
+    """Compile on first call for the argument types given; None arguments leave their branches out.
+
+    The compiled code is kept on disk between processes (`kernel_cache`), releases the interpreter lock, and keeps IEEE
+    arithmetic. Called from another compiled function it is a part of that (`linked`).
+    """
+    numba_options: dict[str, Any] = {"nogil": True, "error_model": "numpy", **options}
+    dispatcher = numba.njit(function, pipeline_class=WholeCompiler, **numba_options)
+    if dispatcher is not function:  # NUMBA_DISABLE_JIT gives the function back as it is.
+        part = numba.njit(function, pipeline_class=PartCompiler, **numba_options)
+        dispatcher._cache = KernelCache(function, options)  # type: ignore[arg-type]
+        dispatcher.get_call_template = lambda kinds, names: part.get_call_template(
+            tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
+        dispatcher.get_overload = part.get_overload
+    return cast(Function, dispatcher)
+
+
+def compiled_without_allocation(function: Function) -> Function:
+    """`compiled` for functions that create no array: their arguments are not reference-counted.
+
+    Numba counts with atomic instructions at every call, a good part of the time of a kernel made of short functions.
+    """
+    return compiled(function, _nrt=False)
+
+
+def fast(function: Function) -> Function:
+    """`compiled_without_allocation`, with products and sums fused where the processor can."""
+    return compiled(function, _nrt=False, fastmath={"contract"})  # type: ignore[arg-type]
+
+
+smoothed = compiled(friction.smoothed)
+smoothed_and_slope = compiled(friction.smoothed_and_slope)
+sliding = compiled(friction.sliding)
+engine_torque = compiled(equations.engine_torque)
+saturation_torque = compiled(equations.saturation_torque)
+accelerations = compiled(equations.accelerations)
+interface_torque = compiled(equations.interface_torque)

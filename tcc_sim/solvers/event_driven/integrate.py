@@ -1,0 +1,268 @@
+"""The loop of the exact engine: from event to event through engine cycles, in one compiled call."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.bernstein import to_bernstein
+from tcc_sim.solvers.compiling.compiled import compiled, fast
+from tcc_sim.solvers.event_driven.modes import FREE, NEGATIVE, POSITIVE, STICK, mode_at_rest, mode_of
+from tcc_sim.solvers.event_driven.setup import Bounds
+from tcc_sim.solvers.event_driven.step import (
+    BREAKAWAY,
+    LAW_VARIES,
+    NO_EVENT,
+    REST,
+    SHAPE,
+    Step,
+    monotone,
+    slip_arc,
+    stick_arc,
+)
+from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
+from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
+from tcc_sim.solvers.step_output import Store, end_cycle, keep_cycle, keep_samples, keep_stick
+from tcc_sim.solvers.terms import Terms
+
+DONE, FULL, CHATTERING, EXHAUSTED, NOT_FINITE = range(5)
+"""How a call of `integrate` ends: at the end, with full buffers, or with a failure."""
+
+UNKNOWN = 9
+"""Mode of a state before the first step."""
+
+COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", np.int64), ("cycle_events", np.int64)])
+"""Steps in all; the present engine cycle, and the steps and events in it."""
+
+AHEAD = 0.6
+"""Longest step, in engine cycles: it meets the end of one cycle at most."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    phase : omega_f/omega, and psi (rad)
+    event_limit : most events of one engine cycle
+    """
+
+    bounds: Bounds
+    terms: Terms
+    waves: Any
+    phase: tuple[float, float]
+    event_limit: int
+
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes; `nodes` and `matrices` are the work space of stiff arcs, None without them."""
+
+    state: Any
+    drive: Any
+    counters: Any
+    output: Any
+    nodes: Any
+    matrices: Any
+
+
+@fast
+def load_phase(ratio: float, phase: float, cycle: float) -> float:
+    """The load's phase, rad, at the start of a cycle: the fraction of ratio times cycle is taken without rounding."""
+    large = 134217729.0 * ratio
+    head = large - (large - ratio)
+    whole, rest = head * cycle, (ratio - head) * cycle
+    return float(TWO_PI * ((whole - math.floor(whole)) + (rest - math.floor(rest))) + phase)
+
+
+@fast
+def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
+    """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
+    state.load_edge = math.inf
+    state.length = fresh_length(terms.linear)
+    loaded = terms.mean_load > 0.0
+    if bounds.clamped:
+        state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation)
+    excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+    state.mode = mode_of(state.slip_speed, loaded, state.plate_angle, state.plate_speed, drive, bounds.ratio,
+                         bounds.torque_tolerance, terms.linear)
+    state.at_rest = 1 if state.slip_speed == 0.0 and state.mode != FREE else 0
+
+
+@fast
+def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, rows: Any,
+            nodes: Any, matrices: Any, workspace: Any) -> Step:
+    """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
+    remaining = min(goal, state.load_edge) - state.tau
+    excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+           drive)
+    if nodes is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
+        if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
+            return stiff_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+                             terms.stribeck, state, drive, remaining, rows, nodes, matrices, workspace)
+    if state.mode == STICK:
+        return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
+                         remaining, rows, workspace)
+    return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
+                    state, drive, remaining, rows, workspace)
+
+
+@fast
+def fresh_length(linear: Linear) -> float:
+    """Length of a stiff step that shows the fast part, s."""
+    return float(linear[1] / max(linear[2], 1e-300))
+
+
+@fast
+def state_at(rows: Any, degree: int, x: float) -> tuple[float, float, float]:
+    """Slip speed, plate angle and plate speed at a place of a step, their three sums side by side."""
+    v, angle, speed = rows[SLIP, degree], rows[ANGLE, degree], rows[SPEED, degree]
+    for k in range(degree - 1, -1, -1):
+        v = v * x + rows[SLIP, k]
+        angle = angle * x + rows[ANGLE, k]
+        speed = speed * x + rows[SPEED, k]
+    return v, angle, speed
+
+
+@fast
+def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
+           angle: Any) -> bool:
+    """Bring the state to the end of a step and decide the mode that follows; True where it may be another one."""
+    until = min(goal, state.load_edge)
+    full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
+    if step.x > 0.0:
+        slip_speed, state.plate_angle, state.plate_speed = state_at(rows, step.degree, step.x)
+        if angle is not None:
+            state.flywheel_angle = polynomial.value(rows, FLYWHEEL, step.degree, step.x)
+        if state.mode != STICK:
+            state.slip_speed = slip_speed
+            state.at_rest = 0
+    state.tau = until if full else state.tau + step.x * step.unit
+    if abs(state.plate_speed) < 1e-26 * bounds.speed_scale:
+        # An arc that has died down: products of what is left would be denormal, and slow.
+        state.plate_speed = 0.0
+    if step.event != NO_EVENT or state.load_edge <= state.tau:
+        state.length = fresh_length(terms.linear)
+    if step.event == BREAKAWAY:
+        state.mode = step.direction
+        state.at_rest = 1
+        return True
+    if state.load_edge <= state.tau:
+        if abs(state.slip_speed) <= bounds.slip_tolerance:
+            state.slip_speed = 0.0
+        begin(bounds, terms, waves, state, drive)
+        return True
+    stopped = (state.mode == POSITIVE and state.slip_speed <= 0.0) or (state.mode == NEGATIVE
+                                                                       and state.slip_speed >= 0.0)
+    if step.event == REST or (stopped and state.at_rest == 0 and step.event != LAW_VARIES):
+        state.slip_speed = 0.0
+        excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
+                                  terms.linear)
+        state.at_rest = 1
+        return True
+    return False
+
+
+@fast
+def keep(step: Step, mode: int, tau: float, period: float, ends: bool, rows: Any, output: Any, store: Store, angle: Any,
+         workspace: Any) -> None:
+    """Samples, extremes, time in stick and section of a step that starts at `tau`; `ends` if it ends with the cycle."""
+    first, cycles = output.samples, store.cycles
+    if store.per_cycle > 0:
+        keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output, store.samples, angle)
+        for i in range(first, output.samples):
+            store.samples[i, 4] = mode
+    cut = math.inf
+    if ends:
+        cut = step.x
+    elif tau + step.x * step.unit >= period:
+        cut = min((period - tau) / step.unit, step.x)
+    if mode == STICK:
+        behind = keep_stick(output, 0.0, step.x, cut, step.unit)
+        output.highest, output.lowest = max(output.highest, 0.0), min(output.lowest, 0.0)
+        if cut <= step.x:
+            _, plate_angle, plate_speed = state_at(rows, step.degree, cut)
+            end_cycle(output, cycles, 0.0, plate_angle, plate_speed, behind)
+        return
+    v = rows[SLIP, 0]
+    if cut > step.x and v + step.reach <= output.highest and v - step.reach >= output.lowest:
+        return
+    if monotone(rows, step.degree, step.x, step.reach):
+        if cut <= step.x:
+            slip_speed, plate_angle, plate_speed = state_at(rows, step.degree, cut)
+            output.highest, output.lowest = max(output.highest, slip_speed), min(output.lowest, slip_speed)
+            end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
+        v = polynomial.value(rows, SLIP, step.degree, step.x)
+        output.highest, output.lowest = max(output.highest, v), min(output.lowest, v)
+        return
+    to_bernstein(rows, SLIP, step.degree, step.x, workspace)
+    keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
+
+
+@fast
+def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> None:
+    """Keep a transition."""
+    moves[output.moves].time = time
+    moves[output.moves].before = before
+    moves[output.moves].after = after
+    output.moves += 1
+
+
+@compiled
+def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
+              angle: Any) -> int:
+    """Solve engine cycles from number `first` on: `whole` of them, and then `rest` seconds.
+
+    Goes on where `memory` is; returns how it ended. `angle` is None where theta1 is not asked for.
+    """
+    bounds, terms, waves, phase, event_limit = setup
+    state, drive, counters, output, nodes, matrices = memory
+    rows = np.zeros(SHAPE)
+    workspace = np.zeros(polynomial.WORKSPACE)
+    period = bounds.period
+    all_cycles = whole + (1 if rest > 0.0 else 0)
+    while output.cycle < all_cycles:
+        n = output.cycle
+        if counters.cycle != n:
+            counters.cycle = n
+            counters.cycle_steps = 0
+            counters.cycle_events = 0
+        if state.mode == UNKNOWN:
+            state.shift = load_phase(phase[0], phase[1], float(first + n))
+            begin(bounds, terms, waves, state, drive)
+            state.first_mode = state.mode
+        goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
+        mode, tau = state.mode, state.tau
+        step = advance(bounds, terms, waves, state, drive, goal, rows, nodes, matrices, workspace)
+        if not step.x >= 0.0:
+            return NOT_FINITE
+        if angle is not None:
+            rows[FLYWHEEL, 0] = state.flywheel_angle
+            add_integral(rows, step.degree, step.unit)
+        event = settle(bounds, terms, waves, step, goal, state, drive, rows, angle)
+        if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
+            return NOT_FINITE
+        if step.x > 0.0:
+            keep(step, mode, tau, period, n == whole - 1 and state.tau == goal, rows, output, store, angle, workspace)
+        if event and state.mode != mode:
+            note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
+        if output.cycle > n:
+            state.tau -= period
+            state.load_edge -= period
+            state.shift = load_phase(phase[0], phase[1], float(first + output.cycle))
+        counters.steps += 1
+        counters.cycle_steps += 1
+        if event:
+            counters.cycle_events += 1
+            if counters.cycle_events >= event_limit:
+                return CHATTERING
+        if n == whole and state.tau >= rest:
+            break
+        if counters.cycle_steps >= step_limit:
+            return EXHAUSTED
+        if output.cycle > n and output.moves + event_limit + 1 > store.moves.shape[0]:
+            return FULL
+    return DONE

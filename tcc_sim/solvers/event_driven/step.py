@@ -1,0 +1,220 @@
+"""One step of an arc: Taylor polynomials of the motion in its mode, how far they hold, and the event that ends them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.unrolled import unrolled
+from tcc_sim.solvers.event_driven.modes import FREE
+from tcc_sim.solvers.event_driven.setup import Bounds
+from tcc_sim.solvers.excitation import expand_excitation
+from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, LOAD, ROWS, SLIP, SPEED, expand
+
+UPWARD, DOWNWARD = ROWS, ROWS + 1
+"""Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""
+SHAPE = (ROWS + 2, COLUMNS)
+"""Shape of the coefficients of a step."""
+
+LINEAR_ORDER = 28
+"""Order where all is linear: a term costs little there, and steps grow in proportion to it."""
+FALLING_ORDER = 22
+"""Order where the friction coefficient varies: a term costs in proportion to its order."""
+SHORTENING = 0.95
+TYPICAL = 2.0
+"""About how many units of time a step lasts."""
+NO_EVENT, BREAKAWAY, REST, LAW_VARIES = range(4)
+
+
+class Step(NamedTuple):
+    """A step of length x * unit (s): its polynomials are of this degree in time/unit; `event` says what ended it."""
+
+    unit: float
+    x: float
+    degree: int
+    event: int
+    direction: int
+    """Direction of slip behind a breakaway."""
+    reach: float
+    """How far the slip speed moves at most, rad/s."""
+
+
+def stuck(rows: Any, unit: Any, linear: Linear, ratio: Any, pulsation: Any) -> Iterator[int]:
+    """Coefficients of flywheel and plate as one, and of the margins to breakaway; text for `unrolled`.
+
+    (I1 + I2) theta2'' + C23 theta2' + K23 theta2 = Te, and lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2).
+    """
+    flywheel, plate, damping, stiffness = linear
+    both = flywheel + plate
+    share, other, pace = flywheel / both, plate / both, unit / both
+    x, u = rows[ANGLE, 0], rows[SPEED, 0]
+    for k in range(LINEAR_ORDER + 1):
+        spring = damping * u + stiffness * x
+        torque = rows[ENGINE, k]
+        need = share * spring + other * torque
+        load = ratio * rows[LOAD, k] if pulsation is not None or k == 0 else 0.0
+        rows[UPWARD, k] = load - need
+        rows[DOWNWARD, k] = load + need
+        if k < LINEAR_ORDER:
+            part = 1.0 / (k + 1)
+            x, u = part * unit * u, part * pace * (torque - spring)
+            rows[ANGLE, k + 1], rows[SPEED, k + 1] = x, u
+    yield LINEAR_ORDER
+
+
+expand_stuck = unrolled(stuck)
+
+
+@fast
+def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
+              pulsation: tuple[float, float, float] | None, state: Any, drive: Any, remaining: float, rows: Any,
+              workspace: Any) -> Step:
+    """A step in stick of at most `remaining` seconds, to breakaway where |lambda| = r Ts."""
+    unit = 1.0 / bounds.stick_rate
+    expand_excitation(rows, LINEAR_ORDER + 1, unit, True, mean_torque, waves, mean_load, pulsation, drive)
+    for k in range(LINEAR_ORDER + 1):
+        rows[SLIP, k] = 0.0
+    rows[ANGLE, 0] = state.plate_angle
+    rows[SPEED, 0] = state.plate_speed
+    expand_stuck(LINEAR_ORDER, rows, unit, linear, bounds.ratio, pulsation)
+    torque = bounds.torque_tolerance * 1e12
+    x = remaining / unit
+    for k in range(LINEAR_ORDER - 1, LINEAR_ORDER + 1):
+        size = max(abs(rows[UPWARD, k]), abs(rows[DOWNWARD, k])) / torque
+        size = max(size, abs(rows[SPEED, k]) / bounds.speed_scale)
+        if size * x**k > bounds.truncation:
+            x = SHORTENING * root_of(bounds.truncation / size, k)
+    x = min(x, remaining / unit)
+    return stick_event(bounds, unit, x, LINEAR_ORDER, rows, workspace)
+
+
+@fast
+def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, workspace: Any) -> Step:
+    """A step in stick up to x, or to where one of the margins to breakaway falls to 0 before."""
+    tolerance = bounds.torque_tolerance
+    power, upward, downward = x, 0.0, 0.0
+    for k in range(1, order + 1):
+        upward += abs(rows[UPWARD, k]) * power
+        downward += abs(rows[DOWNWARD, k]) * power
+        power *= x
+    if rows[UPWARD, 0] > upward + tolerance and rows[DOWNWARD, 0] > downward + tolerance:
+        return Step(unit, x, order, NO_EVENT, 0, 0.0)
+    up = polynomial.first_crossing(rows, UPWARD, order, x, 1.0, 0.0, tolerance, workspace)
+    down = polynomial.first_crossing(rows, DOWNWARD, order, x, 1.0, 0.0, tolerance, workspace)
+    if min(up, down) <= x:
+        return Step(unit, min(up, down), order, BREAKAWAY, 1 if up < down else -1, 0.0)
+    return Step(unit, x, order, NO_EVENT, 0, 0.0)
+
+
+@fast
+def root_of(base: float, n: int) -> float:
+    """base^(1/n) for base > 0, at most 1.5 % too small and never too large: enough for a length, and faster than exp.
+
+    Beyond 1e300 it is that of 1e300.
+    """
+    mantissa, exponent = math.frexp(min(base, 1e300))
+    # log2 of 0.5 <= m < 1 from below, by its chord and a parabola.
+    logarithm = (exponent - 2.0 + 2.0 * mantissa) / n
+    whole = math.floor(logarithm)
+    part = logarithm - whole
+    return math.ldexp(1.0 + part * (0.6565 + 0.3435 * part) - 0.004, int(whole))
+
+
+@fast
+def series_length(rows: Any, order: int, x: float, truncation: float, scale: float) -> float:
+    """A length of at most x at whose end the last two terms are below `truncation`, of the largest of the first terms
+    of the slip speed, and of `scale` for the plate speed.
+    """
+    largest, at, power = 0.0, 0, 1.0
+    for i in range(4):
+        term = abs(rows[SLIP, i]) * power
+        if term > largest:
+            largest, at = term, i
+        power *= TYPICAL
+    for k in range(order - 1, order + 1):
+        last = abs(rows[SLIP, k])
+        if last > 0.0 and largest > 0.0:
+            x = min(x, SHORTENING * root_of(truncation * abs(rows[SLIP, at]) / last, k - at))
+        last = abs(rows[SPEED, k])
+        if last > 0.0:
+            x = min(x, SHORTENING * root_of(truncation * scale / last, k))
+    return x
+
+
+@fast
+def monotone(rows: Any, order: int, x: float, reach: float) -> bool:
+    """Whether the slip speed certainly goes one way over [0, x]; `reach` is a bound on how far it moves."""
+    first = abs(rows[SLIP, 1])
+    if reach > 4.0 * first * x:
+        return False
+    rest, power = 0.0, x
+    for k in range(2, order + 1):
+        rest += k * abs(rows[SLIP, k]) * power
+        power *= x
+    return bool(rest < 0.999 * first)
+
+
+@fast
+def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
+             pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
+             remaining: float, rows: Any, workspace: Any) -> Step:
+    """A step in slip, or free of load, of at most `remaining` seconds: to v = 0, or to where mubar begins to vary."""
+    mode, v = state.mode, state.slip_speed
+    sign = 0.0 if mode == FREE else float(mode)
+    rows[SLIP, 0] = v
+    rows[ANGLE, 0] = state.plate_angle
+    rows[SPEED, 0] = state.plate_speed
+    level = 0.0
+    order = LINEAR_ORDER
+    unit = 1.0 / bounds.slip_rate
+    falling = False
+    if stribeck is not None and mode != FREE:
+        level = bounds.far
+        if sign * v <= 1.01 * level:
+            level = 0.0
+            falling = True
+            order = FALLING_ORDER
+            excess, decay = stribeck[0] * math.exp(-stribeck[1] * sign * v), -stribeck[1] * sign
+            friction = sign * drive.load * (1.0 + excess)
+            pull = friction - linear[2] * state.plate_speed - linear[3] * state.plate_angle
+            acceleration = abs((drive.torque - friction) / linear[0] - pull / linear[1])
+            slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * stribeck[1] * excess
+            unit = 1.0 / (bounds.slip_rate + stribeck[1] * acceleration + slope)
+            expand_excitation(rows, order, unit, True, mean_torque, waves, mean_load, pulsation, drive)
+            expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None, None)
+    if not falling:
+        expand_excitation(rows, order, unit, mode != FREE, mean_torque, waves, mean_load, pulsation, drive)
+        expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None, None)
+    longest = remaining / unit
+    x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
+    if stribeck is not None and falling:
+        # Where alpha |change of v| is large the terms of the exponential rise before they fall.
+        while stribeck[1] * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
+            x *= 0.8
+    return slip_event(bounds, unit, x, order, level, state, rows, workspace)
+
+
+@fast
+def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, state: Any, rows: Any,
+               workspace: Any) -> Step:
+    """A step in slip up to x, or to where |v| falls to `level` before: to 0, or to where mubar begins to vary."""
+    sign = float(state.mode)
+    reach = polynomial.variation(rows, SLIP, order, x)
+    if state.mode == FREE or sign * rows[SLIP, 0] - reach > level + bounds.slip_tolerance:
+        return Step(unit, x, order, NO_EVENT, 0, reach)
+    if sign * rows[SLIP, 1] > 0.0 and sign * rows[SLIP, 0] >= level and monotone(rows, order, x, reach):
+        return Step(unit, x, order, NO_EVENT, 0, reach)
+    if state.at_rest == 1:
+        if sign * rows[SLIP, 1] < -bounds.steepest * unit:
+            return Step(unit, 0.0, order, REST, 0, reach)
+        if sign * rows[SLIP, 1] < 0.0:
+            rows[SLIP, 1] = 0.0
+    end = polynomial.first_crossing(rows, SLIP, order, x, sign, level, bounds.slip_tolerance, workspace)
+    if end <= x:
+        return Step(unit, end, order, REST if level == 0.0 else LAW_VARIES, 0, reach)
+    return Step(unit, x, order, NO_EVENT, 0, reach)

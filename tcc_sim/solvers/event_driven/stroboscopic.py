@@ -1,0 +1,167 @@
+"""The stroboscopic map of the set-valued law with its exact derivatives, by the state and by the scene's keys.
+
+The motion is that of the exact engine, step by step; disturbances of the state and of scene keys are carried along
+(`variation`), with the largest slip and, on request, the margins to other event sequences (`margins`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.event_driven.integrate import UNKNOWN, Setup
+from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
+from tcc_sim.solvers.event_driven.modes import STATE
+from tcc_sim.solvers.event_driven.sensitivity import LANES, VARIATION, Rates
+from tcc_sim.solvers.event_driven.sensitivity_integrate import (
+    ARRIVED,
+    CROWDED,
+    DEGENERATE,
+    LOST,
+    Disturbed,
+    integrate_disturbed,
+)
+from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
+from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.key_derivatives import (
+    DECAY,
+    EXCESS_RATIO,
+    LOAD_AMPLITUDE,
+    LOAD_PHASE,
+    NUMBERS,
+    TORQUE_AMPLITUDE,
+    key_derivatives,
+)
+from tcc_sim.solvers.step_output import MOVE, OUTPUT
+from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.trajectory import Floats, event_sequence
+
+WHY = {LOST: "the state is not finite", DEGENERATE: "slip ends where its rate is 0 too",
+       CROWDED: "too many events in one engine cycle"}
+EVENTS_PER_CYCLE = 1000
+SLOWEST = 1e-30
+"""Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
+
+
+class SectionMap(NamedTuple):
+    """What some engine cycles make of a state.
+
+    state : (3,) slip speed, plate angle, plate speed after them
+    derivative : (3, 3) by the state before; a start in stick is projected on v = 0
+    by_parameter : (3, P) by the keys, each at constant phase omega t
+    events : modes in order: S stick, + and - slip, F free
+    heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
+    heights_by_state, heights_by_parameter : (N, 3), (N, P) derivatives of `heights`
+    stick_time : s
+    moves : (time in s, mode before, mode after) of each change of mode
+    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `margins`: value, whether stick's margin grows, derivatives
+        by the state and the keys; inf where there is no such place, and where they were not asked for
+    """
+
+    state: Floats
+    derivative: Floats
+    by_parameter: Floats
+    events: str
+    heights: Floats
+    heights_by_state: Floats
+    heights_by_parameter: Floats
+    stick_time: float
+    moves: list[tuple[float, int, int]]
+    margins: Floats
+
+
+def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
+                     parameters: Sequence[str] = (), margins: bool = False) -> SectionMap:
+    """The state after engine cycles (whole ones or parts), and its derivatives by the state and by scene keys.
+
+    Parameters
+    ----------
+    system : with the set-valued law
+    state : (3,) slip speed (rad/s), plate angle (rad), plate speed (rad/s)
+    cycles, start_cycle : number of engine cycles, and the phase of the start in cycles
+    rtol : relative tolerance of the steps
+    parameters : scene keys that are one number each
+    margins : whether the margins to other event sequences are wanted
+
+    Raises
+    ------
+    InputError
+        A key that the motion does not depend on continuously.
+    NumericalFailure
+        The state is not finite, or has no derivative.
+    """
+    return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)
+
+
+class Prepared:
+    """A system with keys, ready to be evaluated at many states."""
+
+    def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
+        numbers = key_derivatives(system, keys)
+        terms = exact_terms(system, numbers)
+        self.period, self.count = system.cycle, 3 + len(keys)
+        bounds, waves = exact_bounds(terms, system, rtol, numbers), waves_of(terms)
+        rate, pressure = system.engine.frequency, system.pressure
+        self.rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude,
+                           bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()))
+        if terms.pulsation is None:
+            terms = terms._replace(pulsation=(0.0, self.rates.load, pressure.phase))
+        # The engine's sines are in the waves, and one compiled kernel serves with and without a pulsating load.
+        self.setup = Setup(bounds, terms._replace(torque=None, harmonics=None, smoothing=None), waves,
+                           (pressure.frequency_ratio, pressure.phase), EVENTS_PER_CYCLE)
+        self.blocks = -(-self.count // LANES)
+        self.numbers = np.zeros((self.blocks * LANES, len(NUMBERS)))
+        self.numbers[3:self.count] = numbers.T
+
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[SectionMap]:
+        """`over` for several starts, states (m, 3)."""
+        return [self.over(*each) for each in zip(states, starts, ends)]
+
+    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> SectionMap:
+        """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
+        first, last = math.floor(start), math.floor(end)
+        tail = (end - last) * self.period
+        n = last - first + (1 if tail > 0.0 else 0)
+        columns = np.zeros((self.blocks, 3, LANES))
+        columns[0, 0, 0] = columns[0, 1, 1] = columns[0, 2, 2] = 1.0
+        work, at, drive, output = (np.zeros(1, kind) for kind in (VARIATION, STATE, DRIVE, OUTPUT))
+        at[0] = (state[0], state[1], state[2], 0.0, UNKNOWN, (start - first) * self.period, 0.0, math.inf, 0, UNKNOWN,
+                 0.0)
+        moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + self.blocks * LANES))
+        least[:, VALUE] = np.inf
+        heights, climbs = np.zeros(n), np.zeros((n, self.blocks, LANES))
+        disturbed = Disturbed(self.numbers, columns, heights, climbs)
+        ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, at[0], drive[0], output[0],
+                                    moves, disturbed, margins, least, work[0])
+        if ended != ARRIVED:
+            raise NumericalFailure(f"event_driven: {WHY[ended]}")
+        last_state, seen = at[0], moves[:int(output[0]["moves"])]
+        derivative, peaks = columns.transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)
+        return SectionMap(
+            np.array([last_state["slip_speed"], last_state["plate_angle"], last_state["plate_speed"]]),
+            derivative[:, :3], derivative[:, 3:self.count],
+            event_sequence(seen["before"], seen["after"], int(last_state["first_mode"])), heights, peaks[:, :3],
+            peaks[:, 3:self.count], float(output[0]["stick_time"]), seen.tolist(), least[:, :GRADIENT + self.count])
+
+
+def exact_terms(system: System, numbers: Floats) -> Terms:
+    """The terms of a system, with the decay of the friction coefficient where derivatives need it."""
+    terms = terms_of(system)
+    if terms.stribeck is None and not numbers[EXCESS_RATIO].any():
+        return terms
+    excess = terms.stribeck[0] if terms.stribeck is not None else 0.0
+    return terms._replace(stribeck=(excess, max(system.friction.decay, SLOWEST)))
+
+
+def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:
+    """The bounds of a run in which mubar and its derivatives by the keys are constant from `far` on."""
+    if terms.stribeck is None or not (numbers[EXCESS_RATIO].any() or numbers[DECAY].any()):
+        return bounds_of(terms, system.cycle, rtol)
+    excess, decay = terms.stribeck
+    wide = bounds_of(terms._replace(stribeck=(max(excess, 1.0), decay)), system.cycle, rtol)
+    return wide._replace(ratio=1.0 + excess)

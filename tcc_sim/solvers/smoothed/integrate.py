@@ -1,0 +1,209 @@
+"""The compiled loop of the smoothed engine: where the state is, which method steps on, how far, and what is kept of
+it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.bernstein import to_bernstein
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
+from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
+from tcc_sim.solvers.smoothed.collocation_tables import Tables
+from tcc_sim.solvers.smoothed.sensitivity_carried import carry
+from tcc_sim.solvers.smoothed.series_step import friction_here, series_step
+from tcc_sim.solvers.smoothed.setup import Limits
+from tcc_sim.solvers.smoothed.state import (
+    CREEP,
+    DONE,
+    FALLING,
+    LAYER,
+    NOT_FINITE,
+    REFUSED,
+    SERIES,
+    SLIDING,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    Memory,
+    Place,
+)
+from tcc_sim.solvers.smoothed.switching import (
+    after_collocation,
+    after_series,
+    begin_cycle,
+    choose_method,
+    leave_if_short,
+    not_a_number,
+)
+from tcc_sim.solvers.step_output import Store, record
+from tcc_sim.solvers.terms import Terms
+
+EDGE = 1e-6
+"""Relative width at the edge of a region within which a state counts as inside: steps end there to a tenth of it."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    ratio : omega_f/omega
+    """
+
+    limits: Limits
+    terms: Terms
+    ratio: float
+    waves: Any
+    tables: Tables
+
+
+@fast
+def locate(state: Any, loaded: bool, control: Any, limits: Limits, terms: Terms, drive: Any) -> Place:
+    """Region, sign and tolerances where the state is."""
+    v = state.slip_speed
+    size = abs(v)
+    control.slip_now = max(control.slip_now, size)
+    control.speed_now = max(control.speed_now, abs(state.plate_speed))
+    slip_scale = max(control.slip_now, control.slip_before)
+    slip_tolerance = limits.rtol * max(slip_scale, limits.slip_floor)
+    speed_tolerance = limits.rtol * max(max(control.speed_now, control.speed_before),
+                                        max(1e-3 * slip_scale, limits.speed_floor))
+    sign = 1.0 if v > 0.0 else -1.0
+    region = SLIDING
+    if not loaded:
+        sign = 0.0
+    elif size <= limits.layer * (1.0 + EDGE):
+        region = LAYER
+        slip_tolerance = min(slip_tolerance, limits.layer_tolerance)
+        if size < 0.1 * limits.nearly_zero:
+            i1, i2, damping, stiffness = terms.linear
+            spring = damping * state.plate_speed + stiffness * state.plate_angle
+            sign = 1.0 if drive.torque / i1 + spring / i2 >= 0.0 else -1.0
+    elif size <= limits.far * (1.0 + EDGE):
+        region = FALLING
+    return Place(region, sign, slip_tolerance, speed_tolerance)
+
+
+@fast
+def first_boundary(place: Place, degree: int, x: float, method: int, loaded: bool, limits: Limits, stribeck: Stribeck,
+                   work: Any) -> float:
+    """Where in [0, x] the step leaves what its law was written for: v = 0, or on the way down the edge of a region.
+
+    The first row of work.bernstein holds the slip speed over [0, x]. Infinity where the step stays inside.
+    """
+    if not loaded:
+        return math.inf
+    if place.region == LAYER or method != SERIES:
+        level, accuracy = -limits.nearly_zero, 0.1 * limits.nearly_zero
+        if stribeck is None:
+            return math.inf
+    else:
+        level = limits.far if place.region == SLIDING else limits.layer
+        accuracy = 0.1 * EDGE * level
+    return float(polynomial.crossing_of(work.rows, SLIP, degree, x, place.sign, level, accuracy, work.bernstein))
+
+
+@fast
+def finish(degree: int, x: float, whole: bool, method: int, terms: Terms, limits: Limits, tables: Tables, level: int,
+           state: Any, angle: Any, work: Any) -> None:
+    """The state at the end of a step."""
+    if whole and method != SERIES:
+        end_of(tables.rungs[level], tables.sources, level, limits.kappa, work, state)
+    else:
+        state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
+    if angle is not None:
+        state.flywheel_angle = polynomial.value(work.rows, FLYWHEEL, degree, x)
+    if abs(state.plate_speed) < limits.rest:
+        state.plate_speed = 0.0
+
+
+@fast
+def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
+              angle: Any, tangent: Any) -> int:
+    """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
+
+    Steps run across the ends of cycles, whose section points are values of the polynomial; they end at the edges of the
+    clamp and of the regions, and at the end of the run. `angle` and `tangent` are None where theta1, and what the state
+    and its largest slip speed change by, are not asked for.
+    """
+    limits, terms, ratio, waves, tables = setup
+    state, control, drive, work, counters, output = memory
+    period = limits.period
+    shift = phase_of(first + output.cycle, ratio, terms.pulsation)
+    while True:
+        end = (count - output.cycle) * period + tail
+        if not state.tau < end:
+            return DONE
+        if counters.steps + counters.rejected >= step_limit:
+            return STEP_LIMIT
+        tau = state.tau
+        edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation)
+        stop = min(edge, end)
+        excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        place = locate(state, loaded, control, limits, terms, drive)
+        friction = friction_here(place, state, limits, terms, drive)
+        if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
+            continue
+        method = control.method
+        if method == SERIES:
+            step = series_step(place, friction, stop - tau, loaded, state, limits, terms, waves, drive, work)
+            x = step.x
+        else:
+            step = collocation_step(place, edge - tau, loaded, state, control, limits, terms, waves, drive, tables,
+                                    work, counters)
+            x = min(step.x, (stop - tau) / step.unit) if step.status != REFUSED else 0.0
+        if step.status == REFUSED:
+            counters.rejected += 1
+            leave_if_short(control, limits, tables)
+            continue
+        if not x > 0.0:
+            return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
+        level = control.level
+        degree = step.degree if method == SERIES or angle is None else step.degree + 1  # theta1 is an integral.
+        to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
+        crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
+        reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
+        if 0.0 < crossing < x:
+            x = crossing
+            reached = False
+            to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
+        whole = x == step.x
+        after = stop if reached else tau + x * step.unit
+        if method == CREEP and (not whole or after >= period or store.per_cycle > 0 or angle is not None):
+            fill_plate(tables.rungs[level], tables.sources, level, limits.kappa, work)
+        if angle is not None:
+            work.rows[FLYWHEEL, 0] = state.flywheel_angle
+            add_integral(work.rows, degree, step.unit)
+        cut = min((period - tau) / step.unit, x) if after >= period else math.inf
+        if after == period:
+            cut = x
+        if tangent is not None:
+            carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
+        record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period,
+               limits.stick_speed, output, store, angle, work.bernstein)
+        finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)
+        if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
+            state.tau = after
+            return NOT_FINITE
+        counters.steps += 1
+        if after >= period:
+            after -= period
+            begin_cycle(state, control)
+            shift = phase_of(first + output.cycle, ratio, terms.pulsation)
+        state.tau = after
+        if method == SERIES:
+            after_series(x * step.unit, control)
+        elif whole:
+            after_collocation(step.error, step.unit, control, limits, tables)
+
+
+@fast
+def phase_of(cycle: int, ratio: float, pulsation: tuple[float, float, float] | None) -> float:
+    """Phase of the load at the start of an engine cycle, rad: whole turns are taken off before anything is rounded."""
+    if pulsation is None:
+        return 0.0
+    else:
+        return TWO_PI * ((ratio * cycle) % 1.0) + pulsation[2]

@@ -1,0 +1,92 @@
+"""Parts of engine cycles, each from a start of its own, solved with their tangents in one compiled call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.smoothed.integrate import Setup, integrate
+from tcc_sim.solvers.smoothed.sensitivity_series import LANES
+from tcc_sim.solvers.smoothed.setup import Limits
+from tcc_sim.solvers.smoothed.state import DONE, Memory
+from tcc_sim.solvers.smoothed.switching import PATIENCE, SETTLED
+from tcc_sim.solvers.step_output import Store
+
+STEPS_PER_CYCLE = 20_000
+NOT_SETTLED = 1e300
+"""Rate since which stick counts as left at the start, 1/s: a change off the slow manifold, which the start may have
+though the state is on it, decays over series steps before collocation steps over stick."""
+DECAY = 4
+"""How many: each is some two decay times long, and collocation would leave 3e-7 of such a change."""
+MOVES = 256
+"""Transitions of a part that are kept."""
+
+PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
+                 ("state", np.float64, 3), ("status", np.int64), ("mode", np.int64), ("moves", np.int64),
+                 ("before", np.int8, MOVES), ("after", np.int8, MOVES), ("stick_time", np.float64)])
+"""A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
+and at its end within the last one (s); the state at its start, then at its end; how it ended; the mode at its end and
+the transitions on the way; its time in stick (s)."""
+
+
+@fast
+def begin(part: Any, limits: Limits, tangent: Any, state: Any, control: Any, output: Any) -> None:
+    """Set the engine to the start of a part, with the tangent the identity."""
+    v, angle, speed = part.state[0], part.state[1], part.state[2]
+    state.slip_speed, state.plate_angle, state.plate_speed, state.tau = v, angle, speed, part.tau
+    control.method, control.level, control.slope, control.last, control.streak = 0, 0, 0.0, 0.0, 0
+    control.released, control.calm, control.waited, control.patience = NOT_SETTLED, SETTLED, SETTLED - DECAY, PATIENCE
+    control.slip_before, control.speed_before = 0.0, 0.0
+    control.slip_now, control.speed_now = abs(v), abs(speed)
+    output.cycle, output.samples, output.moves, output.mode = 0, 0, 0, 0
+    if abs(v) > limits.stick_speed:
+        output.mode = 1 if v > 0.0 else -1
+    output.highest, output.lowest, output.stick_time = v, v, 0.0
+    tangent.shared.peak = -1.0
+    for i in range(tangent.groups.shape[0]):
+        for c in range(3):
+            for lane in range(LANES):
+                tangent.groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
+
+
+@fast
+def integrate_parts(parts: Any, setup: Setup, memory: Memory, store: Store, tangent: Any, ends: Any, heights: Any,
+                    climbs: Any) -> None:
+    """Solve all parts.
+
+    Parameters
+    ----------
+    parts : (m,) array of PART
+    ends : (m, groups, 3, LANES) array, filled with the tangents at their ends
+    heights, climbs : (m, n), (m, n, groups, LANES) arrays, filled with the largest |slip speed| of every cycle or part
+        of one, and what it changes by
+    """
+    state, output, cycles, moves = memory.state, memory.output, store.cycles, store.moves
+    for k in range(parts.shape[0]):
+        part = parts[k]
+        begin(part, setup.limits, tangent, state, memory.control, output)
+        memory.counters.steps, memory.counters.rejected = 0, 0
+        part.status = integrate(part.first, part.cycles, part.tail, STEPS_PER_CYCLE * (part.cycles + 1), setup, memory,
+                                store, None, tangent)
+        if part.status != DONE:
+            return
+        part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
+        part.mode, part.moves = output.mode, min(output.moves, MOVES)
+        for i in range(part.moves):
+            part.before[i], part.after[i] = moves[i].before, moves[i].after
+        part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
+        for n in range(part.cycles):
+            part.stick_time += cycles[n].stick_time
+            heights[k, n] = max(cycles[n].highest, -cycles[n].lowest)
+        if part.tail > 0.0:
+            heights[k, part.cycles] = max(output.highest, -output.lowest)
+        for i in range(tangent.groups.shape[0]):
+            for lane in range(LANES):
+                for c in range(3):
+                    ends[k, i, c, lane] = tangent.groups[i].now[c, lane]
+                for n in range(part.cycles):
+                    climbs[k, n, i, lane] = tangent.peaks[n, i, lane]
+                if part.tail > 0.0:
+                    climbs[k, part.cycles, i, lane] = tangent.groups[i].peak[lane]

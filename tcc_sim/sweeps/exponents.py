@@ -1,0 +1,216 @@
+"""The largest Lyapunov exponent of the smoothed model, with an interval, and the diagnosis of motions without period.
+
+A periodic motion of period N has the exponent log |mu|/(N T) of its largest Floquet multiplier mu, the largest
+eigenvalue of the product of the tangent maps over a period. Any other has the mean growth of a tangent vector that is
+renormalised at the end of every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). It is the same
+whatever the norm; this one is the energy of the linear part. The tangent is that of `solvers.tangent`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.solvers.compiling.compiled import compiled
+from tcc_sim.solvers.tangent import longest_step, pass_cycle, passed, scales_of
+from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats, State
+
+CONFIDENCE = 0.95
+BATCHES = 20
+"""Means of consecutive runs of cycles; they are long enough to be nearly independent."""
+ALIGNING_CYCLES = 50
+"""Cycles in which the tangent vector turns to the direction of largest growth, not counted."""
+NEUTRAL = 0.02
+"""Half width per cycle, in natural logarithm, up to which an interval that holds 0 counts as a zero exponent."""
+FINE, COARSE = 1e-7, 1e-6
+"""Tolerances of a mean growth; their difference over the same cycles is taken for the error of the finer."""
+COMPARED = 4
+"""One cycle of so many is taken at both tolerances."""
+PERIODIC_FINE, PERIODIC_COARSE = 1e-10, 1e-9
+POLISHINGS = 4
+"""Newton steps towards the periodic motion."""
+CLOSED = 1e-9
+"""Largest distance of a state from its image after a period, relative to the size of the motion."""
+NEARBY = 0.1
+"""Largest way to the periodic motion, relative to the size of the motion."""
+LONGEST_PERIOD = 512
+"""Engine cycles of a period of motion and excitation together."""
+
+
+@dataclass(frozen=True, repr=False)
+class Lyapunov:
+    """The largest Lyapunov exponent, 1/s.
+
+    exponent, low, high : mean growth rate of a small disturbance, and the interval that holds the errors of steps and
+        of sampling, 1/s
+    confidence : of the sampling; that of batch means
+    cycles : engine cycles averaged, or those of the period
+    diagnosis : periodic (a period up to 16 was found), chaotic (the whole interval is above 0), contracting (it is
+        below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled yet,
+        or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0), or unresolved
+
+    Examples
+    --------
+    >>> Lyapunov(1.51, 1.4, 1.6, 0.95, 2000, "chaotic")
+    <Lyapunov 1.51 1/s (1.4 to 1.6): chaotic>
+    """
+
+    exponent: float
+    low: float
+    high: float
+    confidence: float
+    cycles: int
+    diagnosis: str
+
+    def __repr__(self) -> str:
+        return f"<Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}>"
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields as JSON values; a number that is not finite becomes null."""
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(self).items()}
+
+
+def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,
+                              period: int = 0) -> Lyapunov:
+    """The largest Lyapunov exponent of the motion that starts at `state`, which should lie on the attractor.
+
+    Parameters
+    ----------
+    system : with the smoothed law
+    state : at t = start_cycle 2 pi/omega
+    cycles : engine cycles averaged where there is no period, at least 40
+    period : of the motion as its section shows it, in engine cycles; 0 for none
+
+    Raises
+    ------
+    InputError
+        The set-valued law, or too few cycles.
+    """
+    check_smoothed(system)
+    if not 2 * BATCHES <= cycles <= 10_000_000:
+        raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
+    start = np.array([state.slip_speed, state.plate_angle, state.plate_speed])
+    excitation = common_cycles(system, LONGEST_PERIOD)
+    together = math.lcm(period, excitation)
+    if 0 < together <= LONGEST_PERIOD:
+        exponent, error = floquet_exponent(system, start, start_cycle, together)
+        return Lyapunov(exponent, exponent - error, exponent + error, CONFIDENCE, together, "periodic")
+    terms = terms_of(system)
+    growth, difference = tangent_growth(start, start_cycle, cycles + ALIGNING_CYCLES, system.cycle, terms,
+                                        longest_step(terms), scales_of(terms), stick_speed_of(terms))
+    growth, difference = growth[ALIGNING_CYCLES:], difference[ALIGNING_CYCLES // COMPARED:]
+    if not (np.isfinite(growth).all() and np.isfinite(difference).all()):
+        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
+    mean, half = batch_means(growth)
+    half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
+    rate = 1.0 / system.cycle
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles,
+                    diagnosis(mean, half, period))
+
+
+def check_smoothed(system: System) -> None:
+    """Raise InputError for the set-valued law."""
+    if system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {system.friction.law}; the Lyapunov exponent is that of the smoothed law")
+
+
+def diagnosis(mean: float, half: float, period: int) -> str:
+    """What a section's period and a growth per cycle with the half width of its interval say about a motion."""
+    if period:
+        return "periodic"
+    if mean - half > 0.0:
+        return "chaotic"
+    if mean + half < 0.0:
+        return "contracting"
+    return "quasi-periodic" if half <= NEUTRAL else "unresolved"
+
+
+def batch_means(growth: Floats) -> tuple[float, float]:
+    """Mean and half width of its confidence interval, from the means of BATCHES consecutive runs and Student's t."""
+    from scipy.stats import t
+
+    width = len(growth) // BATCHES
+    means = growth[len(growth) - BATCHES * width:].reshape(BATCHES, width).mean(axis=1)
+    half = float(t.ppf(0.5 + 0.5 * CONFIDENCE, BATCHES - 1)) * float(means.std(ddof=1)) / math.sqrt(BATCHES)
+    return float(means.mean()), half
+
+
+def floquet_exponent(system: System, state: Floats, first: int, period: int) -> tuple[float, float]:
+    """log |mu|/(N T) of the largest multiplier of the periodic motion beside `state`, and its error, 1/s.
+
+    The state is brought onto the motion by Newton's method. The error is the difference of two tolerances, and where
+    the state does not close, of two periods that follow each other.
+    """
+    scale = np.array([scales_of(terms_of(system))[k] for k in (2, 1, 2)])
+    at, start = state, state
+    image, matrix = mapped(system, at, first, period, PERIODIC_FINE)
+    gap = float(np.abs((image - at) / scale).max())
+    for _ in range(POLISHINGS):
+        if not gap > CLOSED:
+            break
+        step = np.linalg.lstsq(matrix - np.eye(3), at - image, rcond=1e-10)[0]
+        following = at + step
+        further, changed = mapped(system, following, first, period, PERIODIC_FINE)
+        left = float(np.abs((further - following) / scale).max())
+        if not left < gap or np.abs((following - start) / scale).max() > NEARBY:
+            break
+        at, image, matrix, gap = following, further, changed, left
+    exponent = _exponent(matrix, system, period)
+    error = abs(exponent - _exponent(mapped(system, at, first, period, PERIODIC_COARSE)[1], system, period))
+    if not gap <= CLOSED:
+        error += abs(exponent - _exponent(mapped(system, image, first, period, PERIODIC_FINE)[1], system, period))
+    return exponent, error
+
+
+def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: float) -> tuple[Floats, Floats]:
+    """The state after some engine cycles and the tangent map of the way, (3, 3); NaN where the steps fail."""
+    at, matrix = state.copy(), np.eye(3)
+    for n in range(cycles):
+        if not passed(system, at, matrix, first + n, tolerance):
+            return np.full(3, math.nan), np.full((3, 3), math.nan)
+    return at, matrix
+
+
+def _exponent(matrix: Floats, system: System, period: int) -> float:
+    """log |mu|/(N T) of the largest eigenvalue of a tangent map over N cycles, 1/s."""
+    if not np.isfinite(matrix).all():
+        return math.nan
+    largest = float(np.abs(np.linalg.eigvals(matrix)).max())
+    return math.log(max(largest, 1e-300)) / (period * system.cycle)
+
+
+@compiled
+def tangent_growth(state: Floats, first: int, cycles: int, cycle: float, terms: Terms, longest: float,
+                   scales: tuple[float, float, float], peak: float) -> tuple[Floats, Floats]:
+    """Logarithm of the growth of a tangent vector in every engine cycle, (cycles,) array, and how much less it is at
+    the coarser tolerance, in one of COMPARED cycles; NaN from where the steps fail.
+    """
+    growth, difference = np.full(cycles, np.nan), np.full(cycles // COMPARED, np.nan)
+    inertia1, inertia2, stiffness = terms.linear[0], terms.linear[1], terms.linear[3]
+    at, vector, work = state.copy(), np.empty((3, 1)), np.zeros((13, 7))
+    vector[0, 0], vector[1, 0], vector[2, 0] = 1.0, 0.0, 0.0
+    size = 1.0
+    for c in range(cycles):
+        rough, along = at.copy(), vector.copy()
+        if not pass_cycle(at, vector, first + c, FINE, cycle, longest, scales, peak, terms, work, None):
+            break
+        size = math.sqrt(inertia1 * (vector[0, 0] + vector[2, 0]) ** 2 + inertia2 * vector[2, 0] ** 2
+                         + stiffness * vector[1, 0] ** 2)
+        growth[c] = math.log(size)
+        if c % COMPARED == COMPARED - 1:
+            if not pass_cycle(rough, along, first + c, COARSE, cycle, longest, scales, peak, terms, work, None):
+                break
+            other = math.sqrt(inertia1 * (along[0, 0] + along[2, 0]) ** 2 + inertia2 * along[2, 0] ** 2
+                              + stiffness * along[1, 0] ** 2)
+            difference[c // COMPARED] = growth[c] - math.log(other)
+        for k in range(3):
+            vector[k, 0] /= size
+    # The first vector was not of unit size; its growth is among those that the caller leaves out.
+    return growth, difference

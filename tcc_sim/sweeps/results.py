@@ -1,0 +1,165 @@
+"""What sweeps give: the points along one scene key, or on a grid of two, as JSON, as columns, and in a line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.sweeps.point import SUMMARY_KEYS, Point
+from tcc_sim.sweeps.simulation import Plan
+
+MOST_VALUES = 1_000_000
+NOT_SOLVED = "not solved: the sweep was interrupted"
+EXTRAS = ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
+"""Keys per value that are there where they were asked for."""
+COLUMNS: dict[str, float | int | bool | str] = {
+    "max_slip_speed": np.nan, "min_slip_speed": np.nan, "period": -1, "settled": False, "confirmed": False,
+    "section_change": np.nan, "stick_fraction": np.nan, "regime": "", "cycles": -1, "discarded": -1,
+    "equivalent_damping": np.nan, "negative_slope_mean": np.nan, "lyapunov_exponent": np.nan, "lyapunov_low": np.nan,
+    "lyapunov_high": np.nan, "lyapunov_diagnosis": "", "elapsed_s": np.nan, "status": ""}
+"""Columns of a table with a line per value, and what stands where there is nothing."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A system at many values of one scene key.
+
+    Raises
+    ------
+    InputError
+        No value or too many, an unknown key, or a value out of its range.
+    """
+
+    system: System
+    key: str
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.values) <= MOST_VALUES:
+            raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {MOST_VALUES}")
+        for value in self.values:
+            replace(self.system, {self.key: value})
+
+    def at(self, index: int) -> System:
+        """The system at one of the values."""
+        return replace(self.system, {self.key: self.values[index]})
+
+
+@dataclass(frozen=True, repr=False)
+class Sweep:
+    """The results along one curve, in the order of its values.
+
+    points : what was found per value; None where the sweep was interrupted before
+    seconds : wall time of the whole call
+    """
+
+    curve: Curve
+    plan: Plan
+    points: list[Point | None]
+    seconds: float
+
+    def __repr__(self) -> str:
+        values, solved = self.curve.values, sum(p is not None and p.summary is not None for p in self.points)
+        return f"<Sweep over {self.curve.key}: {_span(values)}; {solved} solved>"
+
+    @property
+    def complete(self) -> bool:
+        """Whether every value was tried."""
+        return all(p is not None for p in self.points)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """(n,) values of the key."""
+        return np.array(self.curve.values)
+
+    @property
+    def records(self) -> list[dict[str, Any] | None]:
+        """Per value what `Point.as_record` gives; None where the sweep was interrupted before."""
+        return [None if p is None else p.as_record() for p in self.points]
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """A number per value, (n,), NaN where there is none."""
+        found = [None if r is None else r.get(name) for r in self.records]
+        return np.array([np.nan if x is None else float(x) for x in found])
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """(n,) arrays by name, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them, with the key's values first.
+
+        The section is left out. Numbers are NaN and counts -1 where there is none.
+        """
+        rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
+        flat = [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
+        there = {name for r in flat for name in r}
+        return {self.curve.key: self.values,
+                **{name: np.array([none if r.get(name) is None else r[name] for r in flat], dtype=type(none))
+                   for name, none in COLUMNS.items() if name in there}}
+
+    def as_json(self) -> dict[str, Any]:
+        """`over`, `values`, how it was done, and per value the keys of `simulate --json` in lists."""
+        return {"over": self.curve.key, "values": list(self.curve.values), **_how([self]), **self.lists()}
+
+    def lists(self, extras: Sequence[str] | None = None) -> dict[str, list[Any]]:
+        """Per key of `simulate --json` a list in value order; `extras` are those of EXTRAS to be there whatever."""
+        records = self.records
+        there = extras_of([self]) if extras is None else extras
+        out = {name: [None if r is None else r.get(name) for r in records]
+               for name in (*SUMMARY_KEYS, "confirmed", *there)}
+        return {**out, "status": [NOT_SOLVED if r is None else r["status"] for r in records]}
+
+
+@dataclass(frozen=True, repr=False)
+class Grid:
+    """The results on a grid of two keys: one Sweep over the first for every value of the second."""
+
+    second_key: str
+    second_values: tuple[float, ...]
+    sweeps: list[Sweep]
+
+    def __repr__(self) -> str:
+        curve = self.sweeps[0].curve
+        return (f"<Grid over {curve.key}: {_span(curve.values)}, and {self.second_key}: {_span(self.second_values)}; "
+                f"{sum(p is not None and p.summary is not None for s in self.sweeps for p in s.points)} solved>")
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The columns of `Sweep` for all rows below each other, with the second key's values first."""
+        rows = [s.columns() for s in self.sweeps]
+        length, names = len(self.sweeps[0].points), dict.fromkeys(name for row in rows for name in row)
+        return {self.second_key: np.repeat(self.second_values, length),
+                **{name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS[name]) for row in rows])
+                   for name in names}}
+
+    def as_json(self) -> dict[str, Any]:
+        """As `Sweep.as_json`, with `second_over` and `second_values`, and every result a list of lists, rows: second
+        key.
+        """
+        curve, extras = self.sweeps[0].curve, extras_of(self.sweeps)
+        rows = [s.lists(extras) for s in self.sweeps]
+        return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),
+                "second_values": list(self.second_values), **_how(self.sweeps),
+                **{name: [row[name] for row in rows] for name in rows[0]}}
+
+
+def extras_of(sweeps: Sequence[Sweep]) -> list[str]:
+    """Those of EXTRAS that some point has."""
+    points = [p for s in sweeps for p in s.points if p is not None]
+    found = {"theta2": any(len(p.theta2) for p in points), "lyapunov": any(p.lyapunov is not None for p in points)}
+    found |= dict.fromkeys(("equivalent_damping", "negative_slope_mean"), any(p.damping is not None for p in points))
+    return [name for name in EXTRAS if found[name]]
+
+
+def _how(sweeps: Sequence[Sweep]) -> dict[str, Any]:
+    """How sweeps of one call were done."""
+    plan = sweeps[0].plan
+    return {"direction": plan.direction, "discard": "default" if plan.discard is None else plan.discard,
+            "complete": all(s.complete for s in sweeps), "seconds": sweeps[0].seconds}
+
+
+def _span(values: Sequence[float]) -> str:
+    """How many values there are, and between which."""
+    return f"{len(values)} value{'s' if len(values) > 1 else ''} from {min(values):g} to {max(values):g}"

@@ -1,0 +1,320 @@
+"""One motion solved and judged: its summary, and the equivalent damping, Lyapunov exponent and samples asked for.
+
+A simulation is a sweep of one point: the command `simulate`, every point of a sweep and Python users call `simulate`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard
+from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, stays
+from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.scene import Scene, load_scene
+from tcc_sim.solvers import check_setting, choose, solve
+from tcc_sim.sweeps.exponents import Lyapunov, check_smoothed, largest_lyapunov_exponent
+from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated
+
+DIRECTIONS = ("cold", "up", "down")
+SETTLING_BLOCK = 25
+"""Cycles solved at a time while `auto` waits for the section to settle."""
+SETTLING_WINDOW = 50
+"""Cycles over which a settled section must repeat; three periods of the longest that is looked for."""
+SETTLING_TOLERANCE = 1e-6
+"""Repetition, relative to the size of the motion, at which `auto` stops."""
+LYAPUNOV_CYCLES = 2000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a motion is solved and what is worked out of it.
+
+    cycles : engine cycles solved; with discard "auto" the most that are
+    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100; "auto" drops those before
+        the section has settled
+    direction : of a sweep: cold starts every point from the scene's initial state; up and down go on from the
+        neighbour's last state, from the lowest value or from the highest
+    solver, rtol, step : as `solvers.solve` takes them
+    section_points : points of the section kept besides those of one period; 0 keeps none
+    damping : whether (21) is worked out
+    lyapunov : whether the largest Lyapunov exponent is worked out
+    lyapunov_cycles : cycles over which it is averaged where there is no period
+
+    Raises
+    ------
+    InputError
+        A value out of its range.
+    """
+
+    cycles: int = 150
+    discard: int | str | None = None
+    direction: str = "cold"
+    solver: str = "auto"
+    rtol: float | None = None
+    step: float | None = None
+    section_points: int = 0
+    damping: bool = False
+    lyapunov: bool = False
+    lyapunov_cycles: int = LYAPUNOV_CYCLES
+
+    def __post_init__(self) -> None:
+        if self.direction not in DIRECTIONS:
+            raise InputError(f"direction is {self.direction!r}; it must be {' or '.join(DIRECTIONS)}")
+        if not 1 <= self.cycles <= 10_000_000:
+            raise InputError(f"cycles is {self.cycles}; it must be 1 to 10000000")
+        if self.discard != "auto" and not (self.discard is None or isinstance(self.discard, int)):
+            raise InputError(f"discard is {self.discard!r}; it must be a number of cycles or auto")
+        if isinstance(self.discard, int) and self.discard < 0:
+            raise InputError(f"discard is {self.discard}; it must be 0 or more cycles, or auto")
+        if not 0 <= self.section_points <= 10_000_000:
+            raise InputError(f"section_points is {self.section_points}; it must be 0 to 10000000")
+
+    def dropped(self, cycles: int, default: int) -> int:
+        """The cycles to drop of so many, given or by default.
+
+        Raises
+        ------
+        InputError
+            A number that leaves no cycle.
+        """
+        found = self.discard if isinstance(self.discard, int) else default
+        if found >= max(cycles, 1):
+            raise InputError(f"discard is {found}; it must be 0 to {max(cycles - 1, 0)}, since {cycles} whole cycles "
+                             "are solved")
+        return found
+
+    def check(self, system: System) -> None:
+        """Raise InputError where the solver or the Lyapunov exponent cannot do this system, before anything is solved.
+        """
+        check_setting(choose(system, self.solver), self.rtol, self.step)
+        if self.lyapunov:
+            check_smoothed(system)
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields, to tell one sweep from another."""
+        return asdict(self)
+
+
+PAPER = Plan()
+"""150 cycles of which 50 are dropped, from the initial state."""
+
+
+class Start(NamedTuple):
+    """Where a run starts: a state on the section, and the number of the engine cycle, which sets the phase of the load.
+    """
+
+    state: State
+    cycle: int
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation:
+    """A motion solved and judged.
+
+    trajectory : what the solver gave; with discard "auto" its last block
+    summary : maxima, section, period, regime; None where the solver failed
+    confirmed : whether the section has settled and further cycles stay on it
+    angles : (n,) array, plate angle on the section over the last cycles, oldest first, rad; `Plan.section_points`
+    damping, lyapunov : where asked for
+    end : where a run goes on from; the start itself where the solver failed
+
+    Examples
+    --------
+    >>> simulate("slip", cycles=60)
+    <Simulation by smoothed: 60 cycles, period 1, settled, slip; largest |slip speed| 166.667 rad/s>
+    """
+
+    trajectory: Trajectory
+    summary: Summary | None
+    confirmed: bool
+    angles: Floats
+    damping: Damping | None
+    lyapunov: Lyapunov | None
+    end: Start
+
+    def __repr__(self) -> str:
+        if self.summary is None:
+            return f"<Simulation by {self.trajectory.solver}: {self.status}>"
+        return repr(self.summary).replace("Summary", "Simulation", 1)
+
+    @property
+    def status(self) -> str:
+        """How the solver ended, in a sentence."""
+        run = self.trajectory
+        return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
+
+    def raise_for_status(self) -> Simulation:
+        """This simulation; InputError where the solver refused the case, NumericalFailure where it stopped early."""
+        if self.trajectory.status is Status.REFUSED:
+            raise InputError(f"{self.trajectory.solver}: {self.trajectory.detail or self.trajectory.status.value}")
+        self.trajectory.raise_for_status()
+        return self
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys of `simulate --json`, with those of the extras that were asked for."""
+        out = self.summary.as_json() if self.summary is not None else {}
+        out["confirmed"] = self.confirmed
+        if self.damping is not None:
+            out.update(damping_as_json(self.damping))
+        if self.lyapunov is not None:
+            out["lyapunov"] = self.lyapunov.as_json()
+        return out
+
+
+def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, duration: float | None = None,
+             samples_per_cycle: int = 0, flywheel_angle: bool = False, start: Start | None = None,
+             **settings: Any) -> Simulation:
+    """Solve a motion and work out its summary and whatever else the plan asks for.
+
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    plan : how; the fields of `Plan` can be given one by one instead, such as ``simulate("fig02", damping=True)``
+    duration : s solved instead of whole cycles; a third of the whole cycles is dropped at most where nothing is said
+    samples_per_cycle, flywheel_angle : as `solvers.solve` takes them; a duration below one cycle needs samples
+    start : where the run starts; the system's own initial state at cycle 0 by default
+
+    Returns
+    -------
+    Simulation; a numerical failure is its status, with no summary
+
+    Raises
+    ------
+    InputError
+        An unknown scene or setting, or a value out of its range.
+
+    Examples
+    --------
+    >>> found = simulate("slip", cycles=60)
+    >>> found.summary.period, found.confirmed
+    (1, True)
+    """
+    if plan is not None and settings:
+        raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
+    plan = plan or _plan(settings)
+    system = scene if isinstance(scene, System) else (scene if isinstance(scene, Scene) else load_scene(scene)).system
+    plan.check(system)
+    if start is None:
+        i = system.initial
+        start = Start(State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle), 0)
+    if duration is not None:
+        run, cycles, discarded = _timed_run(system, plan, start, duration, samples_per_cycle, flywheel_angle)
+    elif plan.discard == "auto":
+        run, cycles, discarded = _settled_run(system, plan, start)
+    else:
+        discarded = plan.dropped(plan.cycles, default_discard(plan.cycles))
+        run = _solve(system, plan, start, cycles=plan.cycles, samples_per_cycle=samples_per_cycle,
+                     flywheel_angle=flywheel_angle)
+        cycles = run.cycles
+    return _judged(system, plan, start, run, cycles, discarded)
+
+
+def _plan(settings: dict[str, Any]) -> Plan:
+    """A plan from its fields by name."""
+    unknown = [name for name in settings if name not in Plan.__dataclass_fields__]
+    if unknown:
+        raise InputError(f"{unknown[0]} is not a setting; the settings are {', '.join(Plan.__dataclass_fields__)}")
+    return Plan(**settings)
+
+
+def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
+    """A solve as the plan says."""
+    return solve(system, solver=plan.solver, rtol=plan.rtol, step=plan.step, start_cycle=start.cycle, state=start.state,
+                 **span)
+
+
+def _timed_run(system: System, plan: Plan, start: Start, duration: float, samples: int,
+               flywheel_angle: bool) -> tuple[Trajectory, Cycles | None, int]:
+    """A duration in one solve."""
+    if not 0.0 < duration <= 1e6:
+        raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
+    whole = int(duration / system.cycle * (1.0 + 1e-12))
+    discarded = plan.dropped(whole, min(DISCARD, whole // 3))
+    run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle)
+    return run, run.cycles, discarded
+
+
+def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, Cycles | None, int]:
+    """Blocks of cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
+    parts: list[Cycles] = []
+    done, seconds = 0, 0.0
+    while True:
+        count = min(SETTLING_BLOCK, plan.cycles - done)
+        run = _solve(system, plan, start, cycles=count)
+        seconds += run.statistics.seconds
+        run = replace(run, statistics=replace(run.statistics, seconds=seconds))
+        if run.status is not Status.DONE or run.cycles is None:
+            return run, None, 0
+        parts.append(run.cycles)
+        done, start = done + count, Start(run.final, start.cycle + count)
+        cycles = concatenated(parts)
+        if done >= SETTLING_WINDOW:
+            after = settling(cycles)
+            if after is not None:
+                return run, cycles, after
+        if done >= plan.cycles:
+            return run, cycles, min(DISCARD, done // 2)
+
+
+def settling(cycles: Cycles, tolerance: float = SETTLING_TOLERANCE) -> int | None:
+    """After how many cycles the section repeats with some period up to 16 until the end; None where it does not.
+
+    All points that are a period apart lie within `tolerance` of the last ones, relative to the size of the motion, over
+    at least the last SETTLING_WINDOW cycles less one period.
+    """
+    points: Floats = cycles.section
+    size = np.abs(points[-SETTLING_WINDOW:]).max(axis=0)
+    speed = max(float(size[0]), float(size[2]), float(np.abs(cycles.highest[-SETTLING_WINDOW:]).max()))
+    scale = np.array([speed or 1.0, max(float(size[1]), 1e-6 * speed) or 1.0, speed or 1.0])
+    for period in range(1, MAXIMUM_PERIOD + 1):
+        if len(points) <= 2 * period:
+            return None
+        number = np.arange(len(points))
+        image = len(points) - period + (number - len(points)) % period
+        far = (np.abs(points - points[image]) > tolerance * scale).any(axis=1)
+        after = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
+        if len(points) - 1 - after >= max(SETTLING_WINDOW // 2, 2 * period):
+            return after
+    return None
+
+
+def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,
+            discarded: int) -> Simulation:
+    """What a run comes to."""
+    failed = Simulation(run, None, False, np.empty(0), None, None, start)
+    if run.status is not Status.DONE:
+        return failed
+    final = run.final
+    if not all(map(math.isfinite, (final.slip_speed, final.plate_angle, final.plate_speed))):
+        return replace(failed, trajectory=replace(run, status=Status.NOT_FINITE))
+    cycles = cycles if cycles is not None else cycles_of(run)
+    if not len(cycles):
+        kept, summary, end = cycles, summarise_samples(run), start
+    else:
+        kept, end = cycles[discarded:], Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles))
+        summary = replace(summarise_cycles(kept, system.cycle, first=start.cycle + discarded), cycles=len(cycles),
+                          discarded=discarded, solver=run.solver, elapsed_s=run.statistics.seconds)
+    angles = kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1] if plan.section_points else np.empty(0)
+    return Simulation(
+        run, summary, _confirmed(system, plan, kept, summary, end), angles.copy(),
+        damping_of_cycles(system, kept, start.cycle + discarded, summary.period) if plan.damping else None,
+        largest_lyapunov_exponent(system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
+                                  period=summary.period) if plan.lyapunov else None, end)
+
+
+def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: Start) -> bool:
+    """Whether the section has settled and further cycles leave the period as it was found."""
+    if not (summary.period and summary.settled):
+        return False
+    further = _solve(system, plan, end, cycles=max(10, 2 * summary.period))
+    if further.status is not Status.DONE or further.cycles is None:
+        return False
+    return stays(kept, further.cycles, summary.period)

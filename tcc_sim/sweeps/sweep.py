@@ -1,0 +1,268 @@
+"""Sweeps over one scene key or a grid of two, on all cores or on a Dask cluster, with results in value order.
+
+Points are independent where the direction is cold; up and down go along a curve from neighbour to neighbour, so there
+only the curves run side by side. The results do not depend on how many workers there are, nor on which of them did
+what.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim import __version__
+from tcc_sim.errors import InputError, SweepInterrupted
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.scene import Scene
+from tcc_sim.sweeps.file import SweepFile
+from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
+from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.results import MOST_VALUES, Curve, Grid, Sweep
+from tcc_sim.sweeps.simulation import PAPER, Plan, Start
+
+DASK_BATCH = 8
+"""Points in one task on a cluster: a task costs the scheduler about a millisecond."""
+
+Points = list[list[Point | None]]
+"""Per curve and value what was found, None for what was not tried yet."""
+
+
+def sweep(scene: Scene | System, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
+    """Solve a scene or a system at every value of one scene key; `how` is as `sweep_curves` takes it.
+
+    Examples
+    --------
+    >>> from tcc_sim import load_scene
+    >>> found = sweep(load_scene("slip"), "engine.torque_amplitude", [0.0, 20.0], Plan(cycles=20))
+    >>> found
+    <Sweep over engine.torque_amplitude: 2 values from 0 to 20; 2 solved>
+    >>> found.columns()["period"].tolist()
+    [1, 1]
+    """
+    return sweep_curves([Curve(_system(scene), key, tuple(map(float, values)))], plan, **how)[0]
+
+
+def sweep_grid(scene: Scene | System, key: str, values: Sequence[float], second_key: str,
+               second_values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Grid:
+    """Solve a grid of two scene keys; up and down go along the first one, within every row.
+
+    Examples
+    --------
+    >>> from tcc_sim import load_scene
+    >>> found = sweep_grid(load_scene("slip"), "engine.frequency", [100.0, 120.0],
+    ...                    "engine.torque_amplitude", [50.0, 60.0, 70.0], Plan(cycles=20))
+    >>> len(found.second_values)
+    3
+    """
+    return Grid(second_key, tuple(map(float, second_values)),
+                sweep_curves(curves_of(_system(scene), key, values, second_key, second_values), plan, **how))
+
+
+def _system(scene: Scene | System) -> System:
+    """The physics of a scene."""
+    return scene.system if isinstance(scene, Scene) else scene
+
+
+def curves_of(system: System, key: str, values: Sequence[float], second_key: str,
+              second_values: Sequence[float]) -> list[Curve]:
+    """The rows of a grid: one curve over `key` for every value of `second_key`.
+
+    Raises
+    ------
+    InputError
+        The same key twice, no value or too many, an unknown key, or a value out of its range.
+    """
+    if key == second_key:
+        raise InputError(f"{key} is swept twice; a grid has two keys")
+    if not 1 <= len(values) * len(second_values) <= MOST_VALUES:
+        raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to {MOST_VALUES}")
+    row = tuple(map(float, values))
+    return [Curve(replace(system, {second_key: float(x)}), key, row) for x in second_values]
+
+
+def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
+                 out: Path | None = None, said: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
+    """Solve every point of every curve.
+
+    Parameters
+    ----------
+    jobs : threads (the kernels release the interpreter lock); all available cores by default
+    dask : address of a Dask scheduler whose workers do the work instead
+    out : file that takes every point as it is done; where it holds points of the same sweep, those are not solved again
+    said : what the first line of that file says besides, such as scene and command
+    progress : show a bar on a terminal
+
+    Raises
+    ------
+    InputError
+        A wrong plan or number of jobs, no scheduler, or a file that holds something else.
+    SweepInterrupted
+        Ctrl-C; it carries what was done until then.
+    MissingPackage
+        `dask` without the package distributed.
+    """
+    for curve in curves:
+        plan.check(curve.system)
+    if isinstance(plan.discard, int):
+        plan.dropped(plan.cycles, 0)
+    if jobs is not None and not 1 <= jobs <= 1024:
+        raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
+    began = time.perf_counter()
+    points: Points = [[None] * len(curve.values) for curve in curves]
+
+    def take(c: int, i: int, record: dict[str, Any]) -> None:
+        if not (0 <= c < len(curves) and 0 <= i < len(curves[c].values)):
+            raise ValueError(f"the sweep has no value {i} of curve {c}")
+        points[c][i] = point_of(record, curves[c].at(i))
+
+    file: SweepFile | None = None
+    try:
+        with workers(jobs, dask) as (executor, width):
+            file = SweepFile(out, _header(curves, plan), take, said=said) if out is not None else None
+            done = sum(p is not None for found in points for p in found)
+            with progress_bar("point", sum(map(len, points)), done, progress) as bar:
+                for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, points):
+                    points[c][i] = point
+                    if file is not None:
+                        file.append(c, i, point.as_record())
+                    bar.update()
+    except KeyboardInterrupt:
+        raise SweepInterrupted(_results(curves, plan, points, began)) from None
+    finally:
+        if file is not None:
+            file.close()
+    return _results(curves, plan, points, began)
+
+
+def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
+    """What tells one sweep from another."""
+    return {"version": __version__, "plan": plan.as_json(),
+            "curves": [{"over": c.key, "values": c.values, "scene": dict(values_of(c.system))} for c in curves]}
+
+
+def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) -> list[Sweep]:
+    """One Sweep per curve."""
+    seconds = time.perf_counter() - began
+    return [Sweep(curve, plan, found, seconds) for curve, found in zip(curves, points)]
+
+
+Task = tuple[int, list[int], Start | None]
+"""Number of a curve, indices of its values in the order of solving, and where to go on from."""
+
+
+def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, width: Callable[[], int], batch: int,
+            points: Points) -> Iterator[tuple[int, int, Point]]:
+    """Every point that was not found yet, as it is done; few tasks are handed out ahead, so memory does not grow."""
+    ready = _tasks(curves, plan, batch, points)
+    following: deque[Task] = deque()
+    running: dict[Future[list[Point]], Task] = {}
+    try:
+        while True:
+            while len(running) < 3 * max(width(), 1):
+                task = following.popleft() if following else next(ready, None)
+                if task is None:
+                    break
+                c, indices, start = task
+                systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
+                running[executor.submit(solve_points, systems, values, plan, start)] = task
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                c, indices, _ = running.pop(future)
+                found = future.result()
+                if plan.direction != "cold":
+                    rest = _order(curves[c], plan)
+                    rest = rest[rest.index(indices[-1]) + 1:][:batch]
+                    if rest:
+                        following.append((c, rest, _passed_on(curves[c], indices[-1], found[-1], rest[0])))
+                for i, point in zip(indices, found):
+                    yield c, i, point
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _passed_on(curve: Curve, before: int, point: Point, following: int) -> Start:
+    """Where a value goes on from its neighbour."""
+    return handed_over(curve.at(before), point.end, curve.at(following))
+
+
+def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> Iterator[Task]:
+    """What can be done at once: all that is missing, or for up and down the first missing piece of every curve."""
+    for c, curve in enumerate(curves):
+        order = _order(curve, plan)
+        missing = [i for i in order if points[c][i] is None]
+        if plan.direction == "cold":
+            for k in range(0, len(missing), batch):
+                yield c, missing[k:k + batch], None
+        elif missing:
+            # A file is written in the order of solving, so what is missing is the end of the curve.
+            place = order.index(missing[0])
+            neighbour = points[c][order[place - 1]] if place else None
+            yield c, order[place:place + batch], None if neighbour is None else _passed_on(curve, order[place - 1],
+                                                                                           neighbour, missing[0])
+
+
+def _order(curve: Curve, plan: Plan) -> list[int]:
+    """Indices of the values in the order of solving."""
+    if plan.direction == "cold":
+        return list(range(len(curve.values)))
+    rising = [int(i) for i in np.argsort(curve.values, kind="stable")]
+    return rising if plan.direction == "up" else rising[::-1]
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Callable[[], int]]]:
+    """Where tasks run, and a function that says how many run at a time."""
+    if dask is not None:
+        from tcc_sim.sweeps.cluster import cluster
+
+        with cluster(dask) as found:
+            yield found
+        return
+    count = jobs or cores()
+    executor = ThreadPoolExecutor(count, thread_name_prefix="sweep")
+    try:
+        yield executor, lambda: count
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)
+
+
+def values_of_range(text: str, option: str = "--over") -> tuple[str, list[float]]:
+    """KEY and the evenly spaced values of KEY=START:STOP:COUNT, both ends included.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    key, equals, numbers = text.partition("=")
+    parts = numbers.split(":")
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT")
+    if not equals or len(parts) != 3:
+        raise wrong
+    try:
+        start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError:
+        raise wrong from None
+    if not (np.isfinite(start) and np.isfinite(stop)):
+        raise wrong
+    if not 1 <= count <= MOST_VALUES:
+        raise InputError(f"{option} has a count of {count}; it must be 1 to {MOST_VALUES}")
+    return key, [float(x) for x in np.linspace(start, stop, count)]
+
+
+__all__ = ["Curve", "Grid", "Plan", "Sweep", "curves_of", "sweep", "sweep_curves", "sweep_grid", "values_of_range"]

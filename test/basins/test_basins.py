@@ -1,0 +1,291 @@
+"""Attractors and basins: on maps whose basins are known, and on the driveline against brute force."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from textbook_maps import TextbookMap
+
+from tcc_sim.basins import attractors
+from tcc_sim.basins import rows as basin_rows
+from tcc_sim.basins.attractors import find_attractors
+from tcc_sim.basins.compute import CYCLES, Axis, boundary_of, halton
+from tcc_sim.basins.driveline import DrivelineMotion, mean_load
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Captures, follow, section_of
+from tcc_sim.basins.rows import basins
+from tcc_sim.cli import main
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import solve
+from tcc_sim.trajectory import State
+
+COEXISTENCE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0,
+                                 "friction.kinetic_coefficient": 0.255,
+                                 "engine.frequency": 0.36 * System().natural_frequency})
+"""Period one and a large period two at omega/omega_n = 0.36, mu_k/mu_s = 0.85."""
+RUNNING_AWAY = replace(System(), {"pressure.mean": 150e3, "friction.kinetic_coefficient": 0.15,
+                                  "pressure.amplitude": 0.0})
+"""Tsm = 180 N m holds less than Tm = 300 N m: fast slip never ends."""
+
+
+class Iterated:
+    """A textbook map as a motion."""
+
+    def __init__(self, step, dimension, bound=1e6):
+        self.map, self.step, self.bound = TextbookMap(step, dimension), step, bound
+
+    def sections(self, starts, first, cycles):
+        out = np.full((len(starts), cycles + 1, np.shape(starts)[1]), np.nan)
+        for row, x in zip(out, starts):
+            row[0] = x
+            for k in range(cycles):
+                if np.abs(row[k]).max() > self.bound:
+                    break
+                row[k + 1] = self.step(row[k], ())[0]
+        return out
+
+    def runs_away(self, points):
+        return np.abs(points).max(axis=1) > 1e3
+
+    def largest(self, x, first, cycles):
+        return float(np.abs(section_of(self, x, first, cycles)).max())
+
+
+def newton_for_cube_roots(x, p):
+    """Newton's method for z^3 = 1 as a map of the plane: three fixed points, fractal basins."""
+    z = complex(x[0], x[1])
+    slope = (2.0 / 3.0) * (1.0 - z**-3)
+    value = (2.0 * z + z**-2) / 3.0
+    return (np.array([value.real, value.imag]), np.array([[slope.real, -slope.imag], [slope.imag, slope.real]]),
+            np.zeros((2, 0)))
+
+
+def cubic(x, p):
+    """x' = 1.5 x - 0.5 x^3: attractors -1 and 1 with the basins x < 0 and x > 0 within |x| < sqrt 5."""
+    return 1.5 * x - 0.5 * x**3, np.array([[1.5 - 1.5 * x[0] ** 2]]), np.zeros((1, 0))
+
+
+def henon_chaos(x, p):
+    """Henon's map at a = 1.4, b = 0.3: one strange attractor."""
+    return np.array([1.0 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]]), np.array([[-2.8 * x[0], 1.0],
+                                                                           [0.3, 0.0]]), np.zeros((2, 0))
+
+
+def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_iteration():
+    of = Iterated(newton_for_cube_roots, 2)
+    found = find_attractors(of, 4.0 * halton(30, 2) - 2.0)
+    roots = np.array([1.0, np.exp(2j * np.pi / 3), np.exp(-2j * np.pi / 3)])
+    ours = np.array([complex(*a.section[0]) for a in found])
+    assert sorted(np.abs(roots[:, None] - ours[None]).argmin(axis=0)) == [0, 1, 2]
+    assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
+    captures = Captures(found, of.map.scales, 1)
+    cells = 4.0 * halton(300, 2) - 2.0
+    for cell, k in zip(cells, follow(of, captures, cells, CYCLES)[0]):
+        assert abs(complex(*section_of(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
+
+
+def test_two_fixed_points_and_what_runs_away():
+    of = Iterated(cubic, 1)
+    found = find_attractors(of, [np.array([x]) for x in (0.3, -0.3, 4.0)])
+    assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
+    captures = Captures(found, of.map.scales, 1)
+    cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
+    *labels, fast, middle = follow(of, captures, cells, CYCLES)[0]
+    for x, k in zip(cells[:, 0], labels):
+        assert found[k].section[0, 0] == pytest.approx(_end(x))
+    assert fast == RUNAWAY
+    assert middle == UNDECIDED
+
+
+def _end(x):
+    for _ in range(300):
+        x = 1.5 * x - 0.5 * x**3
+    return x
+
+
+def test_a_strange_attractor_is_one_cloud():
+    of = Iterated(henon_chaos, 2, bound=1e9)
+    found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2), (0.5, 0.0))])
+    assert [a.period for a in found] == [0]
+    assert found[0].multipliers is None
+    captures = Captures(found, of.map.scales, 1)
+    assert follow(of, captures, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
+
+
+def leaking(x, p):
+    """The logistic map at r a little above 4: chaos on 0 to 1 with a hole that is met about every 5000 steps, behind
+    which the fixed point 3 attracts.
+    """
+    if 0.0 <= x[0] <= 1.0:
+        return 4.0000004 * x * (1.0 - x), np.array([[4.0000004 * (1.0 - 2.0 * x[0])]]), np.zeros((1, 0))
+    return 3.0 + 0.5 * (x - 3.0), np.array([[0.5]]), np.zeros((1, 0))
+
+
+def test_a_chaotic_transient_is_no_attractor(monkeypatch):
+    of = Iterated(leaking, 1)
+    seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
+    (found,) = find_attractors(of, seeds)
+    assert (found.period, found.section[0, 0]) == (1, pytest.approx(3.0))
+    # One of the seeds stays for longer than it takes a motion without a period to count as such.
+    monkeypatch.setattr(attractors, "_left", lambda of, cloud: (False, None))
+    assert 0 in {a.period for a in find_attractors(of, seeds)}
+
+
+def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
+    orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
+    captures = Captures([orbit], np.ones(1), 1)
+    assert found_by(captures, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
+    assert found_by(captures, [0.01, 0.02, 0.03], 0)[0] == -1
+    assert found_by(captures, [0.01], 0)[0] == -1
+    assert found_by(captures, [0.01, np.nan, np.nan], 0)[0] == -1
+    both = captures.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
+    assert both[0].tolist() == [0, -1]
+    phased = Captures([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1), 2)
+    assert found_by(phased, [0.0, 1.0], 4) == (0, 0)
+    assert found_by(phased, [0.0, 1.0], 5)[0] == -1
+
+
+def found_by(captures, points, first):
+    """Label and cycles of one motion with one state."""
+    label, after = captures.find(np.array(points)[None, :, None], first)
+    return int(label[0]), int(after[0])
+
+
+def test_the_uncertainty_exponent_of_known_boundaries():
+    k = np.arange(256)
+    line = (k[None, :] + 0 * k[:, None] > 128).astype(np.int16)
+    smooth = boundary_of(line)
+    assert smooth is not None
+    assert smooth.exponent == pytest.approx(1.0, abs=0.03)
+    assert smooth.dimension == pytest.approx(1.0, abs=0.03)
+    noise = boundary_of(np.random.default_rng(3).integers(0, 2, (256, 256)).astype(np.int16))
+    assert noise is not None
+    assert noise.exponent == pytest.approx(0.0, abs=0.02)
+    assert boundary_of(np.zeros((256, 256), np.int16)) is None
+
+
+def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
+    plane = (Axis("initial.slip_speed", tuple(np.linspace(0.0, 120.0, 9))),
+             Axis("initial.plate_angle", tuple(np.linspace(-0.1, 0.3, 7))))
+    found, = basins(COEXISTENCE, plane, jobs=2)
+    assert sorted(a.period for a in found.attractors) == [1, 2]
+    for attractor in found.attractors:
+        assert abs(attractor.multipliers[0]) < 1.0
+    assert sum(found.fraction(k) for k in range(2)) == 1.0
+    assert min(found.fraction(k) for k in range(2)) > 0.05
+    random = np.random.default_rng(5)
+    for j, i in zip(random.integers(7, size=12), random.integers(9, size=12)):
+        start = State(plane[0].values[i], plane[1].values[j], 0.0)
+        end = solve(COEXISTENCE, cycles=600, state=start).cycles.section[-2:]
+        distances = [min(np.abs(end - np.roll(np.resize(a.section, (2, 3)), r, axis=0)).max() for r in (0, 1))
+                     for a in found.attractors]
+        assert int(np.argmin(distances)) == found.labels[j, i]
+        assert min(distances) < 1e-3
+
+
+def test_slip_that_runs_away_has_a_label_of_its_own():
+    plane = (Axis("initial.slip_speed", (-200.0, 0.0, 30.0, 300.0, 3000.0)), Axis("initial.plate_speed", (0.0,)))
+    found, = basins(RUNNING_AWAY, plane)
+    assert found.labels[0, -1] == RUNAWAY
+    late = solve(RUNNING_AWAY, cycles=50, state=State(3000.0, 0.0, 0.0)).cycles.section[:, 0]
+    assert np.diff(late)[-1] == pytest.approx((300.0 - 180.0) / 0.2 * RUNNING_AWAY.cycle, rel=1e-3)
+    assert not DrivelineMotion(COEXISTENCE).runs_away(np.array([[3000.0, 0.0, 0.0]]))[0]
+
+
+@pytest.mark.parametrize(("mean", "amplitude"), [(2e5, 0.0), (2e5, 1e5), (2e5, 3e5), (0.0, 2e5)])
+def test_the_mean_of_a_clamped_load(mean, amplitude):
+    system = replace(System(), {"pressure.mean": mean, "pressure.amplitude": amplitude})
+    phase = np.linspace(0.0, 2.0 * np.pi, 2_000_001)
+    load = system.torque_per_pressure * np.maximum(mean + amplitude * np.sin(phase), 0.0)
+    assert mean_load(system) == pytest.approx(np.mean(load[:-1]), rel=1e-9)
+
+
+PLANE = ["--plane", "initial.slip_speed=0:120:5", "--plane", "initial.plate_angle=-0.1:0.3:4"]
+SCENE = ["fig02", "--set", "pressure.mean=225000", "--set", "pressure.amplitude=0", "--set", "engine.frequency=139.4",
+         "--set", "friction.kinetic_coefficient=0.255"]
+
+
+def test_the_verb_writes_labels_fractions_and_a_picture(tmp_path: Path, capsys):
+    pytest.importorskip("matplotlib")
+    files = [tmp_path / name for name in ("b.json", "b.npz", "b.png")]
+    words = ["basins", *SCENE, *PLANE, "--boundary", "--json", str(files[0]), "--out", str(files[1]), "--plot",
+             str(files[2])]
+    assert main(words) == 0
+    assert "period 2" in capsys.readouterr().out
+    told = json.loads(files[0].read_text())
+    stored = np.load(files[1])
+    assert stored["labels"].shape == stored["cycles"].shape == (4, 5)
+    assert [axis["key"] for axis in told["plane"]] == ["initial.slip_speed", "initial.plate_angle"]
+    for k, attractor in enumerate(told["attractors"]):
+        assert attractor["fraction"] == np.mean(stored["labels"] == k)
+        assert len(attractor["section"]) == attractor["period"]
+    assert told["undecided"] == told["runaway"] == 0.0
+    assert files[2].stat().st_size > 10_000
+    assert not list(tmp_path.glob("*.part"))
+    assert main(words) == 2
+
+
+def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
+    plane = (Axis("initial.slip_speed", (0.0, 60.0, 120.0)), Axis("initial.plate_angle", (0.0, 0.1, 0.2)))
+    whole, = basins(COEXISTENCE, plane)
+    part = tmp_path / "b.part"
+    rows, solve_row = itertools.count(), basin_rows.solve_row
+
+    def broken(*task):
+        if next(rows) == 2:
+            raise KeyboardInterrupt
+        return solve_row(*task)
+
+    monkeypatch.setattr(basin_rows, "solve_row", broken)
+    with pytest.raises(KeyboardInterrupt):
+        basins(COEXISTENCE, plane, jobs=1, part=part)
+    kept = part.read_bytes()
+    assert 1 < kept.count(b"\n") < 4
+    part.write_bytes(kept + b"00000000 {\"ind")
+    solved: list[int] = []
+    monkeypatch.setattr(basin_rows, "solve_row", lambda *task: solved.append(task[2]) or solve_row(*task))
+    again, = basins(COEXISTENCE, plane, part=part)
+    assert len(solved) == 4 - kept.count(b"\n")
+    np.testing.assert_array_equal(again.labels, whole.labels)
+    part.write_bytes(kept.replace(b"cycles", b"cyclos", 1))
+    assert main(["basins", "fig02", *PLANE, "--out", str(tmp_path / "b.npz"), "--jobs", "0"]) == 2
+
+
+@pytest.mark.parametrize("words", [
+    ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane",
+                                              "initial.slip_speed=0:1:3"],
+    ["--plane", "initial.slip_speed=0:1:3", "--plane", "engine.frequency=1:2:3"], [*PLANE, "--cycles", "3"],
+    [*PLANE, "--out", "x.csv"], [*PLANE, "--over", "friction.law=1:2:3"],
+    [*PLANE, "--over", "initial.plate_angle=0:1:3"], ["--plane", "initial.slip_speed=0:x:3", *PLANE[:2]],
+    [*PLANE, "--jobs", "0"],
+    ["--plane", "initial.slip_speed=0:1:3000", "--plane", "initial.plate_angle=0:1:3000"],
+    [*PLANE, "--set", "pressure.frequency_ratio=0.7312345", "--set", "pressure.amplitude=10000"]])
+def test_wrong_input_is_one_line(words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["basins", "fig02", *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_axis_is_told_by_its_own_option(capsys):
+    for wrong in ("initial.slip_speed=0:x:3", "initial.slip_speed=0:1:0"):
+        assert main(["basins", "fig02", "--plane", wrong, *PLANE[2:]]) == 2
+        assert capsys.readouterr().err.startswith("tcc-sim: --plane ")
+    assert main(["basins", "fig02", *PLANE, "--over", "initial.slip_speed=0:1:3"]) == 2
+    assert "an axis of the plane" in capsys.readouterr().err
+
+
+def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
+    """At mu_k = mu_s one motion takes all; at 0.85 mu_s two share the plane."""
+    plane = (Axis("initial.slip_speed", (0.0, 40.0, 80.0, 120.0)), Axis("initial.plate_angle", (-0.1, 0.1, 0.3)))
+    over = Axis("friction.kinetic_coefficient", (0.255, 0.3))
+    part = tmp_path / "over.part"
+    two, one = basins(COEXISTENCE, plane, over=over, part=part)
+    assert part.read_bytes().count(b"\n") == 1 + 2 * 3
+    assert [len(found.attractors) for found in (two, one)] == [2, 1]
+    assert one.fraction(0) == 1.0
+    (alone,) = basins(COEXISTENCE, plane)
+    np.testing.assert_array_equal(two.labels, alone.labels)

@@ -1,0 +1,268 @@
+"""Branches of textbook maps: folds, doublings, Neimark-Sacker, branch points, closed branches, switching, curves."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
+
+from tcc_sim.continuation import walk
+from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch_switching import orbits_at, switch
+from tcc_sim.continuation.codim2 import bialternate, bifurcation_curve
+from tcc_sim.continuation.newton import find_orbit
+from tcc_sim.continuation.palc import extrapolated
+from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.smoothing_limit import limit_of
+from tcc_sim.continuation.special_points import Bifurcation
+from tcc_sim.continuation.walk import Course
+
+COURSE = Course("p")
+
+
+def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float],
+              period: int = 1) -> Branch:
+    shooting = Shooting.single(TextbookMap(step, dimension), period, Window(low, high))
+    z = find_orbit(shooting, (value,), [np.array(guess)])
+    assert z is not None
+    return follow(first_station(shooting, z), COURSE, "start", 0)
+
+
+def kinds(branch: Branch) -> list[str]:
+    return [f.kind for f in branch.bifurcations]
+
+
+def of_kind(branch: Branch, kind: str) -> Bifurcation:
+    return next(f for f in branch.bifurcations if f.kind == kind)
+
+
+def test_fold_and_doubling_of_the_henon_map() -> None:
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    assert sorted(kinds(branch)) == ["fold", "period_doubling"]
+    assert of_kind(branch, "fold").value == pytest.approx(-0.1225, abs=1e-10)
+    assert of_kind(branch, "period_doubling").value == pytest.approx(0.3675, abs=1e-10)
+    assert all(f.residual < 1e-8 for f in branch.bifurcations)
+    assert [s.value for s in (branch.stations[0], branch.stations[-1])] == [1.5, 1.5]
+    for station in branch.stations:
+        x, a = station.orbit.section[0], station.value
+        assert a - x * x + 0.3 * x == pytest.approx(x, abs=1e-9)
+    stable = [s.orbit.stable for s in branch.stations]
+    assert stable == [-0.35 < s.orbit.section[0] < 0.35 for s in branch.stations]
+
+
+def test_neimark_sacker_of_the_delayed_logistic_map() -> None:
+    branch = branch_of(delayed_logistic, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
+    assert kinds(branch) == ["neimark_sacker"]
+    assert branch.bifurcations[0].value == pytest.approx(2.0, abs=1e-10)
+    assert branch.bifurcations[0].station.orbit.multipliers[0] == pytest.approx(np.exp(1j * math.pi / 3.0), abs=1e-8)
+
+
+def test_a_neutral_saddle_is_no_neimark_sacker() -> None:
+    def saddle(x, p):  # Fixed point 0 with multipliers 2 and p: their product passes 1 at p = 0.5.
+        return (np.array([2.0 * x[0] + x[1] ** 2, p[0] * x[1]]), np.array([[2.0, 2.0 * x[1]], [0.0, p[0]]]),
+                np.array([[0.0], [x[1]]]))
+
+    assert kinds(branch_of(saddle, 2, 0.2, 0.8, 0.3, [0.0, 0.0])) == []
+
+
+def test_a_branch_point_is_located_and_not_taken_for_a_fold() -> None:
+    branch = branch_of(logistic, 1, 0.5, 2.9, 2.5, [0.6])
+    assert kinds(branch) == ["branch_point"]
+    assert branch.bifurcations[0].value == pytest.approx(1.0, abs=1e-8)
+    assert all(s.orbit.section[0] == pytest.approx(1.0 - 1.0 / s.value, abs=1e-8) for s in branch.stations)
+
+
+@pytest.mark.parametrize("guess", [0.0, 0.9])
+def test_the_branch_point_of_a_pitchfork(guess: float) -> None:
+    def pitchfork(x, p):  # x = 0 and p = x^2: both pass p = 0, one of them turning.
+        return (x + 0.3 * (p[0] * x - x**3), np.array([[1.0 + 0.3 * (p[0] - 3.0 * x[0] ** 2)]]), 0.3 * x[:, None])
+
+    branch = branch_of(pitchfork, 1, -0.7, 1.0, 0.81, [guess])
+    (point,) = [f for f in branch.bifurcations if f.kind == "branch_point"]
+    assert point.value == pytest.approx(0.0, abs=1e-8)
+    assert point.residual < 1e-8
+    kinds_found = kinds(branch)
+    assert "period_doubling" not in kinds_found
+    on = [s.orbit.section[0] for s in branch.stations]
+    if guess:
+        assert all(x * x == pytest.approx(s.value, abs=1e-7) for x, s in zip(on, branch.stations))
+        assert (on[0] > 0.0) != (on[-1] > 0.0)
+    else:
+        assert max(map(abs, on)) < 1e-9
+
+
+def test_a_closed_branch_is_recognised() -> None:
+    branch = branch_of(isola, 1, -2.0, 2.0, 0.0, [-1.0])
+    assert branch.closed
+    assert branch.ended[0].startswith("closed")
+    assert sorted(f.value for f in branch.bifurcations) == pytest.approx([-1.0, 1.0], abs=1e-10)
+
+
+def test_a_branch_does_not_jump_to_a_neighbour() -> None:
+    def close(x, p):  # Fixed points x = sin(8 p) and x = sin(8 p) + 0.04.
+        s, gap = math.sin(8.0 * p[0]), 0.04
+        u = x[0] - s
+        slope = 2.0 * u - gap
+        return x + u * (u - gap), np.array([[1.0 + slope]]), np.array([[-8.0 * math.cos(8.0 * p[0]) * slope]])
+
+    branch = branch_of(close, 1, 0.0, 2.0, 0.1, [math.sin(0.8)])
+    assert (branch.stations[0].value, branch.stations[-1].value) == (0.0, 2.0)
+    assert all(s.orbit.section[0] == pytest.approx(math.sin(8.0 * s.value), abs=1e-7) for s in branch.stations)
+
+
+def test_a_doubled_branch_does_not_go_over_to_the_simple_one() -> None:
+    branch = branch_of(logistic, 1, 2.5, 3.5, 3.206, [0.5], 2)
+    assert branch.ended[0].startswith("ended in a period doubling of motions of a shorter period at p = 3")
+    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-9)
+
+
+def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None:
+    branches = [branch_of(logistic, 1, 2.5, 3.56, 2.7, [0.6])]
+    switch(branches, COURSE, 3)
+    found = [of_kind(b, "period_doubling").value for b in branches[:3]]
+    assert found == pytest.approx([3.0, 1.0 + math.sqrt(6.0), 3.544090359552], abs=1e-8)
+    assert [b.period for b in branches] == [1, 2, 4, 8]
+    assert branches[1].origin == {"kind": "period_doubling", "value": branches[0].bifurcations[0].value, "branch": 0}
+    assert branches[1].ended[0].startswith("began in the period doubling")
+
+
+def test_a_doubled_branch_ends_where_its_period_halves() -> None:
+    branch = branch_of(logistic, 1, 2.5, 3.9, 3.2, [0.5], 2)
+    assert any("shorter period" in sentence for sentence in branch.ended)
+    assert kinds(branch) == ["period_doubling"]
+    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-9)
+
+
+def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    found = sorted(o.section[0] for o in orbits_at(branch, 0.2))
+    assert found == pytest.approx(sorted(-0.35 + s * math.sqrt(0.1225 + 0.2) for s in (1.0, -1.0)), abs=1e-9)
+    assert orbits_at(branch, -0.5) == []
+
+
+@pytest.mark.parametrize(("kind", "law"), [("fold", lambda b: -0.25 * (1.0 - b) ** 2),
+                                           ("period_doubling", lambda b: 0.75 * (1.0 - b) ** 2)])
+def test_curves_of_the_henon_map_in_two_parameters(kind: str, law) -> None:
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    curve = bifurcation_curve(of_kind(branch, kind), TextbookMap(henon, 2), (Window(-1.0, 2.5), Window(-0.5, 0.9)), 0.3)
+    assert curve is not None
+    assert curve.kind == kind
+    assert (min(curve.second), max(curve.second)) == pytest.approx((-0.5, 0.9), abs=1e-12)
+    assert curve.values == pytest.approx([law(b) for b in curve.second], abs=1e-8)
+
+
+def test_the_curve_of_a_neimark_sacker_bifurcation() -> None:
+    def slowed(x, p):  # The delayed logistic map with y' = b x: det = r - 1 on the fixed point whatever b is.
+        r, b = p[0], p[1] if len(p) > 1 else 1.0
+        by = np.array([[x[0] * (1.0 - x[1]), 0.0], [0.0, x[0]]])[:, :len(p)]
+        return (np.array([r * x[0] * (1.0 - x[1]), b * x[0]]), np.array([[r * (1.0 - x[1]), -r * x[0]], [b, 0.0]]), by)
+
+    branch = branch_of(slowed, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
+    curve = bifurcation_curve(of_kind(branch, "neimark_sacker"), TextbookMap(slowed, 2),
+                              (Window(1.1, 2.6), Window(0.5, 1.5)), 1.0)
+    assert curve is not None
+    assert (min(curve.second), max(curve.second)) == pytest.approx((0.5, 1.5), abs=1e-12)
+    assert curve.values == pytest.approx([2.0] * len(curve.values), abs=1e-8)
+
+
+def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -> None:
+    def smoothed(x, p):  # A fold at p = -1/sigma.
+        e = 1.0 / p[1] if len(p) > 1 else 0.0
+        return (x + 0.2 * (p[0] - x**2 + e), np.array([[1.0 - 0.4 * x[0]]]),
+                np.array([[0.2, -0.2 * e * e]])[:, :len(p)])
+
+    def vanishing(x, p):  # Folds of p = x^3 - 3 (e - 0.01) x at x^2 = e - 0.01: gone once e = 1/sigma falls below 0.01.
+        e = 1.0 / p[1]
+        gap = 3.0 * (e - 0.01)
+        return (x + 0.2 * (p[0] - x**3 + gap * x), np.array([[1.0 + 0.2 * (gap - 3.0 * x[0] ** 2)]]),
+                np.array([[0.2, -0.6 * e * e * x[0]]]))
+
+    window, sigma = Window(-1.0, 1.0), 5.0
+
+    def fold(step: Step, guess: float) -> Bifurcation:
+        def fixed(x, p):
+            value, by_state, by = step(x, (p[0], sigma))
+            return value, by_state, by[:, :1]
+
+        branch = branch_of(fixed, 1, -1.0, 1.0, 0.5, [guess])
+        return of_kind(branch, "fold")
+
+    stays = limit_of(fold(smoothed, 0.8), TextbookMap(smoothed, 1), TextbookMap(smoothed, 1), window, sigma)
+    assert stays == pytest.approx(0.0, abs=1e-9)
+    gone = limit_of(fold(vanishing, 1.0), TextbookMap(vanishing, 1), TextbookMap(vanishing, 1), window, sigma)
+    assert gone is None
+
+
+def test_the_bialternate_product_has_the_products_of_pairs() -> None:
+    m = np.array([[0.3, 1.0, 0.2], [-0.7, 0.1, 0.4], [0.0, 0.5, -0.9]])
+    values = np.linalg.eigvals(m)
+    pairs = [values[i] * values[j] for i in range(3) for j in range(i)]
+    found = np.sort_complex(np.linalg.eigvals(bialternate(m)))
+    assert found == pytest.approx(np.sort_complex(np.array(pairs)), abs=1e-12)
+
+
+def test_the_predictor_is_exact_for_a_polynomial_with_its_slope_or_without() -> None:
+    def at(s: float) -> np.ndarray:
+        return np.array([s**3 - 2.0 * s, 0.5 * s**2 + s])
+
+    known = [(s, at(s)) for s in (-0.1, -0.3, -0.35)]
+    for nodes in ([(0.0, at(0.0)), (0.0, np.array([-2.0, 1.0])), *known], [(0.0, at(0.0)), *known]):
+        assert extrapolated(nodes, 0.7) == pytest.approx(at(0.7), abs=1e-12)
+
+
+def test_a_curve_takes_few_evaluations_a_point() -> None:
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    of = TextbookMap(henon, 2)
+    curve = bifurcation_curve(of_kind(branch, "fold"), of, (Window(-1.0, 2.5), Window(-0.5, 0.9)), 0.3)
+    assert curve is not None
+    # Newton's method takes two or three, each with four differences where no gradient is kept.
+    assert of.evaluations < 11 * len(curve.values)
+
+
+def test_a_bifurcation_takes_few_evaluations() -> None:
+    of = TextbookMap(henon, 2)
+    shooting = Shooting.single(of, 1, Window(-1.0, 1.5))
+    z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
+    assert z is not None
+    counts = []
+    for detect in (True, False):
+        of.evaluations = 0
+        branch = follow(first_station(shooting, z), Course("p", detect=detect), "start", 0)
+        counts.append(of.evaluations)
+    assert counts[0] - counts[1] <= 2 * 20
+    assert len(branch.stations) > 10
+
+
+def test_a_branch_without_progress_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walk, "MOST_TRIES", 5)
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+    assert len(branch.stations) <= 13
+    assert all(sentence.startswith("given up after 6 steps tried at p = ") for sentence in branch.ended)
+
+
+def test_a_branch_that_meets_no_residual_says_so() -> None:
+    def torn(x, p):  # The fixed point x = p is gone beyond p = 0.5.
+        return x + 0.5 * (p[0] - x) + (0.1 if p[0] > 0.5 else 0.0) * np.sin(1e9
+                                                                            * x), np.array([[0.5]]), np.array([[0.5]])
+
+    branch = branch_of(torn, 1, 0.0, 1.0, 0.2, [0.2])
+    assert re.match(r"no further point was found beyond p = (0\.5|0\.4999999\d*): ", branch.ended[1])
+    assert branch.ended[1].endswith("met a residual of 5e-09")
+
+
+def test_ctrl_c_keeps_the_branch() -> None:
+    seen = []
+
+    def tick(station) -> None:
+        seen.append(station)
+        if len(seen) == 6:
+            raise KeyboardInterrupt
+
+    shooting = Shooting.single(TextbookMap(henon, 2), 1, Window(-1.0, 1.5))
+    z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
+    kept: list[Branch] = []
+    with pytest.raises(KeyboardInterrupt):
+        follow(first_station(shooting, z), Course("p", tick=tick), "start", 0, keep=kept)
+    assert len(kept[0].stations) == 6
+    assert "interrupted" in kept[0].ended[1]

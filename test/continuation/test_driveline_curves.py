@@ -1,0 +1,138 @@
+"""A closed branch of a scene, curves in two parameters against bifurcations found anew, and a doubling by a canard."""
+
+import numpy as np
+import pytest
+
+from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch_switching import orbits_at
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.motions import Plan, continue_motions
+from tcc_sim.continuation.newton import newton
+from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.walk import Course
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.trajectory import State
+
+MU_K, OMEGA = "friction.kinetic_coefficient", "engine.frequency"
+NATURAL = load_scene("fig02").system.natural_frequency
+PLACE = {"pressure.amplitude": 0.0, "pressure.mean": 225e3, OMEGA: 0.36 * NATURAL, MU_K: 0.3 * 0.88}
+"""From (13) the large motion of period two at omega/omega_n = 0.36, mu_k/mu_s = 0.88, beside one of period one."""
+
+
+@pytest.fixture(scope="module")
+def system() -> System:
+    return replace(load_scene("fig02").system, PLACE)
+
+
+@pytest.fixture(scope="module")
+def closed(system: System) -> Branch:
+    """Period two over the engine frequency."""
+    (branch,) = continue_motions(system, Plan(OMEGA, 0.3 * NATURAL, 0.45 * NATURAL)).branches
+    return branch
+
+
+def followed(system: System, over: str, window: Window, section: np.ndarray, period: int, both: bool = True) -> Branch:
+    """The branch over one key through an orbit near a section point."""
+    shooting = Shooting.single(DrivelineMap(system, (over,)), period, window)
+    z = newton(shooting, shooting.point(section[None], (getattr(*_place(system, over)),)))
+    assert z is not None
+    return follow(first_station(shooting, z), Course(over, most=60), "start", 0, both=both)
+
+
+def _place(system: System, key: str) -> tuple[object, str]:
+    group, name = key.split(".")
+    return getattr(system, group), name
+
+
+def test_the_large_motion_of_period_two_is_a_closed_branch_over_the_frequency(closed: Branch) -> None:
+    assert closed.period == 2
+    assert closed.closed
+    folds = sorted(f.value / NATURAL for f in closed.bifurcations if f.kind == "fold")
+    values = [s.value / NATURAL for s in closed.stations]
+    assert len(folds) == 2
+    assert folds == pytest.approx([min(values), max(values)], abs=1e-4)
+    assert folds[0] < 0.36 < folds[1]
+    assert closed.stations[0].orbit.section == pytest.approx(closed.stations[-1].orbit.section)
+    assert max(f.residual for f in closed.bifurcations) < 1e-8
+
+
+def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: System, closed: Branch) -> None:
+    ends = 0.357 * NATURAL, 0.365 * NATURAL
+    plan = Plan(MU_K, 0.3 * 0.87, 0.3 * 0.96, second=(OMEGA, *ends))
+    found = continue_motions(system, plan)
+    (item,) = [f for f in found.bifurcations if f.kind == "fold"]
+    assert item.value / 0.3 == pytest.approx(0.918464, abs=2e-6)  # AUTO-07p and collocation.
+    (curve,) = [c for c in found.curves if c.kind == "fold"]
+    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
+    for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
+        orbit = next(o for o in orbits_at(closed, omega) if o.stable)
+        at = replace(system, {OMEGA: omega})
+        branch = followed(at, MU_K, Window(0.3 * 0.87, 0.3 * 0.96), orbit.section, 2, both=False)
+        again = next(f for f in branch.bifurcations if f.kind == "fold")
+        assert again.value == pytest.approx(value, abs=1e-8)
+
+
+def test_the_curve_of_a_doubling_passes_the_doublings_found_anew_at_its_ends(system: System) -> None:
+    ends = 0.357 * NATURAL, 0.363 * NATURAL
+    one = replace(system, {MU_K: 0.3 * 0.78})
+    found = continue_motions(one, Plan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1, second=(OMEGA, *ends)))
+    (item,) = found.bifurcations
+    assert item.value / 0.3 == pytest.approx(0.7773325465, abs=1e-9)
+    (curve,) = found.curves
+    assert curve.kind == "period_doubling"
+    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
+    for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
+        at = replace(one, {OMEGA: omega})
+        (again,) = continue_motions(at, Plan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1)).bifurcations
+        assert again.value == pytest.approx(value, abs=1e-8)
+
+
+def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
+    """A doubling 3e-6 of mu_s off the fold, where the map bends within 1e-5 of the natural sizes."""
+    at = replace(system, {MU_K: 0.3 * 0.74})
+    found = continue_motions(at, Plan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
+    parent, child = found.branches
+    (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
+    assert doubling.value / 0.3 == pytest.approx(0.66798763, abs=1e-8)
+    assert (child.period, child.origin) == (4, {"kind": "period_doubling", "value": doubling.value, "branch": 0})
+    first = child.stations[0].orbit
+    assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)
+    # Beside the doubling a multiplier of the doubled motion is 1 and the other one the square of that of the saddle.
+    large = max(abs(m) for m in doubling.station.orbit.multipliers)
+    assert abs(first.multipliers[0]) == pytest.approx(large**2, rel=0.02)
+    assert np.abs(first.multipliers - 1.0).min() < 0.01
+    assert max(s.orbit.residual for s in child.stations) < 1e-8
+
+
+def test_the_curve_of_a_neimark_sacker_bifurcation_passes_those_found_anew_at_its_ends(system: System) -> None:
+    at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
+    ends = 0.3 * 0.829, 0.3 * 0.831
+    found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1, second=(MU_K, *ends)))
+    (curve,) = found.curves
+    assert curve.kind == "neimark_sacker"
+    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
+    for value, coefficient in ((curve.values[k], curve.second[k]) for k in (0, -1)):
+        beside = replace(at, {MU_K: coefficient})
+        (again,) = continue_motions(beside, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1)).bifurcations
+        assert again.value == pytest.approx(value, rel=1e-8)
+
+
+def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:
+    at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
+    found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
+    (item,) = found.bifurcations
+    assert (item.kind, found.branches[0].period) == ("neimark_sacker", 1)
+    assert item.residual < 1e-8
+    assert abs(item.station.orbit.multipliers[0].imag) > 0.1
+    for side, comes_back in ((1.0 - 3e-4, True), (1.0 + 3e-4, False)):
+        value = side * item.value
+        (orbit,) = orbits_at(found.branches[0], value)
+        start = State(*(orbit.section + np.array([1e-5, 0.0, 0.0])))
+        run = solve(replace(at, {OMEGA: value}), cycles=60, state=start, rtol=1e-12)
+        away = np.abs((run.cycles.section - orbit.section) / np.array([10.0, 0.1, 10.0])).max(axis=1)
+        # Over the turns of the pair, 2.5 rad a cycle, the largest distance goes with its modulus.
+        early, late = away[10:20].max(), away[50:60].max()
+        assert (late < early) == comes_back == (abs(orbit.multipliers[0]) < 1.0)
+        assert late / early == pytest.approx(abs(orbit.multipliers[0]) ** 40, rel=0.4)

@@ -1,0 +1,176 @@
+"""Scenes as maps: pure stick in closed form, its border, derivatives, what is refused, and known bifurcations."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.continuation.branch import first_station, follow
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.initial_orbits import start_orbit
+from tcc_sim.continuation.motions import Plan, check, continue_motions
+from tcc_sim.continuation.newton import newton, orbit_at
+from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.walk import Course
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.pure_stick import constant_load_limits
+from tcc_sim.scene import load_scene
+
+CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
+MU_K = "friction.kinetic_coefficient"
+
+
+def coexistence(law: str, ratio: float) -> System:
+    """omega/omega_n = 0.36 under a constant load of 225 kPa."""
+    system = load_scene("fig02").system
+    return replace(system, {**CONSTANT_LOAD, "engine.frequency": 0.36 * system.natural_frequency, "friction.law": law,
+                            MU_K: 0.3 * ratio})
+
+
+def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
+    map_ = DrivelineMap(system, ("engine.mean_torque",))
+    shooting, z = start_orbit(map_, system, Window(290.0, 310.0), 300.0, None)
+    found = orbit_at(shooting, z, shooting.linearise(z))
+    both = system.driveline.flywheel_inertia + system.driveline.plate_inertia
+    roots = np.roots([both, system.driveline.damping, system.driveline.stiffness]) * system.cycle
+    expected = sorted([*np.exp(roots), 0.0], key=lambda m: (-round(abs(m), 12), -m.imag))
+    assert found.multipliers == pytest.approx(expected, abs=1e-8)
+    assert (found.seen.events, found.seen.stick_fraction, found.seen.largest) == ("S", 1.0, 0.0)
+
+
+def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3})
+    border = next(w for w in constant_load_limits(system) if w > 50.0)
+    found = continue_motions(system, Plan("engine.frequency", 40.0, border + 3.0,
+                                          second=("pressure.mean", 29e4, 31e4)))
+    (item,) = [f for f in found.bifurcations if f.kind == "stick_border"]
+    assert item.value == pytest.approx(border, abs=1e-7)
+    assert item.residual < 1e-8
+    (curve,) = found.curves
+    for omega, mean in list(zip(curve.values, curve.second))[::5]:
+        assert min(abs(w - omega) for w in constant_load_limits(replace(system, {"pressure.mean": mean}))) < 1e-6
+
+
+@pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
+def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
+    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1,
+                                                          limit=law == "smoothed"))
+    (item,) = found.bifurcations
+    assert item.kind == "period_doubling"
+    assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
+    if law == "smoothed":  # The limit is that of the set-valued law, though it lies outside the range.
+        limit = found.limits[0]
+        assert limit is not None
+        assert limit / 0.3 == pytest.approx(0.80787675, abs=1e-7)
+    assert found.branches[0].stations[0].orbit.stable != found.branches[0].stations[-1].orbit.stable
+
+
+def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> None:
+    system, window = coexistence("smoothed", 0.85), Window(0.3 * 0.6, 0.3)
+    map_ = DrivelineMap(system, (MU_K,))
+    shooting, z = start_orbit(map_, system, window, 0.3 * 0.85, 2)
+    branch = follow(first_station(shooting, z), Course(MU_K, most=45), "start", 0)
+    folds = [f for f in branch.bifurcations if f.kind == "fold"]
+    for ratio in (0.667985, 0.918464):
+        (item,) = [f for f in folds if abs(f.value / 0.3 - ratio) < 2e-6]
+        assert item.residual < 1e-8
+        assert np.abs(item.station.orbit.multipliers - 1.0).min() < 1e-7
+    assert max(s.orbit.residual for s in branch.stations) < 1e-8
+    assert not branch.stations[0].orbit.stable
+    assert not branch.stations[-1].orbit.stable
+
+
+def test_a_canard_ends_a_branch_with_a_sentence() -> None:
+    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2))
+    (branch,) = found.branches
+    assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in sentence
+               for sentence in branch.ended)
+    assert max(abs(s.orbit.multipliers[0]) for s in branch.stations) <= 1e10
+    folds = sorted(f.value / 0.3 for f in found.bifurcations if f.kind == "fold")
+    assert folds == pytest.approx([0.6679846, 0.9184644], abs=1e-7)
+    assert max(f.residual for f in found.bifurcations) < 1e-8
+    # Branch ends in the doubling of period one, which is no fold.
+    assert min(s.value for s in branch.stations[-3:]) / 0.3 == pytest.approx(0.777332546, abs=1e-7)
+    assert all(abs(fold - 0.7773325) > 1e-4 for fold in folds)
+
+
+def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
+    system = coexistence("smoothed", 0.83)
+    unit = system.natural_frequency
+    found = continue_motions(system, Plan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
+    assert found.branches[0].ended == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
+                                       f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
+    at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
+    assert at == {"period_doubling": pytest.approx(0.4164713, abs=1e-7), "fold": pytest.approx(0.4164713, abs=1e-7)}
+    assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].stations) > 1e9
+
+
+def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
+    system = coexistence("smoothed", 0.83)
+    unit = system.natural_frequency
+    plan = Plan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
+    found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
+    for branch in found.branches:
+        values = np.array([s.value for s in branch.stations])
+        turns = np.count_nonzero(np.diff(np.sign(np.diff(values))))
+        assert turns == sum(f.kind == "fold" for f in branch.bifurcations) > 0
+
+
+def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
+    system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
+    map_, window, value = DrivelineMap(system, ("engine.frequency",)), Window(60.0, 120.0), 61.0889
+    shooting = Shooting(map_, 1, (window,), (0.25, 0.28515625,
+                                             0.46484375))  # Slip starts at the third node at 61.0891144.
+    x = np.array([0.0, 0.0634500, 19.3206])
+    ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
+    z = newton(shooting, shooting.point(np.array([x, *ends]), (value,)))
+    assert z is not None
+    branch = follow(first_station(shooting, z), Course("engine.frequency", most=60), "start", 0, both=False)
+    assert branch.ended[1].startswith("stopped after 60 points")
+    assert max(s.value for s in branch.stations) > 61.09
+
+
+@pytest.mark.parametrize(("key", "values", "words"), [
+    ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
+    ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
+    ("pressure.frequency_ratio", {}, "not periodic"),
+    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("pressure.phase", {"pressure.amplitude": 0.0}, "no effect where pressure.amplitude is 0"),
+    ("friction.decay", {"friction.kinetic_coefficient": 0.3}, "no effect where friction.kinetic"),
+    ("engine.frequncy", {}, "did you mean engine.frequency"),
+    ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
+])
+def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        DrivelineMap(replace(load_scene("fig02").system, values), (key,))
+
+
+def test_a_key_has_effect_beside_another_that_is_free() -> None:
+    system = replace(load_scene("fig02").system, {"pressure.amplitude": 0.0, MU_K: 0.3})
+    assert DrivelineMap(system, ("pressure.amplitude", "pressure.phase")).keys[1] == "pressure.phase"
+    assert DrivelineMap(system, (MU_K, "friction.decay")).keys[1] == "friction.decay"
+
+
+def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
+    with pytest.raises(NumericalFailure, match="no motion of period 3 was found near the settled one"):
+        continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.25, 0.26, period=3))
+
+
+@pytest.mark.parametrize(("plan", "words"), [
+    (Plan(MU_K, 0.2, 0.35), "at most"), (Plan(MU_K, 0.2, 0.3, period=3), "multiple"),
+    (Plan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
+])
+def test_plans_that_cannot_be_carried_out(plan: Plan, words: str) -> None:
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
+    with pytest.raises(InputError, match=words):
+        check(system, plan)
+
+
+def test_a_family_of_pure_slip_is_refused() -> None:
+    system = replace(load_scene("slip").system, {"friction.kinetic_coefficient": 0.3})
+    mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)
+    system = replace(system, {"pressure.mean": mean / 1.0, "pressure.amplitude": 0.0})
+    with pytest.raises(InputError, match="multiplier of exactly 1"):
+        continue_motions(system, Plan("engine.frequency", 140.0, 160.0))

@@ -1,0 +1,96 @@
+"""Periodic orbits by Newton: deflation, multipliers against closed forms, periods."""
+
+import math
+
+import numpy as np
+import pytest
+from textbook_maps import TextbookMap, henon, logistic
+
+from tcc_sim.continuation.newton import find_orbit, minimal_period, multipliers_of, newton, orbit_at
+from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.special_points import chandrupatla, torus
+from tcc_sim.errors import InputError
+
+
+def orbit_of(shooting: Shooting, values: tuple[float, ...], guess: list[float], known=()):
+    z = find_orbit(shooting, values, [np.array(guess)], known)
+    assert z is not None
+    return orbit_at(shooting, z, shooting.linearise(z))
+
+
+def test_fixed_points_of_the_henon_map_and_their_multipliers() -> None:
+    shooting = Shooting.single(TextbookMap(henon, 2), 1, Window(-1.0, 2.0))
+    a, b = 1.4, 0.3
+    for sign in (1.0, -1.0):
+        x = 0.5 * (-(1.0 - b) + sign * math.sqrt((1.0 - b) ** 2 + 4.0 * a))
+        found = orbit_of(shooting, (a,), [x + 0.1, x - 0.1])
+        assert found.section == pytest.approx([x, x], abs=1e-12)
+        expected = sorted((-x + s * math.sqrt(x * x + b) for s in (1.0, -1.0)), key=abs, reverse=True)
+        assert found.multipliers.real == pytest.approx(expected, abs=1e-10)
+        assert not found.stable
+
+
+def test_deflation_turns_newton_to_the_other_orbit() -> None:
+    shooting = Shooting.single(TextbookMap(henon, 2), 1, Window(-1.0, 2.0))
+    first = orbit_of(shooting, (1.4,), [0.8, 0.8])
+    other = orbit_of(shooting, (1.4,), [0.8, 0.8], [first.section])
+    assert first.section[0] + other.section[0] == pytest.approx(-0.7, abs=1e-10)
+    both = [shooting.point(x.section[None], (1.4,)) for x in (first, other)]
+    assert newton(shooting, shooting.point(np.array([[0.3, 0.2]]), (1.4,)), both) is None
+
+
+def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
+    map_ = TextbookMap(logistic, 1)
+    r = 3.3
+    found = orbit_of(Shooting.single(map_, 2, Window(0.5, 4.0)), (r,), [1.0 - 1.0 / r + 1e-3])
+    root = math.sqrt((r + 1.0) * (r - 3.0))
+    assert sorted([found.section[0], map_.evaluate(found.section, (r,), 0, 1).value[0]]) == pytest.approx(
+        [(r + 1.0 - root) / (2.0 * r), (r + 1.0 + root) / (2.0 * r)], abs=1e-11)
+    assert found.multipliers[0].real == pytest.approx(4.0 + 2.0 * r - r * r, abs=1e-9)
+    assert minimal_period(map_, found.section, (r,), 4) == 2
+
+
+def test_segments_of_one_cycle_give_the_same_orbit() -> None:
+    map_ = TextbookMap(logistic, 1)
+    whole = Shooting.single(map_, 4, Window(0.5, 4.0))
+    z = find_orbit(whole, (3.52,), [np.array([0.37])])
+    assert z is not None
+    values = (3.52,)
+    nodes = [map_.evaluate(whole.nodes(z)[0], values, 0, k).value for k in range(4)]
+    parts = Shooting(map_, 4, whole.windows, (1, 1, 1, 1))
+    fine = parts.point(np.array(nodes), values)
+    found = parts.linearise(fine)
+    assert np.abs(found.residual).max() < 1e-12
+    expected = multipliers_of(whole.linearise(z).monodromy)[0]
+    assert multipliers_of(*found.blocks)[0] == pytest.approx(expected, abs=1e-10)
+    again = newton(parts, fine + np.array([1e-3, 0.0, -1e-3, 0.0, 0.0]))
+    assert again == pytest.approx(fine, abs=1e-10)
+
+
+def test_a_period_that_does_not_fit_the_excitation_is_refused() -> None:
+    map_ = TextbookMap(logistic, 1)
+    map_.forcing_period = 2
+    with pytest.raises(InputError, match="multiple of 2"):
+        Shooting.single(map_, 3, Window(0.5, 4.0))
+
+
+def test_products_of_pairs_vanish_on_the_circle_and_for_reciprocal_multipliers() -> None:
+    assert torus(np.array([np.exp(0.3j), np.exp(-0.3j), 0.2])) == pytest.approx(0.0, abs=1e-15)
+    assert torus(np.array([2.0 + 0j, 0.5, 0.1])) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_the_bracketing_root_is_exact_to_rounding() -> None:
+    assert chandrupatla(lambda x: math.cos(x) - x, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-13)
+    with pytest.raises(ValueError, match="sign"):
+        chandrupatla(lambda x: 1.0 + x * x, 0.0, 1.0)
+
+
+def test_the_bracketing_root_of_a_noisy_function_is_not_looked_for_in_its_noise() -> None:
+    asked = []
+
+    def noisy(x: float) -> float:
+        asked.append(x)
+        return math.cos(x) - x + 1e-9 * math.sin(1e15 * x)
+
+    assert chandrupatla(noisy, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-9)
+    assert len(asked) <= 10

@@ -1,0 +1,197 @@
+"""Bifurcations with sliding on scenes of the driveline, each located once more from SciPy's motion on one side of
+it.
+"""
+
+import numpy as np
+import pytest
+from piecewise import Piecewise
+
+from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.motions import Plan, continue_motions
+from tcc_sim.continuation.palc import correct
+from tcc_sim.continuation.sliding import differ
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.pure_stick import constant_load_limits
+from tcc_sim.scene import load_scene
+
+MU_K, OMEGA, PSI = "friction.kinetic_coefficient", "engine.frequency", "pressure.phase"
+EQUAL = replace(System(), {"friction.law": "set_valued", MU_K: 0.3, "pressure.mean": 225e3, "pressure.amplitude": 0.0})
+DRY = replace(EQUAL, {MU_K: 0.255, OMEGA: 0.36 * EQUAL.natural_frequency})
+PULSATING = replace(EQUAL, {"pressure.amplitude": 170e3, "engine.mean_torque": 0.0, "engine.torque_amplitude": 400.0,
+                            PSI: 1.0})
+
+
+def values_at(plant, t, states):
+    """Time, the size of the slip speed, and stick's margin with either sign of lambda, from states in rows."""
+    need = np.array([plant.need(u, y) for u, y in zip(t, states)])
+    strength = plant.ratio * np.array([plant.load(u) for u in t])
+    return np.abs(states[:, 0]), strength - np.abs(need), strength, need
+
+
+def least_dip(size, within):
+    """The smallest local minimum, by polynomials through nine samples about each."""
+    near, found = np.arange(-4, 5), []
+    for i in range(4, len(size) - 4):
+        if within[i - 4:i + 5].all() and size[i] <= size[i - 1] and size[i] < size[i + 1]:
+            curve = np.polynomial.Polynomial.fit(near, size[i - 4:i + 5], 6)
+            turns = curve.deriv().roots()
+            found.append(curve(turns[np.abs(turns).argmin()].real))
+    return min(found)
+
+
+def margin_by_scipy(kind, system, x, cycles):
+    """The margin that vanishes at this kind of border, of the periodic motion through x; the motion must close."""
+    start = dict(zip(("initial.slip_speed", "initial.plate_angle", "initial.plate_speed"), map(float, x)))
+    plant, end = Piecewise(replace(system, start)), cycles * system.cycle
+    times = np.linspace(0.0, end, 4000 * cycles + 1)
+    states, changes, _ = plant.run(end, times, slices=25 * cycles)
+    np.testing.assert_allclose(states[-1, :3], x, rtol=1e-9, atol=1e-9)
+    if "crossing" in kind or "switching" in kind:
+        ends = np.array([t for t, before, _ in changes if before != 0])
+        modes = [before for _, before, _ in changes if before != 0]
+        landed, _, _ = plant.run(end, np.sort(np.append(ends, 0.0)), slices=25 * cycles)
+        _, _, strength, need = values_at(plant, ends, landed[1:])
+        return min(strength + np.array(modes) * need, key=abs)
+    speed, margin, _, _ = values_at(plant, times, states)
+    slips = speed > 0.0
+    return least_dip(speed, slips) if kind == "grazing_sliding" else least_dip(margin, ~slips)
+
+
+def orbit_beside(found, key, offset):
+    """Section of the orbit of the same branch at the border's parameter plus an offset, and its event sequence."""
+    shooting, z = found.station.shooting, found.station.point.z
+    row = np.zeros(len(z))
+    row[-1] = 1.0
+    tangent = found.station.point.tangent
+    guess = z + offset / tangent[-1] * tangent
+    guess[-1] = z[-1] + offset
+    got = correct(shooting, guess, row, tolerance=1e-11)
+    assert got is not None, (key, offset)
+    x, values = shooting.nodes(got.z)[0], shooting.values(got.z)
+    return x, values[0], shooting.map.observe(x, values, 0, shooting.period).events
+
+
+def located_again(item, system, key, reach):
+    """How far from the border the margins of three orbits on its one side are 0 by a parabola, of the key's range."""
+    sides = [orbit_beside(item, key, s * 1e-2 * reach)[2] for s in (1.0, -1.0)]
+    assert differ(*sides)
+    # The margin lives on the side with fewer events.
+    offsets = (1.0 if len(sides[0]) <= len(sides[1]) else -1.0) * reach * np.array([1.0, 2.0, 3.0])
+    beside = [orbit_beside(item, key, offset) for offset in offsets]
+    margins = [margin_by_scipy(item.kind, replace(system, {key: value}), x, item.station.orbit.period)
+               for x, value, _ in beside]
+    return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
+
+
+SCENES = [(EQUAL, Plan(OMEGA, 66.0, 67.0), ["grazing_sliding"], [66.22573537]),
+          (EQUAL, Plan(OMEGA, 62.5, 63.1), ["adding_sliding"], [62.86436700]),
+          (PULSATING, Plan(PSI, 0.8, 2.6), ["switching_sliding", "adding_sliding", "crossing_sliding"],
+           [0.95110250, 1.87384091, 2.40429253])]
+
+
+@pytest.mark.parametrize(("system", "plan", "kinds", "values"), SCENES, ids=["grazing", "adding", "arrivals"])
+def test_each_kind_is_found_where_scipys_motion_has_it(system, plan, kinds, values):
+    found = continue_motions(system, plan).bifurcations
+    assert [f.kind for f in found] == kinds
+    assert [f.value for f in found] == pytest.approx(values, abs=1e-7)
+    for item in found:
+        assert item.residual < 1e-11
+        assert located_again(item, system, plan.over, 1e-4) < 1e-8
+
+
+def test_the_adding_sliding_of_period_two_beside_its_fold():
+    found = sorted(continue_motions(DRY, Plan(MU_K, 0.25, 0.285, period=2)).bifurcations, key=lambda f: f.value)
+    assert [f.kind for f in found] == ["adding_sliding", "fold"]
+    assert [f.value / 0.3 for f in found] == pytest.approx([0.93064641, 0.93087083], abs=1e-7)
+    assert [f.residual < 1e-8 for f in found] == [True, True]
+    assert located_again(found[0], DRY, MU_K, 1e-4) < 1e-7
+
+
+def test_stick_ends_where_the_closed_form_says():
+    border = next(w for w in constant_load_limits(EQUAL) if w > 50.0)
+    (item,) = continue_motions(EQUAL, Plan(OMEGA, border - 1.0, border + 1.0)).bifurcations
+    assert item.kind == "stick_border"
+    assert item.value == pytest.approx(border, rel=1e-11)
+    assert item.residual < 1e-11
+
+
+def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
+    map_ = DrivelineMap(EQUAL, (OMEGA,))
+    found = continue_motions(EQUAL, Plan(OMEGA, 51.5, 54.0)).bifurcations
+    assert [f.kind for f in sorted(found, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
+    for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
+        orbit = item.station.orbit
+        assert abs(getattr(map_.margins(orbit.section, orbit.values, 0, orbit.period), name)) < 1e-10
+
+
+def test_borders_at_which_a_branch_turns_sharply():
+    """For mu_k < mu_s a slip interval that begins grows at once, and the branch goes on along a canard."""
+    system = replace(EQUAL, {MU_K: 0.27})
+    found = continue_motions(system, Plan(OMEGA, 82.39, 110.5)).bifurcations
+    kinds = [f.kind for f in sorted(found, key=lambda f: f.value)]
+    assert kinds.count("adding_sliding") == 2
+    assert "grazing_sliding" in kinds
+    assert max(f.residual for f in found) < 1e-8
+
+
+def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
+    system = load_scene("fig02").system
+    system = replace(system, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.law": "set_valued",
+                              "friction.kinetic_coefficient": 0.27, "engine.frequency": 63.5})
+    found = continue_motions(system, Plan("engine.frequency", 60.0, 63.5, period=1))
+    assert found.branches[0].ended == ("engine.frequency reached 60, the end of the range",
+                                       "engine.frequency reached 63.5, the end of the range")
+    grazing = [f for f in found.bifurcations if f.kind == "grazing_sliding"]
+    assert [f.value for f in grazing] == pytest.approx([60.4323499, 61.0995394, 61.0868244, 63.0914522], abs=1e-6)
+    assert max(f.residual for f in found.bifurcations) < 1e-8
+
+
+@pytest.mark.parametrize("start", [57.456, 57.40])
+def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
+    """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes
+    to and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the
+    branch went back along itself.
+    """
+    system = replace(System(), {"friction.law": "set_valued", MU_K: 0.26032645180732467, OMEGA: 57.52,
+                                "pressure.mean": 225e3, "pressure.amplitude": 28125.0,
+                                "pressure.frequency_ratio": 2 / 3, PSI: 6.051853081466417})
+    branch, = continue_motions(system, Plan(OMEGA, start, 57.52, period=3)).branches
+    assert [branch.stations[0].value, branch.stations[-1].value] == [start, 57.52]
+    near = [f for f in branch.bifurcations if 57.46 < f.value < 57.48]
+    assert [f.kind for f in near] == ["fold", "grazing_sliding"]
+    assert [f.value for f in near] == pytest.approx([57.464462122, 57.464461386], abs=2e-9)
+    within = [s for s in branch.stations if near[1].value < s.value < near[0].value]
+    kept = [min(within, key=lambda s, m=m: abs(s.orbit.multipliers[0].real - m)) for m in (-815.0, 1.5, 0.85)]
+    for station in kept:
+        # It closes by SciPy's motion too.
+        margin_by_scipy("grazing_sliding", replace(system, {OMEGA: station.value}), station.orbit.section, 3)
+
+
+PULSED = replace(System(), {"friction.law": "set_valued", "pressure.mean": 225e3, "pressure.amplitude": 112.5e3,
+                            "pressure.frequency_ratio": 2 / 3})
+
+
+@pytest.mark.parametrize(("changes", "plan", "ends", "others"), [
+    ({OMEGA: 143.36225159413465, MU_K: 0.28861945760876007, PSI: 1.1955}, Plan(PSI, 1.1, 1.1968, period=3),
+     ("+S+S+S+", "S+S-S+S+S"), {"adding_sliding": 1.17245087}),
+    ({OMEGA: 223.2582543030187, MU_K: 0.2176099171331234, PSI: 4.248239135991167, "driveline.damping": 0.5},
+     Plan("driveline.damping", 0.1, 2.0, period=3), ("S+S", "+S+"), {})], ids=["slip ends", "slip begins"])
+def test_an_event_that_passes_phase_0_neither_ends_a_branch_nor_is_a_bifurcation(changes, plan, ends, others):
+    """Where slip ends at phase 0 the section has a corner: on one side of it no motion has a slip speed there."""
+    branch, = continue_motions(replace(PULSED, changes), plan).branches
+    first, last = branch.stations[0], branch.stations[-1]
+    assert (first.value, last.value) == (plan.low, plan.high)
+    assert {f.kind: f.value for f in branch.bifurcations} == pytest.approx(others, abs=1e-8)
+    assert (first.orbit.seen.events, last.orbit.seen.events) == ends
+
+
+def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
+    """Both motions that meet at the grazing at 48.9755788 rad/s exist above it, with tangents that point alike: the
+    walk stepped from one to the other beside the border, with its tangent back to it, and went back along itself.
+    """
+    system = replace(EQUAL, {MU_K: 0.2789029457369511, OMEGA: 49.2})
+    branch, = continue_motions(system, Plan(OMEGA, 46.4758, 60.0, period=1)).branches
+    assert [branch.stations[0].value, branch.stations[-1].value] == [46.4758, 60.0]
+    met = [(f.kind, round(f.value, 7)) for f in branch.bifurcations]
+    assert len(set(met)) == len(met)
+    assert ("grazing_sliding", 48.9755788) in met

@@ -1,0 +1,171 @@
+"""What the driveline takes while it runs and what it refuses, without ROS: sub-steps, their cost, held inputs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.plant.driveline import SHARE, Plant
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT
+from tcc_sim.solvers.terms import general_terms, holding, terms_of
+
+MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
+
+
+def plant(cost: float = 0.0, scene: str = "commands", **values: object) -> Plant:
+    """A plant whose sub-steps cost so many seconds."""
+    found = Plant(load_scene(scene).with_values({**(MEANS if scene == "commands" else {}),
+                                                 **{k.replace("__", "."): v for k, v in values.items()}}))
+    found._cost = {False: cost, True: cost}
+    return found
+
+
+def needed(system, pressure: float, step: float) -> float:
+    """The rule of the solver's docstring: h <= 1/(2 beta Ts alpha (r - 1))."""
+    d, f = system.driveline, system.friction
+    beta = 1.0 / d.flywheel_inertia + 1.0 / d.plate_inertia
+    ratio = f.static_coefficient / f.kinetic_coefficient
+    return 2.0 * step * beta * system.torque_per_pressure * pressure * f.decay * (ratio - 1.0)
+
+
+@pytest.mark.parametrize("values", [{"rate": 50.0}, {"rate": 20.0}, {"friction__decay": 100.0}])
+def test_a_pressure_that_needs_too_many_sub_steps_is_refused_and_the_last_one_holds(values: dict[str, float]) -> None:
+    found = plant(**values)
+    assert needed(found.scene.system, 1e7, found.stepper.step) > SUBSTEP_LIMIT
+    found.hold(None, 2e5)
+    terms = found.stepper.terms
+    with pytest.raises(InputError, match=f"sub-steps; fixed_step allows at most {SUBSTEP_LIMIT}"):
+        found.check_pressure(1e7)
+    assert found.stepper.terms == terms
+    highest = 1e7 * SUBSTEP_LIMIT / needed(found.scene.system, 1e7, found.stepper.step)
+    found.check_pressure(highest * (1.0 - 1e-9))
+    with pytest.raises(InputError):
+        found.check_pressure(highest * (1.0 + 1e-9))
+
+
+def test_what_takes_longer_than_its_own_time_is_refused_in_real_time_only() -> None:
+    """A tick of 1 ms may take half of it: 500 sub-steps of 1 us."""
+    pressure = 1e7 * 500.0 / needed(load_scene("commands").system, 1e7, 1e-3)
+    assert SHARE == 0.5
+    found = plant(1e-6)
+    found.check_pressure(pressure * (1.0 - 1e-9))
+    with pytest.raises(InputError, match=r"a tick of 1 ms needs 501 sub-steps, 0.501 ms here, and may take 0.5 ms in "
+                                         "real time; offline, in lock-step and with real_time_factor 0 it may take "
+                                         "longer"):
+        found.check_pressure(pressure * (1.0 + 1e-9))
+    plant(1e-6, real_time_factor=0.0).check_pressure(1e7)
+    plant(1e-6, pacing="lockstep").check_pressure(1e7)
+    plant(1e-6, real_time_factor=0.5).check_pressure(1.9 * pressure)
+    with pytest.raises(InputError):
+        plant(1e-6, real_time_factor=2.0).check_pressure(0.6 * pressure)
+
+
+def test_a_live_parameter_is_checked_beside_the_held_pressure_and_for_the_time_after_it() -> None:
+    found = plant(rate=50.0)
+    found.hold(100.0, 5e6)
+    before = found.scene
+    steeper = before.with_values({"friction.static_coefficient": 0.4})
+    with pytest.raises(InputError, match="sub-steps"):
+        found.use(steeper)
+    assert (found.scene, found.stepper.terms.mean_load) == (before, before.system.torque_per_pressure * 5e6)
+    found.hold(100.0, 1e5)
+    with pytest.raises(InputError, match="sub-steps"):
+        found.use(steeper.with_values({"pressure.mean": 1e7}))
+    found.use(steeper)
+    found.reset()
+    for _ in range(5):
+        found.stepper.advance()
+    assert np.isfinite(found.reading()).all()
+
+
+def test_a_faster_pace_is_refused_where_a_tick_would_not_fit_into_it() -> None:
+    found = plant(1e-6)
+    sub_steps = found.stepper.substeps
+    fits = SHARE * 1e-3 / (sub_steps * 1e-6)
+    found.use(found.scene.with_values({"real_time_factor": fits * (1.0 - 1e-9)}))
+    with pytest.raises(InputError, match="real time"):
+        found.use(found.scene.with_values({"real_time_factor": fits * (1.0 + 1e-9)}))
+
+
+def test_a_scene_that_needs_more_than_the_share_from_the_start_keeps_running_and_gets_no_dearer() -> None:
+    found = plant(scene="fig02")
+    found._measured = lambda terms: 0.7 * found.stepper.step / found.stepper.substeps  # type: ignore[method-assign]
+    found._cost = {}
+    found.warm_up()
+    found.use(found.scene.with_values({"engine.mean_torque": 200.0, "pressure.mean": 2e5}))
+    with pytest.raises(InputError, match=r"and may take 0.7 ms in real time"):
+        found.use(found.scene.with_values({"pressure.mean": 3e5}))
+
+
+def test_a_scene_that_cannot_be_computed_in_its_own_time_is_refused_at_the_start_with_the_measured_cost() -> None:
+    """Compiled and measured for real: 18 810 sub-steps take milliseconds on any machine, a tick has one."""
+    values = {"pressure.mean": 1e7, "pressure.amplitude": 0.0, "friction.decay": 35.625}
+    scene = load_scene("fig02").with_values(values)
+    assert needed(scene.system, 1e7, 1e-3) == pytest.approx(18_810.0)
+    with pytest.raises(InputError, match=r"a tick of 1 ms needs 18810 sub-steps, .* ms here, and may take 1 ms"):
+        Plant(scene).warm_up()
+    offline = Plant(scene.with_values({"real_time_factor": 0.0}))
+    offline.warm_up()
+    assert 1e-8 < offline._cost[False] < 1e-4
+    offline.stepper.advance()
+
+
+def test_the_general_kernel_is_what_a_change_that_needs_it_is_checked_with() -> None:
+    """Its harmonics of zero amplitude count too: with 20 000 rad/s allowed to the scene's own terms, 40 000 to all."""
+    found = plant(scene="minimal", rate=8.0, engine__frequency=4000.0)
+    change = found.scene.with_values({"friction.kinetic_coefficient": 0.29999})
+    terms = general_terms(change.system)
+    assert found.needs_general(change)
+    assert 8.0 ** -1 * 8000.0 / 0.04 > SUBSTEP_LIMIT > 8.0 ** -1 * 4000.0 / 0.04
+    assert terms.harmonics is not None
+    with pytest.raises(InputError, match="25000 sub-steps"):
+        found.use(change)
+    assert not found.general
+    found.stepper.advance()
+
+
+def test_commands_hold_and_the_harmonic_fallback_is_the_excitation_of_the_scene_at_simulation_time() -> None:
+    found = plant(scene="commands", engine__fallback="harmonic", pressure__fallback="harmonic", pressure__phase=0.7)
+    for _ in range(100):
+        found.stepper.advance()
+    reading, t = found.reading(), 0.1
+    assert reading.engine_torque == pytest.approx(300.0 + 250.0 * math.sin(150.0 * t), rel=1e-12)
+    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(150.0 * t + 0.7), rel=1e-12)
+    found.hold(123.0, None)
+    found.stepper.advance()
+    reading, t = found.reading(), 0.101
+    assert reading.engine_torque == 123.0
+    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(150.0 * t + 0.7), rel=1e-12)
+    found.hold(None, 1e5)
+    found.stepper.advance()
+    reading = found.reading()
+    assert (reading.applied_pressure, reading.engine_torque) == (
+        1e5, pytest.approx(300.0 + 250.0 * math.sin(150.0 * 0.102), rel=1e-12))
+    found.reset()
+    assert found.reading().engine_torque == 300.0
+
+
+def test_a_pressure_that_would_fall_below_zero_is_clamped_in_the_fallback() -> None:
+    found = plant(scene="commands", pressure__fallback="harmonic", pressure__amplitude=9e5)
+    lowest = []
+    for _ in range(60):
+        found.stepper.advance()
+        lowest.append(found.reading().applied_pressure)
+    assert min(lowest) == 0.0
+
+
+def test_held_inputs_are_constants_whatever_harmonics_the_scene_has() -> None:
+    scene = load_scene("fig02").with_values({"engine.harmonic_amplitudes": [40.0, 20.0],
+                                             "engine.harmonic_phases": [0.1, 0.2]})
+    terms = holding(terms_of(scene.system), 77.0, 88.0)
+    assert (terms.mean_torque, terms.mean_load) == (77.0, 88.0)
+    assert terms.torque is not None
+    assert terms.pulsation is not None
+    assert (terms.torque[0], terms.pulsation[0]) == (0.0, 0.0)
+    assert terms.harmonics is not None
+    assert terms.harmonics[:, 1].tolist() == [0.0, 0.0]
+    assert holding(terms, None, None) is terms

@@ -1,0 +1,113 @@
+"""The law of the slip controller example, on the solver of the node and without ROS."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers.fixed_step import Stepper
+
+STEP = 1e-3
+
+
+def cycle_means(slip_speed: list[float], cycle: float) -> np.ndarray:
+    """The mean over every whole engine cycle, by the trapezoidal rule."""
+    v = np.array(slip_speed)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))]) * STEP
+    t = np.arange(len(v)) * STEP
+    return np.diff(np.interp(np.arange(0.0, t[-1], cycle), t, angle)) / cycle
+
+
+def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float],
+                **values: object) -> tuple[list[float], list[float]]:
+    """Slip speeds and pressures of a run in lock-step; `mean_torque` changes at the ticks named."""
+    system = load_scene("controlled").with_values({k.replace("__", "."): v for k, v in values.items()}).system
+    stepper, controller = Stepper(system, STEP), SlipController(tuning)
+    slip_speed, pressure = [system.initial.slip_speed], []
+    terms = stepper.terms
+    for tick in range(ticks):
+        terms = terms._replace(mean_torque=mean_torque.get(tick, terms.mean_torque))
+        pressure.append(controller.update(slip_speed[-1], stepper.torques()[0]))
+        stepper.use(terms._replace(mean_load=system.torque_per_pressure * pressure[-1]))
+        stepper.advance()
+        slip_speed.append(float(stepper.state[0]))
+    return slip_speed, pressure
+
+
+@pytest.mark.parametrize(("kinetic", "change", "start"), [
+    (0.27, 100.0, 50.0), (0.27, -100.0, 50.0), (0.21, 100.0, 50.0), (0.3, 100.0, 50.0), (0.24, -100.0, 0.0),
+    (0.24, 100.0, 150.0)])
+def test_mean_slip_is_held_under_pulsation_and_after_a_step(kinetic: float, change: float, start: float) -> None:
+    """Also from stick, from a fast start, and where friction is not what the controller believes."""
+    system = load_scene("controlled").system
+    assert (system.engine.torque_amplitude, system.engine.mean_torque) == (250.0, 200.0)
+    slip_speed, _ = closed_loop(Tuning(target=20.0), 4000, {2000: 200.0 + change},
+                                friction__kinetic_coefficient=kinetic,
+                                initial__slip_speed=start)
+    means = cycle_means(slip_speed, system.cycle)
+    before, after = int(2000 * STEP / system.cycle), len(means)
+    settled = 25
+    assert np.abs(means[settled:before] - 20.0).max() < 1.0
+    assert np.abs(means[before + settled:after] - 20.0).max() < 1.0
+    # The pulsation is there, as the flywheel's inertia lets it through, and the step was felt.
+    swing = np.ptp(slip_speed[3000:])
+    assert swing == pytest.approx(2.0 * 250.0 / (0.2 * 150.0), rel=0.05)
+    assert np.abs(means[before:before + 5] - 20.0).max() > 1.0
+
+
+def test_a_limit_that_was_hit_leaves_nothing_wound_up() -> None:
+    """A pressure limit below what the torque needs: slip runs away, and comes back without the windup's undershoot."""
+    tuning = Tuning(pressure_limit=100e3)
+    torque = {0: 260.0, 600: 100.0}
+    slip_speed, pressure = closed_loop(tuning, 6000, torque)
+    assert set(pressure[200:600]) == {100e3}
+    means = cycle_means(slip_speed, load_scene("controlled").system.cycle)
+    assert means[14] > 60.0
+    assert means[14:].min() > 8.0
+    assert np.abs(means[-20:] - 20.0).max() < 1.0
+    assert min(pressure) >= 0.0
+
+
+def test_the_integral_part_moves_away_from_a_limit_and_not_into_it() -> None:
+    """At the upper limit with a slip that is too slow, and at 0 with one that is too fast, the error leads back."""
+    for torque, error, wound in ((1e4, 5.0, False), (1e4, -5.0, True), (-1e4, -5.0, False), (-1e4, 5.0, True)):
+        controller = SlipController(Tuning(target=20.0))
+        limited = controller.update(20.0 + error, torque)
+        assert limited == (controller.tuning.pressure_limit if torque > 0.0 else 0.0)
+        expected = controller.integral * STEP * error if wound else 0.0
+        assert controller._correction == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+def test_the_mean_over_a_cycle_that_is_no_whole_number_of_samples_removes_the_pulsation() -> None:
+    length = 2.0 * math.pi / (150.0 * STEP)
+    mean = CycleMean(length)
+    found = [mean.update(7.0 + 8.0 * math.sin(150.0 * STEP * k)) for k in range(500)]
+    assert np.abs(np.array(found[50:]) - 7.0).max() < 8.0 * (150.0 * STEP) ** 2
+    assert CycleMean(2.5).update(3.0) == 3.0
+    short = CycleMean(2.5)
+    assert [short.update(x) for x in (1.0, 2.0, 4.0, 8.0)] == [1.0, 1.5, (4.0 + 2.0 + 0.5) / 2.5,
+                                                               (8.0 + 4.0 + 1.0) / 2.5]
+
+
+def test_the_same_states_give_the_same_pressures_after_a_reset() -> None:
+    controller = SlipController(Tuning())
+    runs = []
+    for _ in range(2):
+        runs.append([controller.update(40.0 + k, 100.0) for k in range(100)])
+        controller.reset()
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize(("values", "match"), [
+    ({"target": 0.0}, "target is 0.0"), ({"bandwidth": math.nan}, "bandwidth is nan"), ({"step": True}, "step is True"),
+    ({"inertia": "heavy"}, "inertia is 'heavy'"), ({"frequency": 1e-9}, "engine cycle must hold"),
+    ({"frequency": 1e9}, "engine cycle must hold"),
+    ({"pressure_limit": math.inf}, "pressure_limit is inf")])
+def test_a_senseless_tuning_is_refused(values: dict[str, object], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        Tuning(**values)  # type: ignore[arg-type]

@@ -1,0 +1,268 @@
+"""Compiled code on disk: keyed by what a kernel can reach, and used only where nobody else can have written it."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import stat
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+from tcc_sim.solvers.compiling import kernel_cache
+from tcc_sim.solvers.compiling.compiled import compiled
+from tcc_sim.solvers.compiling.kernel_text import Reach
+
+CALLEE = """
+'''A module that a kernel calls.'''
+from tcc_sim.solvers.compiling.compiled import compiled
+GAIN = 2.0
+UNUSED = 1.0
+@compiled
+def scaled(x):
+    '''x times the gain.'''
+    return GAIN * x
+@compiled
+def other(x):
+    return x + 1.0
+"""
+CALLER = """
+import {callee} as callee
+from tcc_sim.solvers.compiling.compiled import compiled
+@compiled
+def kernel(x):
+    return callee.scaled(x) + 1.0
+"""
+numbers = iter(range(1000))
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty folder for caches that the package has not looked at yet; what it says is told again."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    monkeypatch.setattr(kernel_cache, "_told", set())
+    monkeypatch.syspath_prepend(str(tmp_path))
+    kernel_cache.directory.cache_clear()
+    yield tmp_path / "caches" / "tcc_sim"
+    kernel_cache.directory.cache_clear()
+
+
+def modules(folder, callee=CALLEE, caller=CALLER, name=""):
+    """A kernel and what it calls, in fresh modules of the same names as before where `name` says so."""
+    name = name or f"kernels_{next(numbers)}"
+    for suffix, text in (("callee", callee), ("caller", caller.format(callee=f"{name}_callee"))):
+        (folder / f"{name}_{suffix}.py").write_text(text)
+        sys.modules.pop(f"{name}_{suffix}", None)
+    importlib.invalidate_caches()
+    sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
+    try:
+        return importlib.import_module(f"{name}_caller").kernel
+    finally:
+        sys.dont_write_bytecode = before
+
+
+def hits(kernel):
+    return sum(kernel.stats.cache_hits.values())
+
+
+def test_the_second_process_finds_what_the_first_compiled(cache, tmp_path, capsys):
+    assert modules(tmp_path, name="again")(3.0) == 7.0
+    kernel = modules(tmp_path, name="again")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+    assert stat.S_IMODE(cache.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(path.stat().st_mode) for path in cache.iterdir()} == {0o600}
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("old", "new", "found", "value"), [
+    ("GAIN = 2.0", "GAIN = 5.0", 0, 16.0), ("GAIN * x", "GAIN * x * x", 0, 19.0),
+    ("UNUSED = 1.0", "UNUSED = 9.0", 1, 7.0), ("x + 1.0", "x + 9.0", 1, 7.0),
+    ("times the gain", "by the gain\n    and more lines", 1, 7.0),
+    ("'''A module", "# a comment\n'''A module", 1, 7.0)])
+def test_what_a_kernel_reaches_counts_and_nothing_else(cache, tmp_path, old, new, found, value):
+    modules(tmp_path, name=f"edited_{tmp_path.name}")(3.0)
+    assert old in CALLEE
+    kernel = modules(tmp_path, CALLEE.replace(old, new), name=f"edited_{tmp_path.name}")
+    assert (kernel(3.0), hits(kernel)) == (value, found)
+
+
+def test_kernels_of_the_engines_do_not_reach_each_other():
+    from tcc_sim.solvers import fixed_step
+    from tcc_sim.solvers.comparison import scipy_methods
+    from tcc_sim.solvers.smoothed import integrate as kernel
+
+    def functions(dispatcher):
+        return {f.__module__ for f in Reach(dispatcher.py_func)._seen.values() if hasattr(f, "__code__")}
+
+    assert kernel.__name__ in functions(kernel.integrate)
+    assert "tcc_sim.solvers.polynomial" in functions(kernel.integrate)
+    others = "comparison", "event_driven", "fixed_step"
+    assert not any(other in name for name in functions(kernel.integrate) for other in others)
+    assert not any("smoothed" in name for name in functions(fixed_step.advance_ticks))
+    assert Reach(fixed_step.advance_ticks.py_func).digest != Reach(fixed_step.advance.py_func).digest
+    assert scipy_methods.__name__ not in functions(fixed_step.advance_ticks)
+
+
+def damage(cache, kind):
+    for path in cache.iterdir():
+        data = path.read_bytes()
+        if kind == "flipped":
+            path.write_bytes(data[:len(data) // 2] + bytes([data[len(data) // 2] ^ 4]) + data[len(data) // 2 + 1:])
+        elif kind == "cut":
+            path.write_bytes(data[:40])
+        elif kind == "empty":
+            path.write_bytes(b"")
+        else:
+            path.unlink()
+            path.mkdir()
+
+
+@pytest.mark.parametrize("kind", ["flipped", "cut", "empty", "directory"])
+def test_a_damaged_cache_costs_one_line_and_is_put_right(cache, tmp_path, capsys, kind):
+    name = f"damaged_{kind}"
+    modules(tmp_path, name=name)(3.0)
+    damage(cache, kind)
+    kernel = modules(tmp_path, name=name)
+    assert (kernel(3.0), hits(kernel)) == (7.0, 0)
+    assert capsys.readouterr().err.count("\n") == (2 if kind == "directory" else 1)  # What cannot be kept is said too.
+    if kind != "directory":
+        kernel = modules(tmp_path, name=name)
+        assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+
+
+class Planted:
+    """What an attacker would like to have unpickled."""
+
+    def __reduce__(self):
+        return os.system, ("touch planted",)
+
+
+def plant(cache, monkeypatch, tmp_path):
+    """Replace what is in the cache by something that runs; a checksum keeps nobody from that."""
+    import hashlib
+    import pickle
+
+    monkeypatch.chdir(tmp_path)
+    evil = pickle.dumps(Planted())
+    for path in cache.iterdir():
+        content = pickle.dumps(numba.__version__, protocol=-1) + evil if path.suffix == ".nbi" else evil
+        path.write_bytes(content + hashlib.sha256(content).digest())
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o722])
+def test_a_directory_that_others_can_write_to_is_not_used(cache, tmp_path, monkeypatch, capsys, mode):
+    modules(tmp_path, name=f"planted_{mode}")(3.0)
+    plant(cache, monkeypatch, tmp_path)
+    cache.chmod(mode)
+    kernel_cache.directory.cache_clear()
+    kernel = modules(tmp_path, name=f"planted_{mode}")
+    assert kernel(3.0) == 7.0
+    assert not (tmp_path / "planted").exists()
+    assert "others can write to it" in capsys.readouterr().err
+    assert stat.S_IMODE(cache.stat().st_mode) == mode
+
+
+def test_neither_is_one_below_a_folder_that_anybody_can_write_to(cache, tmp_path, capsys):
+    cache.parent.mkdir()
+    cache.parent.chmod(0o777)
+    assert kernel_cache.directory() is None
+    assert "others can write to" in capsys.readouterr().err
+    cache.parent.chmod(0o1777)
+    kernel_cache.directory.cache_clear()
+    assert kernel_cache.directory() == cache
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+def test_what_belongs_to_somebody_else_is_not_used(cache, tmp_path, monkeypatch, capsys):
+    modules(tmp_path, name="foreign")(3.0)
+    plant(cache, monkeypatch, tmp_path)
+    for path in cache.iterdir():
+        os.chown(path, 12345, 12345)
+    assert modules(tmp_path, name="foreign")(3.0) == 7.0
+    assert "not a file of one's own" in capsys.readouterr().err
+    os.chown(cache, 12345, 12345)
+    kernel_cache._told.clear()
+    kernel_cache.directory.cache_clear()
+    assert modules(tmp_path, name="foreign")(3.0) == 7.0
+    assert "belongs to somebody else" in capsys.readouterr().err
+    assert not (tmp_path / "planted").exists()
+
+
+def test_a_symlink_in_its_place_is_not_used(cache, tmp_path, capsys):
+    cache.parent.mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    cache.symlink_to(tmp_path / "elsewhere")
+    assert modules(tmp_path)(3.0) == 7.0
+    assert "not a directory" in capsys.readouterr().err
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["file", "full"])
+def test_where_nothing_can_be_written_it_works_without(cache, tmp_path, monkeypatch, capsys, place):
+    if place == "file":
+        cache.parent.write_text("a file is in the way")
+    else:
+        def full(*_):
+            raise OSError(28, "No space left on device", "x.nbc")
+
+        monkeypatch.setattr(kernel_cache._Hashed, "write", full)
+    for _ in range(2):
+        assert modules(tmp_path, name=f"without_{place}")(3.0) == 7.0
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "without a cache" in err or "not kept" in err
+    assert not list(tmp_path.rglob("*.nbc"))
+    assert not list(Path(kernel_cache.__file__).parent.rglob("*.nbi"))
+
+
+def test_numba_cache_dir_is_the_base_and_no_more(cache, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
+    kernel_cache.directory.cache_clear()
+    modules(tmp_path)(3.0)
+    assert [path.name for path in (tmp_path / "numba").iterdir()] == ["tcc_sim"]
+    assert len(list((tmp_path / "numba" / "tcc_sim").iterdir())) == 2  # Index and data of the kernel, with its part.
+    assert not cache.exists()
+
+
+def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+
+    def homeless():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", homeless)
+    assert kernel_cache.directory() is None
+    assert capsys.readouterr().err == (
+        "tcc-sim: kernels are compiled without a cache: ~/.cache: Could not determine home directory.\n")
+
+
+def test_what_takes_long_to_compile_is_announced_once_and_only_then(cache, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(kernel_cache, "SECONDS_PER_BYTE", 1.0)
+    kernel = modules(tmp_path, name="announced")
+    kernel(3.0)
+    kernel(3)
+    err = capsys.readouterr().err
+    assert err == f"tcc-sim: compiling kernels for this kind of scene, about {kernel._cache.reach.size} s, once\n"
+    kernel_cache._told.clear()
+    kernel = modules(tmp_path, name="announced")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(kernel_cache, "SECONDS_PER_BYTE", 1e-9)
+    modules(tmp_path)(3.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_closures_and_defaults_count():
+    def scaled(gain):
+        def kernel(x, offset=1.0):
+            return gain * x + offset
+        return kernel
+
+    one, two = scaled(2.0), scaled(3.0)
+    assert Reach(one).digest == Reach(scaled(2.0)).digest != Reach(two).digest
+    one.__defaults__ = (2.0,)
+    assert Reach(one).digest != Reach(scaled(2.0)).digest
+    assert compiled(two)(1.0) == 4.0

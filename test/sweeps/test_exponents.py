@@ -1,0 +1,167 @@
+"""The largest Lyapunov exponent where it is known: stick, slip, Floquet multipliers, and SciPy's variational equations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import State, solve
+from tcc_sim.solvers.tangent import longest_step, passed, scales_of
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.sweeps.exponents import diagnosis, floquet_exponent, largest_lyapunov_exponent, mapped, tangent_growth
+
+BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
+        "engine.frequency": 139.0}
+
+
+def variational(system: System, start: np.ndarray, first: int, cycles: int, rtol: float = 1e-10) -> np.ndarray:
+    """State and tangent map, (3, 4), after some cycles, by LSODA on (2a), (2b), (7), (20b) written out."""
+    d, f = system.driveline, system.friction
+    mean, swing, ratio = system.saturation_mean, system.saturation_amplitude, system.friction_ratio - 1.0
+    omega, beta = system.engine.frequency, 1.0 / d.flywheel_inertia + 1.0 / d.plate_inertia
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        x = y.reshape(3, 4)
+        v, angle, speed = x[:, 0]
+        e, th = ratio * math.exp(-f.decay * abs(v)), math.tanh(f.smoothing * v)
+        load = max(mean + swing * math.sin(system.pressure.frequency_ratio * omega * t + system.pressure.phase), 0.0)
+        slope = load * (f.smoothing * (1.0 + e) * (1.0 - th * th) - f.decay * e * math.copysign(1.0, v) * th)
+        jacobian = np.array([
+            [-beta * slope, d.stiffness / d.plate_inertia, d.damping / d.plate_inertia], [0.0, 0.0, 1.0],
+            [slope / d.plate_inertia, -d.stiffness / d.plate_inertia, -d.damping / d.plate_inertia]])
+        torque = load * (1.0 + e) * th
+        plate = (torque - d.damping * speed - d.stiffness * angle) / d.plate_inertia
+        engine = system.engine.mean_torque + system.engine.torque_amplitude * math.sin(omega * t)
+        out = np.empty((3, 4))
+        out[:, 0] = (engine - torque) / d.flywheel_inertia - plate, speed, plate
+        out[:, 1:] = jacobian @ x[:, 1:]
+        return out.ravel()
+
+    span = (first * system.cycle, (first + cycles) * system.cycle)
+    run = solve_ivp(rates, span, np.column_stack([start, np.eye(3)]).ravel(), method="LSODA", rtol=rtol, atol=1e-12,
+                    max_step=0.002)
+    return run.y[:, -1].reshape(3, 4)
+
+
+def section_of(system: System, cycles: int) -> np.ndarray:
+    """The state on the section after some cycles."""
+    end = solve(system, cycles=cycles).final
+    return np.array([end.slip_speed, end.plate_angle, end.plate_speed])
+
+
+@pytest.mark.parametrize(("scene", "values"), [
+    ("fig02", {"friction.smoothing": 1e3, "pressure.frequency_ratio": 0.5, "pressure.phase": 1.0}), ("chaos", {})])
+def test_the_tangent_map_is_that_of_scipys_variational_equations(scene: str, values: dict[str, object]) -> None:
+    system = replace(load_scene(scene).system, values)
+    start = section_of(system, 31)
+    truth = variational(system, start, 31, 1)
+    at, matrix = mapped(system, start, 31, 1, 1e-9)
+    assert at == pytest.approx(truth[:, 0], rel=1e-6, abs=1e-6)
+    assert matrix == pytest.approx(truth[:, 1:], rel=1e-5, abs=1e-5 * np.abs(truth).max())
+    one = (start + 0.0)[:, None]
+    carried, again = one.copy(), start.copy()
+    assert passed(system, again, carried, 31, 1e-9)
+    assert carried[:, 0] == pytest.approx(matrix @ start, rel=1e-9, abs=1e-9)
+
+
+def test_a_step_that_cannot_be_taken_is_said_and_no_exponent_is_given() -> None:
+    system = load_scene("fig02").system
+    assert not passed(system, np.array([math.nan, 0.0, 0.0]), np.eye(3), 0, 1e-8)
+    found = largest_lyapunov_exponent(system, State(math.nan, 0.0, 0.0), cycles=40)
+    assert math.isnan(found.exponent)
+    assert (found.diagnosis, found.as_json()["exponent"]) == ("unresolved", None)
+
+
+def test_in_stick_it_is_the_decay_of_the_stuck_oscillator() -> None:
+    system = replace(System(),
+                     {**BASE, "pressure.mean": 400e3, "engine.torque_amplitude": 20.0, "friction.smoothing": 1e6})
+    end = solve(system, cycles=40, solver="fixed_step").final
+    for period in (0, 1):
+        found = largest_lyapunov_exponent(system, end, cycles=100, period=period)
+        assert found.exponent == pytest.approx(-0.6 / (2.0 * 0.22), rel=1e-3 if period == 0 else 1e-5)
+        assert found.diagnosis == ("periodic" if period else "contracting")
+
+
+def test_in_slip_at_constant_friction_it_is_zero() -> None:
+    system = replace(System(), {**BASE, "engine.mean_torque": 540.0})
+    found = largest_lyapunov_exponent(system, State(150.0, 0.18, 0.0), cycles=100)
+    assert found.exponent == pytest.approx(0.0, abs=1e-2)
+    # A family of motions: the map has no single fixed point that Newton's method could look for.
+    assert largest_lyapunov_exponent(system, State(150.0, 0.18, 0.0), period=1).exponent == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("values", "expected"), [
+    ({"friction.smoothing": 1e5, "friction.kinetic_coefficient": 0.285}, -2.0661), ({}, None)])
+def test_a_periodic_motion_has_the_exponent_of_its_floquet_multiplier(values: dict[str, object],
+                                                                     expected: float | None) -> None:
+    """By LSODA's variational equations, where they get through: at sigma = 1e5 by a value converged elsewhere."""
+    system = replace(load_scene("fig02").system, values)
+    at = section_of(system, 2000)
+    found = largest_lyapunov_exponent(system, State(*at), start_cycle=2000, period=1)
+    if expected is None:
+        largest = np.abs(np.linalg.eigvals(variational(system, at, 0, 1)[:, 1:])).max()
+        expected = math.log(largest) / system.cycle
+        assert found.low - 1e-6 <= expected <= found.high + 1e-6
+    assert found.exponent == pytest.approx(expected, rel=5e-5)
+    assert (found.diagnosis, found.cycles) == ("periodic", 1)
+
+
+def test_a_state_beside_the_motion_gives_the_exponent_of_the_motion() -> None:
+    system = load_scene("fig02").system
+    at = section_of(system, 300)
+    exact, _ = floquet_exponent(system, at, 0, 1)
+    beside, error = floquet_exponent(system, at + np.array([0.0, 1e-4, 0.02]), 0, 1)
+    assert beside == pytest.approx(exact, abs=max(error, 1e-5))
+
+
+def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles() -> None:
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.3})
+    found = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=2)
+    assert found.cycles == 2
+    largest = np.abs(np.linalg.eigvals(variational(system, section_of(system, 300), 300, 2)[:, 1:])).max()
+    assert found.exponent == pytest.approx(math.log(largest) / (2.0 * system.cycle), rel=1e-3)
+
+
+def test_the_growth_along_a_chaotic_motion_is_that_of_scipys_variational_equations() -> None:
+    """The same orbit for as long as two programs stay together, and an interval above 0 over many cycles."""
+    system = load_scene("chaos").system
+    cycles = solve(system, cycles=110).cycles
+    assert cycles is not None
+    terms, d = terms_of(system), system.driveline
+    growth, difference = tangent_growth(cycles.section[100], 100, 8, system.cycle, terms, longest_step(terms),
+                                        scales_of(terms), stick_speed_of(terms))
+    vector, expected = np.array([1.0, 0.0, 0.0]), []
+    for n in range(100, 108):
+        vector = variational(system, cycles.section[n], n, 1, 1e-8)[:, 1:] @ vector
+        size = math.sqrt(d.flywheel_inertia * (vector[0] + vector[2]) ** 2 + d.plate_inertia * vector[2] ** 2
+                         + d.stiffness * vector[1] ** 2)
+        vector /= size
+        expected.append(math.log(size))
+    assert growth == pytest.approx(expected, abs=1e-3)
+    assert np.abs(difference).max() < 1e-2
+    found = largest_lyapunov_exponent(system, State(*cycles.section[-1]), cycles=2000, start_cycle=110)
+    assert found.diagnosis == "chaotic"
+    assert found.low < 1.51 < found.high
+
+
+def test_diagnosis_looks_at_the_whole_interval() -> None:
+    assert diagnosis(0.2, 0.1, 0) == "chaotic"
+    assert diagnosis(0.2, 0.3, 0) == "unresolved"
+    assert diagnosis(0.001, 0.004, 0) == "quasi-periodic"
+    assert diagnosis(-0.2, 0.01, 0) == "contracting"
+    assert diagnosis(-0.2, 0.3, 0) == "unresolved"
+    assert diagnosis(0.2, 0.1, 4) == "periodic"
+
+
+def test_wrong_input_is_refused() -> None:
+    with pytest.raises(InputError, match="set_valued"):
+        largest_lyapunov_exponent(replace(System(), {"friction.law": "set_valued"}), State(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="cycles"):
+        largest_lyapunov_exponent(System(), State(0.0, 0.0, 0.0), cycles=3)

@@ -1,0 +1,170 @@
+"""What sweeps and grids give: JSON, columns, lines for a terminal, and little memory."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import json
+import math
+import sys
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.summary import summarise
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import replace
+from tcc_sim.output.sweep_table import sweep_lines
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.sweeps.point import point_of
+from tcc_sim.sweeps.sweep import Curve, Plan, curves_of, sweep, sweep_curves, sweep_grid
+
+SYSTEM = load_scene("fig02").system
+KINETIC = "friction.kinetic_coefficient"
+
+
+@pytest.mark.parametrize("name", ["analysis.summary", "sweeps.exponents", "sweeps.simulation", "sweeps.sweep"])
+def test_the_examples_of_the_docstrings_run(name: str) -> None:
+    module = importlib.import_module(f"tcc_sim.{name}")
+    found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert found.attempted > 0
+    assert found.failed == 0
+
+
+def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.3:3", "--over", "pressure.mean=2e5:3e5:2", "--cycles", "20"]
+    assert main([*words, "--json", str(tmp_path / "grid.json"), "--out", str(tmp_path / "grid.jsonl")]) == 0
+    assert "6 of 6 values" in capsys.readouterr().out
+    found = json.loads((tmp_path / "grid.json").read_text())
+    assert (found["over"], found["second_over"]) == (KINETIC, "pressure.mean")
+    assert found["values"] == pytest.approx([0.24, 0.27, 0.3])
+    assert found["second_values"] == [2e5, 3e5]
+    assert found["complete"]
+    for r, pressure in enumerate(found["second_values"]):
+        for c, kinetic in enumerate(found["values"]):
+            alone = summarise(solve(replace(SYSTEM, {KINETIC: kinetic, "pressure.mean": pressure}), cycles=20))
+            assert found["max_slip_speed"][r][c] == alone.max_slip_speed
+            assert found["section"][r][c] == [list(p) for p in alone.section]
+            assert found["period"][r][c] == alone.period
+    for name in ("regime", "settled", "confirmed", "status", "stick_fraction", "cycles"):
+        assert [len(row) for row in found[name]] == [3, 3]
+    assert main([*words, "--out", str(tmp_path / "grid.jsonl")]) == 0
+    assert main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    body = [line for line in lines if line[:12].strip() in ("200000", "300000")]
+    assert [line.split()[:2] for line in body] == [[p, k] for p in ("200000", "300000") for k in ("0.24", "0.27",
+                                                                                                  "0.3")]
+
+
+@pytest.mark.parametrize(("over", "words"), [
+    ([f"{KINETIC}=0.2:0.3:2", f"{KINETIC}=0.2:0.3:2"], "swept twice"),
+    ([f"{KINETIC}=0.2:0.3:2", "pressure.mean=1e5:2e5:2", "engine.frequency=1:2:2"], "3 times"),
+    ([f"{KINETIC}=0.2:0.3:2000", "pressure.mean=1e5:2e5:2000"], "2000 by 2000"),
+    ([f"{KINETIC}=0.2:0.3:2", "pressure.mean=-1:2e5:2"], "pressure.mean is -1 Pa")])
+def test_a_wrong_grid_is_one_line(over: list[str], words: str, capsys) -> None:  # type: ignore[no-untyped-def]
+    assert main(["sweep", "fig02", *[w for o in over for w in ("--over", o)]]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert words in said
+
+
+def test_every_extra_asked_for_has_its_columns(capsys) -> None:  # type: ignore[no-untyped-def]
+    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.3:2", "--cycles", "30"]
+    assert main(words) == 0
+    plain = capsys.readouterr().out
+    assert main([*words, "--damping", "--lyapunov"]) == 0
+    full = capsys.readouterr().out
+    for heading in ("Cf (21)", "neg. slope", "exponent", "diagnosis"):
+        assert heading in full
+        assert heading not in plain
+    assert max(map(len, plain.splitlines())) <= 80
+    found = sweep(SYSTEM, KINETIC, [0.24], Plan(cycles=30, damping=True, lyapunov=True)).records[0]
+    assert found is not None
+    row = full.splitlines()[2].split()
+    assert f"{found['equivalent_damping']:.4g}" in row
+    assert f"{found['negative_slope_mean']:.4g}" in row
+    assert f"{found['lyapunov']['exponent']:.4g}" in row
+    assert found["lyapunov"]["diagnosis"] in row
+
+
+def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() -> None:
+    chaos = load_scene("chaos").system
+    lines = sweep_lines([sweep(chaos, KINETIC, [chaos.friction.kinetic_coefficient], Plan(cycles=100))])
+    assert lines[2].split()[2] == "none"
+    spiral = replace(load_scene("slip").system, {"driveline.damping": 0.1233})
+    lines = sweep_lines([sweep(spiral, "engine.frequency", [1161.858217])])
+    assert lines[2].split()[2] == "1*"
+    assert lines[-1] == "* still settling"
+
+
+def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:
+    plan = Plan(cycles=20, lyapunov=True, solver="fixed_step", step=0.1)
+    found = sweep(SYSTEM, "pressure.mean", [2e5, 1e7], plan)
+    table = found.columns()
+    assert next(iter(table)) == "pressure.mean"
+    assert {len(column) for column in table.values()} == {2}
+    assert table["max_slip_speed"].dtype == np.float64
+    assert (table["period"][1], table["regime"][1], bool(table["settled"][1])) == (-1, "", False)
+    assert math.isnan(table["max_slip_speed"][1])
+    assert table["lyapunov_diagnosis"][0] != ""
+    assert "not started" in table["status"][1]
+    assert repr(found) == "<Sweep over pressure.mean: 2 values from 200000 to 1e+07; 1 solved>"
+    grid = sweep_grid(SYSTEM, "pressure.mean", [2e5, 1e7], KINETIC, [0.24, 0.3], plan)
+    both = grid.columns()
+    assert both[KINETIC].tolist() == [0.24, 0.24, 0.3, 0.3]
+    assert both["pressure.mean"].tolist() == [2e5, 1e7, 2e5, 1e7]
+    assert {len(column) for column in both.values()} == {4}
+    assert "<Grid over pressure.mean: 2 values" in repr(grid)
+    summary = summarise(solve(SYSTEM, cycles=20))
+    assert summary.columns()["max_slip_speed"] == [summary.max_slip_speed]
+    assert "section" not in summary.columns()
+
+
+def test_a_frame_takes_the_columns() -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(sweep(SYSTEM, KINETIC, [0.24, 0.3], Plan(cycles=20)).columns())
+    assert frame.shape[0] == 2
+
+
+def test_a_point_comes_back_from_its_record_and_is_small() -> None:
+    plan = Plan(cycles=150, damping=True, lyapunov=True, lyapunov_cycles=40, section_points=40)
+    (found,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], plan)
+    point, record = found.points[0], found.records[0]
+    assert point is not None
+    assert record is not None
+    again = point_of(json.loads(json.dumps(record)), found.curve.at(0))
+    assert again.as_record() == record
+    (plain,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], Plan(cycles=150))
+    point = plain.points[0]
+    assert point is not None
+    assert point.summary is not None
+    held = [point, point.section, point.end, point.end.state, vars(point.end.state), *vars(point.end.state).values(),
+            point.summary, *(getattr(point.summary, item.name) for item in fields(point.summary))]
+    assert len(point.section) == 100
+    assert sum(map(sys.getsizeof, held)) < 3000
+
+
+def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    out, plan = tmp_path / "grid.jsonl", Plan(cycles=5)
+    curves = curves_of(SYSTEM, KINETIC, [0.24, 0.3], "pressure.mean", [2e5, 3e5])
+    sweep_curves(curves, plan, out=out)
+    before = out.read_bytes()
+    sweep_curves(curves, plan, out=out)
+    assert out.read_bytes() == before
+    with pytest.raises(InputError, match="curves differ"):
+        sweep_curves(curves_of(SYSTEM, KINETIC, [0.24, 0.3], "pressure.mean", [2e5, 4e5]), plan, out=out)
+
+
+def test_a_table_that_is_too_wide_for_the_terminal_goes_on_below() -> None:
+    found = [sweep(SYSTEM, KINETIC, [0.23, 0.24], Plan(cycles=30, damping=True, lyapunov=True))]
+    whole = sweep_lines(found, "engine.frequency", [150.0])
+    parts = sweep_lines(found, "engine.frequency", [150.0], width=80)
+    assert max(map(len, whole)) > 80 >= max(map(len, parts[1:]))
+    headings = [line.split("  ") for line in parts if "kinetic_coef  " in line]
+    assert len(headings) == 2
+    heading, first = whole[1][26:], whole[2][26:]
+    assert parts[1][26:] + parts[4][26:] == heading
+    assert parts[2][26:] + parts[5][26:] == first

@@ -1,0 +1,220 @@
+"""`simulate` is a sweep of one point: the same numbers from the verb, from a sweep and from Python."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.parameters import replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.sweeps import simulation
+from tcc_sim.sweeps.point import handed_over
+from tcc_sim.sweeps.simulation import Plan, Start, simulate
+from tcc_sim.sweeps.sweep import sweep
+from tcc_sim.trajectory import Cycles, State
+
+PLAN = Plan(cycles=60, discard=20, damping=True, lyapunov=True)
+
+
+def untimed(values: dict[str, object]) -> dict[str, object]:
+    return {k: v for k, v in values.items() if k not in ("elapsed_s", "scene")}
+
+
+def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "one.json"
+    assert main(["simulate", "fig02", "--cycles", "60", "--discard", "20", "--damping", "--lyapunov", "--json",
+                 str(path)]) == 0
+    verb = untimed(json.loads(path.read_text()))
+    scene = load_scene("fig02")
+    alone = untimed(json.loads(json.dumps(simulate(scene, PLAN).as_json())))
+    for key, value in alone.items():
+        assert verb[key] == value, key
+    assert untimed(json.loads(json.dumps(simulate("fig02", cycles=60, discard=20, damping=True,
+                                                  lyapunov=True).as_json()))) == alone
+    (record,) = sweep(scene.system, "engine.frequency", [scene.system.engine.frequency], PLAN).records
+    assert record is not None
+    point = untimed(json.loads(json.dumps(record)))
+    for key, value in alone.items():
+        assert point[key] == value, key
+
+
+def test_a_decaying_spiral_near_a_resonance_has_the_period_of_its_limit() -> None:
+    """The plate's free vibration turns by nearly a third of a turn a cycle while it dies out."""
+    scene = load_scene("slip").with_values({"driveline.damping": 0.1233, "engine.frequency": 1161.858217})
+    found = simulate(scene)
+    assert found.summary is not None
+    assert (found.summary.period, found.summary.settled, found.confirmed) == (1, False, False)
+    ((angle, _),) = found.summary.section
+    late = simulate(scene, cycles=2000, discard=1900)
+    assert late.summary is not None
+    assert (late.summary.period, late.summary.settled, late.confirmed) == (1, True, True)
+    assert angle == pytest.approx(late.summary.section[0][0], rel=0.15)
+    (record,) = sweep(scene.system, "engine.frequency", [1161.858217]).records
+    assert record is not None
+    assert (record["period"], record["settled"], record["confirmed"]) == (1, False, False)
+
+
+@pytest.mark.parametrize(("amplitude", "ratio", "kinetic", "frequency", "period"), [
+    (56250.0, 0.5, 0.3, 193.64916731037084, 2), (56250.0, 2.0 / 3.0, 0.3, 193.64916731037084, 3),
+    (56250.0, 4.0 / 3.0, 0.3, 193.64916731037084, 3), (112500.0, 1.0, 0.225, 140.0232440551912, 1)])
+def test_motions_of_the_paper_that_settle_slowly_have_the_period_of_2000_cycles(
+        amplitude: float, ratio: float, kinetic: float, frequency: float, period: int) -> None:
+    """Figs. 10, 11 and 18. Those with mu_k = mu_s have that of the load, as the paper says of omega_f = (M/N) omega."""
+    scene = load_scene("fig02").with_values({
+        "pressure.mean": 225e3, "pressure.amplitude": amplitude, "pressure.frequency_ratio": ratio,
+        "friction.kinetic_coefficient": kinetic, "engine.frequency": frequency})
+    late = simulate(scene, cycles=2000, discard=1800)
+    assert late.summary is not None
+    assert (late.summary.period, late.confirmed) == (period, True)
+    early = simulate(scene)
+    assert early.summary is not None
+    assert early.summary.period in (0, period)
+    assert not early.confirmed or early.summary.settled
+
+
+def test_a_slow_alternation_is_not_taken_for_twice_the_period() -> None:
+    """Fig. 14, psi = 0 at omega/omega_n = 0.2577: after 2000 cycles it still settles to period two."""
+    scene = load_scene("fig02").with_values({
+        "pressure.mean": 225e3, "pressure.amplitude": 56250.0, "friction.kinetic_coefficient": 0.225,
+        "engine.frequency": 99.80380161380653})
+    found = simulate(scene)
+    assert found.summary is not None
+    assert found.summary.period in (0, 2)
+    assert (found.summary.settled, found.confirmed) == (False, False)
+
+
+def test_what_is_asked_for_is_there_and_nothing_else() -> None:
+    plain = simulate("fig02", cycles=20)
+    assert plain.damping is None
+    assert plain.lyapunov is None
+    assert "lyapunov" not in plain.as_json()
+    assert len(plain.trajectory.t) == 2
+    sampled = simulate("fig02", cycles=20, samples_per_cycle=10, section_points=5)
+    assert len(sampled.trajectory.t) == 201
+    cycles = sampled.trajectory.cycles
+    assert cycles is not None
+    assert sampled.angles.tolist() == cycles.section[-5:, 1].tolist()
+    assert sampled.end == Start(State(*cycles.section[-1].tolist()), 20)
+
+
+def test_a_start_sets_the_phase_and_goes_on_where_another_run_ended() -> None:
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
+    first = simulate(system, cycles=31, discard=0)
+    second = simulate(system, cycles=20, discard=0, start=first.end)
+    whole = solve(system, cycles=51).cycles
+    assert whole is not None
+    assert second.end.cycle == 51
+    assert second.end.state.plate_angle == pytest.approx(whole.section[-1, 1], rel=1e-5)
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"cycles": 10, "discard": 10}, "discard is 10"), ({"discard": -1}, "discard is -1"), ({"discard": 1.5}, "discard"),
+    ({"duration": -1.0}, "duration is -1 s"), ({"duration": 0.1, "discard": 2}, "discard is 2"),
+    ({"solver": "euler"}, "euler"), ({"cycle": 3}, "cycle is not a setting"), ({"cycles": 0}, "cycles is 0"),
+    ({"section_points": -1}, "section_points is -1")])
+def test_wrong_input_is_refused(options: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        simulate("fig02", **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="beside a plan"):
+        simulate("fig02", Plan(), cycles=3)
+
+
+def test_a_failure_is_a_status_and_can_be_raised() -> None:
+    refused = simulate("fig02", solver="fixed_step", step=1.0, cycles=3)
+    assert refused.summary is None
+    assert refused.as_json() == {"confirmed": False}
+    assert "not started" in repr(refused)
+    with pytest.raises(InputError, match="sub-steps"):
+        refused.raise_for_status()
+    failed = simulate("fig02", solver="rk4", step=0.02, cycles=400)
+    assert failed.summary is None
+    assert failed.end == Start(State(150.0, 0.0, 0.0), 0)
+    with pytest.raises(NumericalFailure):
+        failed.raise_for_status()
+
+
+def test_less_than_a_cycle_has_extremes_and_no_period() -> None:
+    found = simulate("slip", duration=1e-3, samples_per_cycle=200)
+    assert found.summary is not None
+    assert (found.summary.cycles, found.summary.period, found.confirmed) == (0, 0, False)
+    assert found.end.cycle == 0
+
+
+@pytest.mark.parametrize("cycles", [400, 401])
+def test_a_neighbour_takes_up_both_phases(cycles: int) -> None:
+    """Two values that differ by 1e-12: the second point must go on as if nothing had changed."""
+    scene = load_scene("fig02").with_values({"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.29})
+    for key, value in (("friction.kinetic_coefficient", 0.29), ("engine.frequency", 150.0)):
+        found = sweep(scene.system, key, [value, value * (1.0 + 1e-12)],
+                      Plan(cycles=cycles, discard=cycles - 1, direction="up"))
+        whole = solve(scene.system, cycles=cycles + 2).cycles
+        assert whole is not None
+        point = found.points[1]
+        assert point is not None
+        assert point.end.state.plate_angle == pytest.approx(whole.section[cycles + cycles % 2, 1], abs=1e-6)
+        first = simulate(replace(scene.system, {key: value * (1.0 + 1e-12)}), cycles=2, discard=0,
+                         start=handed_over(scene.system, found.points[0].end, scene.system))  # type: ignore[union-attr]
+        run = first.trajectory.cycles
+        assert run is not None
+        assert run.section[1] == pytest.approx(whole.section[cycles + 1], abs=1e-5)
+
+
+def load_phase(system, cycle: int) -> float:  # type: ignore[no-untyped-def]
+    """Of the pressure at the start of an engine cycle, in turns."""
+    return (system.pressure.frequency_ratio * cycle + system.pressure.phase / (2.0 * math.pi)) % 1.0
+
+
+@pytest.mark.parametrize(("before", "after", "largest"), [
+    (0.5, 0.5, 1e-12), (0.5, 2.0 / 3.0, 0.17), (0.7, 0.71, 0.005), (2.0, 0.5, 1e-12),
+                                                          (math.sqrt(0.5), math.sqrt(0.5), 0.0),
+    (math.sqrt(0.5), math.sqrt(0.7), 1e-3)])
+def test_the_load_goes_on_at_the_nearest_phase_where_its_own_ratio_is_swept(before: float, after: float,
+                                                                            largest: float) -> None:
+    system = load_scene("fig02").system
+    old, new = (replace(system, {"pressure.frequency_ratio": x, "pressure.phase": 0.4}) for x in (before, after))
+    for cycle in (7, 150, 401):
+        start = handed_over(old, Start(State(1.0, 2.0, 3.0), cycle), new)
+        assert start.state == State(1.0, 2.0, 3.0)
+        apart = abs(load_phase(new, start.cycle) - load_phase(old, cycle))
+        assert min(apart, 1.0 - apart) <= largest + 1e-12
+    assert handed_over(replace(old, {"pressure.amplitude": 0.0}), start,
+                       replace(new, {"pressure.amplitude": 0.0})).cycle == 0
+
+
+def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": math.sqrt(0.5)})
+    plan, out = Plan(cycles=15, direction="up"), tmp_path / "up.jsonl"
+    values = [140.0, 145.0, 150.0]
+    whole = sweep(system, "engine.frequency", values, plan, out=out)
+    lines = out.read_bytes().splitlines(keepends=True)
+    assert [json.loads(line)["record"]["final_cycle"] for line in lines[1:]] == [15, 30, 45]
+    out.write_bytes(b"".join(lines[:2]))
+    again = sweep(system, "engine.frequency", values, plan, out=out)
+    assert [untimed(r) for r in again.records if r] == [untimed(r) for r in whole.records if r]
+    cold = sweep(system, "engine.frequency", values, Plan(cycles=15))
+    assert not np.allclose(cold.column("max_slip_speed")[1:], whole.column("max_slip_speed")[1:])
+
+
+def test_what_further_cycles_leave_is_settled_and_not_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def leaves(cycles: Cycles, further: Cycles, period: int) -> bool:
+        asked.append((cycles.section[-1].tolist(), further.section[0].tolist(), len(further), period))
+        return False
+
+    whole = simulate("stick", cycles=400, discard=380)
+    monkeypatch.setattr(simulation, "stays", leaves)
+    found = simulate("stick", cycles=400, discard=380)
+    assert whole.summary is not None
+    assert found.summary is not None
+    assert (whole.summary.settled, whole.confirmed) == (True, True)
+    assert (found.summary.settled, found.confirmed) == (True, False)
+    ((end, start, count, period),) = asked
+    assert (start, period) == (end, found.summary.period)
+    assert count >= 10

@@ -1,0 +1,225 @@
+"""Sweeps: equal to single solves whatever the number of jobs, hysteresis, failed points, interruption and resumption.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.summary import summarise
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError, SweepInterrupted
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import solve
+from tcc_sim.sweeps import file as sweep_file
+from tcc_sim.sweeps.point import solve_points
+from tcc_sim.sweeps.simulation import settling
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid, values_of_range
+
+KINETIC = "friction.kinetic_coefficient"
+PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
+         "friction.static_coefficient": 0.3,
+         KINETIC: 0.3, "friction.law": "set_valued"}
+
+
+def system(ratio: float, **values: object) -> System:
+    """The driveline of Sections 5 and 6 at omega/omega_n = `ratio`."""
+    start = replace(System(), PAPER)
+    return replace(start, {"engine.frequency": ratio * start.natural_frequency, **values})
+
+
+def without_time(records: list[dict[str, object] | None]) -> list[dict[str, object]]:
+    """Records less the one result that differs from run to run."""
+    return [{k: v for k, v in r.items() if k != "elapsed_s"} for r in records if r is not None]
+
+
+def test_every_point_is_what_a_single_solve_gives() -> None:
+    values = [0.27, 0.28, 0.3]
+    found = sweep(system(0.2), KINETIC, values, Plan(cycles=60, discard=20))
+    for value, record in zip(values, found.records):
+        alone = summarise(solve(replace(system(0.2), {KINETIC: value}), cycles=60), 20)
+        assert record is not None
+        assert record["max_slip_speed"] == alone.max_slip_speed
+        assert [tuple(p) for p in record["section"]] == alone.section
+        assert (record["period"], record["regime"], record["discarded"]) == (alone.period, alone.regime, 20)
+    assert found.values.tolist() == values
+
+
+@pytest.mark.parametrize("direction", ["cold", "up", "down"])
+def test_results_do_not_depend_on_the_number_of_jobs(direction: str) -> None:
+    curves = [Curve(system(f), KINETIC, (0.3, 0.27, 0.285, 0.26)) for f in (0.2, 0.36)]
+    plan = Plan(cycles=40, direction=direction)
+    one, three = sweep_curves(curves, plan, jobs=1), sweep_curves(curves, plan, jobs=3)
+    assert [without_time(s.records) for s in one] == [without_time(s.records) for s in three]
+
+
+def test_up_goes_from_the_lowest_value_in_one_task_or_in_many() -> None:
+    """A cluster solves several neighbours in one task."""
+    mixed, rising, plan = (0.3, 0.24, 0.27), (0.24, 0.27, 0.3), Plan(cycles=30, direction="up")
+    steps = {r["value"]: r for r in without_time(sweep(system(0.36), KINETIC, mixed, plan).records)}
+    whole = solve_points([replace(system(0.36), {KINETIC: x}) for x in rising], rising, plan, None)
+    assert [p.as_record()["final"] for p in whole] == [steps[x]["final"] for x in rising]
+    cold = sweep(system(0.36), KINETIC, rising, Plan(cycles=30))
+    assert cold.records[-1] != whole[-1].as_record()
+    assert cold.column("max_slip_speed")[0] == steps[0.24]["max_slip_speed"]
+
+
+def test_up_and_down_find_the_two_motions_that_coexist() -> None:
+    """At omega/omega_n = 0.36 and mu_k = 0.86 mu_s period one and a large period two exist side by side."""
+    up = sweep(system(0.36), KINETIC, np.linspace(0.74, 0.86, 7) * 0.3, Plan(cycles=150, direction="up"))
+    down = sweep(system(0.36), KINETIC, np.linspace(0.86, 0.98, 7) * 0.3, Plan(cycles=150, direction="down"))
+    high, low = up.records[-1], down.records[0]
+    assert high is not None
+    assert low is not None
+    assert (low["period"], high["period"]) == (1, 2)
+    assert high["max_slip_speed"] > 1.1 * low["max_slip_speed"]
+    # SciPy agrees on both, from the final state that the sweep gives.
+    for record in (low, high):
+        from tcc_sim.trajectory import State
+
+        smooth = replace(system(0.36), {KINETIC: 0.86 * 0.3, "friction.law": "smoothed", "friction.smoothing": 500.0})
+        checked = summarise(solve(smooth, cycles=24, solver="lsoda", rtol=1e-8, state=State(*record["final"])), 16)
+        assert checked.max_slip_speed == pytest.approx(record["max_slip_speed"], rel=0.03)
+
+
+def test_a_grid_has_a_sweep_for_every_value_of_the_second_key() -> None:
+    grid = sweep_grid(system(0.2), KINETIC, [0.28, 0.3], "pressure.mean", [225e3, 250e3], Plan(cycles=20))
+    first, second = grid.sweeps
+    assert first.curve.system.pressure.mean == 225e3
+    assert second.curve.system.pressure.mean == 250e3
+    alone = summarise(solve(replace(system(0.2), {KINETIC: 0.28, "pressure.mean": 250e3}), cycles=20))
+    assert second.column("max_slip_speed")[0] == alone.max_slip_speed
+
+
+def test_a_failed_point_has_a_sentence_and_no_numbers() -> None:
+    smooth = system(0.2, **{"friction.law": "smoothed", KINETIC: 0.24})
+    found = sweep(smooth, "pressure.mean", [2e5, 1e7], Plan(cycles=2, discard=0, solver="fixed_step", step=0.1))
+    assert math.isfinite(found.column("max_slip_speed")[0])
+    assert math.isnan(found.column("max_slip_speed")[1])
+    out = json.loads(json.dumps(found.as_json(), allow_nan=False))
+    assert out["max_slip_speed"][1] is None
+    assert out["status"] == ["reached the end", out["status"][1]]
+    assert out["status"][1].startswith("not started")
+    assert out["complete"]
+
+
+def test_auto_stops_when_the_section_has_settled() -> None:
+    plan = Plan(cycles=2000, discard="auto")
+    record = sweep(system(0.36), KINETIC, [0.3], plan).records[0]
+    assert record is not None
+    assert record["cycles"] < 500
+    assert record["settled"]
+    assert 0 < record["discarded"] < record["cycles"]
+    cycles = solve(system(0.36), cycles=1000).cycles
+    assert cycles is not None
+    assert settling(cycles[:10]) is None
+    last = np.array(record["section"][0])
+    assert last == pytest.approx(cycles.section[-1, [1, 0]], rel=1e-5, abs=1e-7)
+    aperiodic = system(0.36, **{KINETIC: 0.64 * 0.3})
+    never = sweep(aperiodic, KINETIC, [0.64 * 0.3], Plan(cycles=120, discard="auto")).records[0]
+    assert never is not None
+    assert (never["period"], never["cycles"], never["discarded"]) == (0, 120, 50)
+
+
+@pytest.mark.parametrize("direction", ["cold", "down"])
+def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch,
+                                                    direction: str) -> None:  # type: ignore[no-untyped-def]
+    plan = Plan(cycles=30, direction=direction)
+    values = [float(x) for x in np.linspace(0.26, 0.3, 9)]
+    whole = sweep(system(0.36), KINETIC, values, plan)
+    out = tmp_path / "sweep.jsonl"
+    append, count = sweep_file.SweepFile.append, 0
+
+    def stop(self, *words):  # type: ignore[no-untyped-def]
+        nonlocal count
+        append(self, *words)
+        count += 1
+        if count == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
+    with pytest.raises(SweepInterrupted) as interruption:
+        sweep(system(0.36), KINETIC, values, plan, out=out)
+    assert sum(r is not None for r in interruption.value.sweeps[0].records) == 4
+    assert not interruption.value.sweeps[0].complete
+    out.write_bytes(out.read_bytes()[:-9])
+    before = len(out.read_bytes().splitlines())
+    resumed = sweep(system(0.36), KINETIC, values, plan, out=out)
+    assert without_time(resumed.records) == without_time(whole.records)
+    assert before == 1 + 4
+    assert len(out.read_bytes().splitlines()) == 1 + 9
+    again = sweep(system(0.36), KINETIC, values, plan, out=out)
+    assert again.records == resumed.records
+
+
+def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    out = tmp_path / "sweep.jsonl"
+    sweep(system(0.2), KINETIC, [0.3], Plan(cycles=5), out=out)
+    before = out.read_bytes()
+    with pytest.raises(InputError, match="another sweep"):
+        sweep(system(0.2), KINETIC, [0.3], Plan(cycles=6), out=out)
+    assert out.read_bytes() == before
+    out.write_text("notes\n")
+    with pytest.raises(InputError, match="not the file of a sweep"):
+        sweep(system(0.2), KINETIC, [0.3], Plan(cycles=5), out=out)
+    assert out.read_text() == "notes\n"
+
+
+def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monkeypatch,
+                                                                  capsys) -> None:  # type: ignore[no-untyped-def]
+    words = ["sweep", "slip", "--set", "friction.law=set_valued", "--over", "engine.torque_amplitude=10:40:4",
+             "--cycles", "6"]
+    assert main([*words, "--json", str(tmp_path / "a.json")]) == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert found["over"] == "engine.torque_amplitude"
+    assert found["values"] == [10.0, 20.0, 30.0, 40.0]
+    assert len(found["max_slip_speed"]) == len(found["section"]) == len(found["regime"]) == 4
+    assert found["direction"] == "cold"
+    assert main(words) == 0
+    assert capsys.readouterr().out.count("slip") >= 4
+
+    def stop(self, *words):  # type: ignore[no-untyped-def]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
+    assert main([*words, "--json", str(tmp_path / "b.json"), "--out", str(tmp_path / "b.jsonl")]) == 130
+    kept = json.loads((tmp_path / "b.json").read_text())
+    assert not kept["complete"]
+    assert kept["max_slip_speed"].count(None) == 3
+    assert "goes on from" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [
+    ["--over", "engine.torque_amplitude=10:40"],
+    ["--over", "engine.torque_amplitude=10:40:0"],
+    ["--over", "engine.torque_amplitud=10:40:3"],
+    ["--over", "friction.kinetic_coefficient=0.1:0.5:3"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "150"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "some"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "-1"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--jobs", "-1"],
+    ["--over", "engine.torque_amplitude=10:40:-3"],
+    ["--over", "engine.torque_amplitude=nan:40:3"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--jobs", "0"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--solver", "none"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--cycles", "0"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--rtol", "2"],
+    ["--over", "engine.torque_amplitude=10:40:3", "--lyapunov", "--set", "friction.law=set_valued"],
+    ["--over", "friction.law=1:2:2"],
+    ["--over", "rate=100:200:2"],
+])
+def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path,
+                                              capsys) -> None:  # type: ignore[no-untyped-def]
+    out = tmp_path / "out.jsonl"
+    assert main(["sweep", "fig02", *words, "--out", str(out)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_range_has_both_ends() -> None:
+    assert values_of_range("a.b=1:2:3") == ("a.b", [1.0, 1.5, 2.0])
+    assert values_of_range("a.b=2:1:2") == ("a.b", [2.0, 1.0])
+    assert values_of_range("a.b=5:9:1") == ("a.b", [5.0])
