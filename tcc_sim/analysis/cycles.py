@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -37,9 +37,9 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
         raise InputError("the trajectory has fewer than two samples")
     slip, plate = accelerations_of(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
                                    trajectory.friction_torque, trajectory.system)
+    starts = cycle_starts(first_cycle_of(trajectory), float(trajectory.t[-1]), trajectory.cycle)
     return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
-                               trajectory.plate_speed,
-                               plate, cycle=trajectory.cycle, first_cycle=first_cycle_of(trajectory),
+                               trajectory.plate_speed, plate, starts=starts,
                                stick_speed=stick_speed_of(terms_of(trajectory.system)))
 
 

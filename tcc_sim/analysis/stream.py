@@ -12,7 +12,7 @@ from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, concatenated
 
@@ -180,8 +180,9 @@ class CycleStream:
                              f"takes {self.cycle:.3g} s: there must be at least one for each cycle")
         t, slip_speed, plate_angle, plate_speed, engine, friction = rows
         slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
-        cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, cycle=self.cycle,
-                                     first_cycle=self._next, stick_speed=self._stick_speed)
+        cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate,
+                                     starts=cycle_starts(self._next, float(t[-1]), self.cycle),
+                                     stick_speed=self._stick_speed)
         piece = Piece(len(self.runs) - 1, self._next, cycles)
         if not len(cycles):
             self._waiting = [rows]

@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.benchmarks.references import Floats, Law
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
 
 TIMEOUT = 60.0
@@ -82,8 +82,7 @@ def _largest(system: System, t: Floats, states: Floats) -> Floats:
     law = Law(system)
     rates = np.array([law.rates(a, y, 3) for a, y in zip(t.tolist(), states.tolist())])
     found = cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                cycle=system.cycle,
-                                first_cycle=0, stick_speed=STICK)
+                                starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK)
     largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))
     return largest
 

@@ -22,7 +22,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, saturation_torque, smoothed
-from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples, hermite
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, excitation_frequency, natural_frequency, peak_load, stick_speed_of, terms_of
@@ -253,8 +253,7 @@ def solve(problem: Problem) -> Trajectory:
                                 axis=1))
         kept = due
         cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                          cycle=cycle,
-                                          first_cycle=first, stick_speed=stick_speed_of(terms)))
+                                          starts=cycle_starts(first, t[-1], cycle), stick_speed=stick_speed_of(terms)))
         first += len(cycles[-1])
         keep = max(int(np.searchsorted(t, min(first * cycle, t[-1]), side="right")) - 2, 0)
         t, states = t[keep:], states[keep:]

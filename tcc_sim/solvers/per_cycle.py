@@ -13,12 +13,20 @@ LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
 
 
+def cycle_starts(first: int, end: float, cycle: float) -> Floats:
+    """Times n cycle, s, at which the engine cycles from number `first` on start and end, up to `end`, (m + 1,) for m
+    whole cycles.
+    """
+    count = max(int(np.floor((end + 1e-9 * cycle) / cycle)) - first, 0)
+    return np.asarray((first + np.arange(count + 1)) * cycle, dtype=np.float64)
+
+
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
-                        plate_speed: Floats,
-                        plate_acceleration: Floats, *, cycle: float, first_cycle: int, stick_speed: float) -> Cycles:
+                        plate_speed: Floats, plate_acceleration: Floats, *, starts: Floats,
+                        stick_speed: float) -> Cycles:
     """What each whole engine cycle within the samples comes to.
 
-    The slip speed is the piecewise cubic through v and v'. Its extremes, its value at t = n cycle and the time it
+    The slip speed is the piecewise cubic through v and v'. Its extremes, its value where a cycle starts and the time it
     spends within +-stick_speed are those of the cubic, interior extremes and several crossings in one interval
     included. The plate angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4 on
     smooth arcs, of order h J where v' jumps by J between two samples.
@@ -28,61 +36,52 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     t : (n,) array, s, strictly increasing, not necessarily uniform; cycle ends need not be among them
     slip_speed, slip_acceleration : (n,) arrays, rad/s, rad/s^2
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
-    cycle : engine cycle 2 pi/omega, s
-    first_cycle : number of the first cycle, which starts at t = first_cycle * cycle
+    starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`cycle_starts`)
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
 
     Returns
     -------
-    Cycles, of length 0 where no whole cycle lies within the samples
+    Cycles, m of them
 
     Raises
     ------
     InputError
-        Fewer than two samples, times that do not increase, or a first cycle that starts before the samples.
+        Fewer than two samples, times that do not increase, or cycles beyond the samples.
     """
     t = np.asarray(t, dtype=np.float64)
     if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
         raise InputError("sample times must be two or more and strictly increasing")
-    slack = 1e-9 * cycle
-    if first_cycle * cycle < t[0] - slack:
-        raise InputError(f"cycle {first_cycle} starts at {first_cycle * cycle:g} s; it must not be before the first "
-                         f"sample, {t[0]:g} s")
-    count = max(int(np.floor((t[-1] + slack) / cycle)) - first_cycle, 0)
-    ends = (first_cycle + np.arange(count + 1)) * cycle
-    place = np.searchsorted(t, ends, side="right")
+    slack = 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
+    if starts[0] < t[0] - slack or (len(starts) > 1 and starts[-1] > t[-1] + slack):
+        raise InputError(f"engine cycles from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
+                         f"from {t[0]:g} to {t[-1]:g} s")
+    place = np.searchsorted(t, starts, side="right")
     left = np.clip(place - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
-    u = np.clip((ends - t[left]) / h, 0.0, 1.0)
-
-    def between(y: Floats, start: Floats, finish: Floats) -> Floats:
-        return _cubic(u, y[left], h * start, y[left + 1], h * finish)
-
+    u = np.clip((starts - t[left]) / h, 0.0, 1.0)
     v, a = np.asarray(slip_speed, dtype=np.float64), np.asarray(slip_acceleration, dtype=np.float64)
     leaving, arriving = _without_overshoot(t, v, a, stick_speed)
-    section = np.stack([between(v, leaving[left], arriving[left]),
-                        _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
-                        between(plate_speed, plate_acceleration[left], plate_acceleration[left + 1])], axis=1)
-    slope = _cubic_slope(u, v[left], h * leaving[left], v[left + 1], h * arriving[left]) / h
-    if count == 0:
-        return Cycles(section[:1], np.empty(0), np.empty(0), np.empty(0))
+    at_starts = v[left], h * leaving[left], v[left + 1], h * arriving[left]
+    section = np.stack([_cubic(u, *at_starts), _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
+                        _cubic(u, plate_speed[left], h * plate_acceleration[left], plate_speed[left + 1],
+                               h * plate_acceleration[left + 1])], axis=1)
+    if len(starts) < 2:
+        return Cycles(section, np.empty(0), np.empty(0), np.empty(0))
 
-    first = int(place[0])
-    last = int(place[-1]) + count + 1
-    instants = np.insert(t, place, ends)[first:last]
-    speeds = np.insert(v, place, section[:, 0])[first:last]
-    starts = (place + np.arange(count + 1) - first)[:-1]
+    first, last, count = int(place[0]), int(place[-1]) + len(starts), len(starts) - 1
+    instants, speeds = np.insert(t, place, starts)[first:last], np.insert(v, place, section[:, 0])[first:last]
     width = np.maximum(np.diff(instants), 0.0)
     p, q = speeds[:-1], speeds[1:]
     rest = (p == 0.0) & (q == 0.0) if stick_speed == 0.0 else np.zeros(len(p), dtype=np.bool_)
+    slope = _cubic_slope(u, *at_starts) / h
     dp = np.where(rest, 0.0, width * np.insert(leaving, left + 1, slope)[first:last - 1])
     dq = np.where(rest, 0.0, width * np.insert(arriving, left, slope)[first:last - 1])
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
-    return Cycles(section, np.maximum.reduceat(values.max(axis=1), starts),
-                  np.minimum.reduceat(values.min(axis=1), starts),
-                  np.add.reduceat(within, starts))
+    pieces = (place + np.arange(count + 1) - first)[:-1]
+    return Cycles(section, np.maximum.reduceat(values.max(axis=1), pieces),
+                  np.minimum.reduceat(values.min(axis=1), pieces), np.add.reduceat(within, pieces))
 
 
 def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:

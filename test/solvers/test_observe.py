@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 
 W = 150.0
 CYCLE = 2.0 * math.pi / W
@@ -15,7 +15,8 @@ CYCLE = 2.0 * math.pi / W
 def sine_cycles(t, *, offset=0.4, stick_speed=0.1, first_cycle=0, cycle=CYCLE):
     return cycles_from_samples(
         t, offset + np.sin(W * t + 0.3), W * np.cos(W * t + 0.3), np.cos(2 * W * t), -2 * W * np.sin(2 * W * t),
-        -4 * W * W * np.cos(2 * W * t), cycle=cycle, first_cycle=first_cycle, stick_speed=stick_speed)
+        -4 * W * W * np.cos(2 * W * t), starts=cycle_starts(first_cycle, t[-1], cycle),
+        stick_speed=stick_speed)
 
 
 @pytest.mark.parametrize("seed", [None, 1, 2])
@@ -47,7 +48,7 @@ def test_cycle_ends_that_are_samples_are_taken_as_they_are():
     t = (7 + np.arange(0, 3 * 64 + 1) / 64) * CYCLE
     v = np.random.default_rng(0).normal(size=len(t))
     still = np.zeros_like(t)
-    found = cycles_from_samples(t, v, still, v, still, still, cycle=CYCLE, first_cycle=7, stick_speed=0.0)
+    found = cycles_from_samples(t, v, still, v, still, still, starts=cycle_starts(7, t[-1], CYCLE), stick_speed=0.0)
     np.testing.assert_allclose(found.section[:, 0], v[::64], rtol=1e-9)
     np.testing.assert_allclose(found.section[:, 1], v[::64], rtol=1e-9)
     for k in range(3):
@@ -61,7 +62,7 @@ def test_exact_stick_of_the_set_valued_law():
     phase = t / CYCLE % 1.0
     v = np.where(phase < 0.5, 0.0, np.sin(2 * np.pi * (phase - 0.5)) ** 2)
     a = np.where(v == 0.0, 1e-12, 0.0)
-    found = cycles_from_samples(t, v, a, v, a, a, cycle=CYCLE, first_cycle=0, stick_speed=0.0)
+    found = cycles_from_samples(t, v, a, v, a, a, starts=cycle_starts(0, t[-1], CYCLE), stick_speed=0.0)
     np.testing.assert_allclose(found.stick_time, 0.5 * CYCLE, rtol=0.03)
 
 
@@ -72,5 +73,5 @@ def test_less_than_a_cycle_gives_none():
 def test_wrong_times_are_refused():
     with pytest.raises(InputError, match="increasing"):
         sine_cycles(np.array([0.0, 0.0, 1.0]))
-    with pytest.raises(InputError, match="before the first sample"):
+    with pytest.raises(InputError, match="within the samples"):
         sine_cycles(np.linspace(1.0, 2.0, 10))

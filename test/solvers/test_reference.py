@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
 
 BASE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3})
@@ -109,5 +109,6 @@ def test_cycles_are_those_of_dense_samples():
     run = solve(STICK_SLIP, cycles=2, samples_per_cycle=4000, solver="radau", rtol=1e-9)
     rates = np.gradient(run.slip_speed, run.t)
     dense = cycles_from_samples(run.t, run.slip_speed, rates, run.plate_angle, run.plate_speed,
-                                np.gradient(run.plate_speed, run.t), cycle=run.cycle, first_cycle=0, stick_speed=0.0)
+                                np.gradient(run.plate_speed, run.t), stick_speed=0.0,
+                                starts=cycle_starts(0, run.t[-1], run.cycle))
     np.testing.assert_allclose(run.cycles.highest, dense.highest, rtol=1e-5)

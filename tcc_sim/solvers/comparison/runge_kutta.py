@@ -12,7 +12,7 @@ import numpy as np
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.compiling.compiled import accelerations, compiled, engine_torque, saturation_torque
 from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
@@ -68,8 +68,9 @@ def rk4(problem: Problem) -> Trajectory:
         rows.append(out[used - 1:used])
         if n + 1 < len(ends):
             r = np.concatenate(rows)
-            found.append(cycles_from_samples(r[:, 0], r[:, 1], r[:, 4], r[:, 2], r[:, 3], r[:, 5], cycle=cycle,
-                                             first_cycle=problem.start_cycle + n, stick_speed=stick_speed))
+            found.append(cycles_from_samples(r[:, 0], r[:, 1], r[:, 4], r[:, 2], r[:, 3], r[:, 5],
+                                             starts=cycle_starts(problem.start_cycle + n, r[-1, 0], cycle),
+                                             stick_speed=stick_speed))
     wanted = np.isin([t for t, _ in kept], samples)
     wanted[-1] = True
     t = np.array([t for t, _ in kept])[wanted]

@@ -12,7 +12,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import slopes
 from tcc_sim.solvers.compiling.compiled import compiled, saturation_torque, smoothed_and_slope
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory
@@ -126,7 +126,7 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     if len(times) > 1:
         rates = _rates_along(times, states, terms)
         cycles = cycles_from_samples(times, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                     cycle=problem.system.cycle, first_cycle=problem.start_cycle,
+                                     starts=cycle_starts(problem.start_cycle, times[-1], problem.system.cycle),
                                      stick_speed=stick_speed_of(terms))
     return assemble(problem, name, times[kept], states[kept], cycles=cycles, status=status, detail=detail,
                     statistics=Statistics(steps=steps, seconds=seconds))
