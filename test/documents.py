@@ -19,6 +19,12 @@ def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
     assert (found["format"], found["version"]) == (format_of(kind), __version__)
     assert set(QUANTITIES) <= found["scene"].keys()
     assert found["command"]
-    properties = rules["properties"] if "properties" in rules else rules["oneOf"][0]["properties"]
-    assert set(found) <= set(properties), set(found) - set(properties)
+    assert set(found) <= keys_of(rules), set(found) - keys_of(rules)
     return found
+
+
+def keys_of(rules: dict[str, Any]) -> set[str]:
+    """The top-level keys that a schema names, of the first line where it is one of a file of lines."""
+    first = rules["oneOf"][0] if "oneOf" in rules else rules
+    shared = [rules["$defs"][part["$ref"].rpartition("/")[2]] for part in first["allOf"]]
+    return {key for part in (first, *shared) for key in part["properties"]}

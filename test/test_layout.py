@@ -29,7 +29,7 @@ ROOMS = {
     "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "benchmarks"],
     "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
-    "yaml": ["scene", "recording", "messages"],
+    "yaml": ["scene", "recording", "messages", "output.provenance"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,
     "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
     "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli"],

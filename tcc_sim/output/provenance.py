@@ -1,13 +1,13 @@
 """What every JSON says of itself: format, version of the package, scene with every key, and the command.
 
-The format names a JSON Schema that comes with the package, `schemas/<kind>.json` beside this module. A schema lists
-every key with its meaning; keys may be added within a format, and a key that changes its meaning makes a new one.
+The format names a JSON Schema that comes with the package: `schemas/<kind>.yaml` beside this module, with what several
+kinds share in `schemas/shared.yaml`. A schema lists every key with its meaning and unit; keys may be added within a
+format, and a key that changes its meaning makes a new one.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
@@ -59,7 +59,40 @@ def scene_values(scene: Scene | System) -> dict[str, Any]:
 
 
 def schema(kind: str) -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of one kind."""
-    text = resources.files(__package__).joinpath("schemas").joinpath(f"{kind}.json").read_text(encoding="utf-8")
-    found: dict[str, Any] = json.loads(text)
+    """The JSON Schema (draft 2020-12) of one kind, a key of FORMATS, complete by itself."""
+    shared, own = _read("shared"), _read(kind)
+    summary = shared["summary"]
+    nullable = {key: _nullable(rule) for key, rule in summary["properties"].items()}
+    shared["summary_or_null"] = {**summary, "properties": nullable}
+    shared["summary_lists"] = {**summary, "properties": {key: _lists(rule) for key, rule in nullable.items()}}
+    first = own["oneOf"][0] if "oneOf" in own else own
+    named = {"const": format_of(kind), "description": "name and version of this schema"}
+    first["properties"] = {"format": named, **first.get("properties", {})}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"urn:tcc_sim:{kind}:{FORMATS[kind]}",
+            **own, "$defs": shared}
+
+
+def _read(name: str) -> dict[str, Any]:
+    """One of the files of `schemas`."""
+    import yaml
+
+    text = resources.files(__package__).joinpath("schemas").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+    found: dict[str, Any] = yaml.safe_load(text)
     return found
+
+
+def _nullable(rule: Mapping[str, Any]) -> dict[str, Any]:
+    """The rule of a value that may be null as well."""
+    if "$ref" in rule or "anyOf" in rule:
+        return {"description": rule.get("description", ""), "anyOf": [rule, {"type": "null"}]}
+    if "enum" in rule:
+        return {**rule, "enum": [*rule["enum"], None]}
+    types = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
+    return {**rule, "type": list(dict.fromkeys([*types, "null"]))}
+
+
+def _lists(rule: Mapping[str, Any]) -> dict[str, Any]:
+    """The rule of a list of values of a rule, or of a list of such lists."""
+    bare = {key: value for key, value in rule.items() if key != "description"}
+    return {"description": rule.get("description", ""), "type": "array",
+            "items": {"anyOf": [bare, {"type": "array", "items": bare}]}}

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from documents import valid
+from documents import keys_of, valid
 from jsonschema import Draft202012Validator, ValidationError
 
 from tcc_sim import cli
@@ -23,7 +23,9 @@ def test_every_kind_has_a_schema_that_is_one_and_names_it(kind: str) -> None:
     Draft202012Validator.check_schema(rules)
     head = rules["oneOf"][0] if "oneOf" in rules else rules
     assert head["properties"]["format"]["const"] == provenance.format_of(kind)
-    assert {"format", "version", "scene", "command"} <= set(head["required"]) <= set(head["properties"])
+    assert {"$ref": "#/$defs/head"} in head["allOf"]
+    assert {"format", "version", "scene", "command"} == set(rules["$defs"]["head"]["required"])
+    assert {"format", "version", "scene", "command", *head["required"]} <= keys_of(rules)
     assert rules["$id"] == f"urn:tcc_sim:{kind}:{provenance.FORMATS[kind]}"
 
 
