@@ -138,7 +138,7 @@ class Trajectory:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
         cycles = f", {counted(len(self.cycles), 'engine cycle')}" if self.cycles is not None else ""
         samples = counted(len(self.t), "sample")
-        return f"<Trajectory by {self.solver}: {samples} over {long}{cycles}; {self.status.value}>"
+        return f"<{type(self).__name__} by {self.solver}: {samples} over {long}{cycles}; {self.status.value}>"
 
     def columns(self) -> dict[str, Floats | Modes]:
         """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""

@@ -9,10 +9,10 @@ from rclpy.node import Node
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.topics import FLUID_PRESSURE, Topic
 
 
@@ -34,7 +34,7 @@ class Command:
     """
 
     def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None) -> None:
-        self.name, self._quantity, self._admit = row.name, QUANTITIES[row.key], admit
+        self.name, self._admit = row.name, admit
         self.value: float | None = None
         self.received = self.refused = self.timeouts = 0
         self.refusal = ""
@@ -84,13 +84,10 @@ class Command:
             self._refuse(f"{self.name} command with stamp {stamp * 1e-9:.9g} s refused; it must be that of the state, "
                          f"{answers * 1e-9:.9g} s")
             return False
-        meant, said = self._quantity, f"{self.name} command of {value:g} {self._quantity.unit} refused"
-        if not meant.low <= value <= meant.high:
-            return self._refuse(f"{said}; it must be {meant.low:g} to {meant.high:g}")
         try:
-            self._admit(value)
+            check_command(self.name, value, self._admit)
         except InputError as error:
-            return self._refuse(f"{said}: {error}")
+            return self._refuse(str(error))
         self.value, self._last_tick = value, tick
         self.received += 1
         return True

@@ -122,10 +122,16 @@ class Plant:
         self.stepper.use(_held(scene, self._terms, self._torque, self._pressure))
 
     def hold(self, torque: float | None, pressure: float | None) -> None:
-        """Hold a commanded engine torque (N m) and pressure (Pa) from the next tick on; None: what the scene says."""
+        """Hold a commanded engine torque (N m) and pressure (Pa) from the next tick on; None: what the scene says.
+
+        Raises
+        ------
+        InputError
+            A tick needs too many sub-steps; what was held is held on.
+        """
         if (torque, pressure) != (self._torque, self._pressure):
-            self._torque, self._pressure = torque, pressure
             self.stepper.use(_held(self.scene, self._terms, torque, pressure))
+            self._torque, self._pressure = torque, pressure
 
     def reset(self) -> None:
         """Back to the initial state at simulation time 0, with no input held."""

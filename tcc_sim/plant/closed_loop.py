@@ -1,0 +1,197 @@
+"""A control law and the driveline in one loop, without ROS: the ticks of the node in lock-step, called in turn."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tcc_sim.errors import InputError, counted
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.plant.driveline import Plant, Reading
+from tcc_sim.scene import Scene, load_scene
+from tcc_sim.topics import topic
+from tcc_sim.trajectory import Floats, Trajectory
+
+INPUTS = "engine_torque", "actuation_pressure"
+"""Topics of the two inputs that may be commanded."""
+_RANGES = {name: QUANTITIES[topic(name).key] for name in INPUTS}
+MOST_TICKS = 100_000_000
+Answer = float | tuple[float | None, float | None] | None
+"""A pressure (Pa), or engine torque (N m) and pressure; None leaves an input to the scene."""
+
+
+def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
+    """Raise InputError where the driveline does not take a command.
+
+    Parameters
+    ----------
+    name : topic of the input
+    value : in its unit
+    admit : raises InputError where a value within the range cannot be applied now
+    """
+    meant = _RANGES[name]
+    if not meant.low <= value <= meant.high:
+        raise InputError(f"{name} command of {value:g} {meant.unit} refused; it must be {meant.low:g} to "
+                         f"{meant.high:g}")
+    try:
+        admit(value)
+    except InputError as error:
+        raise InputError(f"{name} command of {value:g} {meant.unit} refused: {error}") from None
+
+
+@dataclass(frozen=True, repr=False)
+class ControlledRun(Trajectory):
+    """What a driveline did under commands, a sample for every tick from the initial state on.
+
+    commands : by topic of every input that the scene takes, (n,) arrays of what was held through the tick that led to
+        each sample, Pa or N m; NaN where the scene's fallback applied, and for the initial state
+    applied_pressure : (n,) array, Pa
+    refused : how many commands were not taken
+    refusal : why the last of them was not
+    """
+
+    commands: dict[str, Floats] = field(default_factory=dict)
+    applied_pressure: Floats = field(default_factory=lambda: np.empty(0))
+    refused: int = 0
+    refusal: str = ""
+
+    def __repr__(self) -> str:
+        said = f"; {counted(self.refused, 'command')} refused" if self.refused else ""
+        return f"{super().__repr__()[:-1]}{said}>"
+
+
+class Samples:
+    """What a driveline did, collected tick by tick."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._names = [name for name in INPUTS if topic(name).wanted(plant.scene.value)]
+        self._readings: list[Reading] = []
+        self._rest: list[tuple[float, float | None, float | None]] = []
+
+    def __len__(self) -> int:
+        return len(self._readings)
+
+    def add(self, plant: Plant, torque: float | None, pressure: float | None) -> Reading:
+        """Take the state as it is, and the commands that led to it; the reading that this makes."""
+        reading = plant.reading()
+        self._readings.append(reading)
+        self._rest.append((plant.scene.system.torque_per_pressure, torque, pressure))
+        return reading
+
+    def columns(self, plant: Plant) -> dict[str, object]:
+        """The fields of a ControlledRun that come from the samples."""
+        columns = {name: np.array(column) for name, column in zip(Reading._fields, zip(*self._readings))}
+        per_pressure, *held = np.array(self._rest, dtype=np.float64).T
+        system = plant.scene.system
+        return {
+            "t": columns["stamp_ns"] * 1e-9, "slip_speed": columns["slip_speed"],
+            "plate_angle": columns["plate_angle"], "plate_speed": columns["plate_speed"],
+            "engine_torque": columns["engine_torque"],
+            "saturation_torque": per_pressure * columns["applied_pressure"],
+            "friction_torque": columns["friction_torque"], "state": columns["stick_slip_state"].astype(np.int8),
+            "cycle": system.cycle, "solver": "fixed_step", "system": system,
+            "flywheel_angle": columns["flywheel_angle"], "applied_pressure": columns["applied_pressure"],
+            "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
+
+
+class _Held:
+    """The commands that a plant holds, by what a law answered."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self._taken = {name: topic(name).wanted(plant.scene.value) for name in INPUTS}
+        self.torque: float | None = None
+        self.pressure: float | None = None
+        self.refused, self.refusal = 0, ""
+
+    def take(self, answer: Answer) -> None:
+        """Hold an answer from the next tick on, but for what is refused: the value before it holds on."""
+        both = answer if isinstance(answer, tuple) else (None, answer)
+        if len(both) != 2:
+            raise InputError(f"the law answered {answer!r}; it must answer a pressure, or (torque, pressure)")
+        torque, pressure = (self._number(name, value) for name, value in zip(INPUTS, both))
+        if torque is not None and not self._admitted(INPUTS[0], torque):
+            torque = self.torque
+        if pressure is not None and not self._admitted(INPUTS[1], pressure, lambda p: self._plant.hold(torque, p)):
+            pressure = self.pressure
+        self._plant.hold(torque, pressure)
+        self.torque, self.pressure = torque, pressure
+
+    def _number(self, name: str, value: object) -> float | None:
+        """A value of an answer; raises InputError where it makes no sense."""
+        if value is None:
+            return None
+        if not self._taken[name]:
+            group = topic(name).key.partition(".")[0]
+            raise InputError(f"the law answered {name} {value!r}, which the scene gives itself; None leaves it to the "
+                             f"scene, {group}.source=topic lets the law give it")
+        try:
+            return float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            raise InputError(f"the law answered {name} {value!r}; it must be a number or None") from None
+
+    def _admitted(self, name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> bool:
+        """Whether a value is taken; else it is counted, and why."""
+        try:
+            check_command(name, value, admit)
+        except InputError as error:
+            self.refused, self.refusal = self.refused + 1, str(error)
+            return False
+        return True
+
+
+def closed_loop(scene: Scene | str, law: Callable[[Reading], Answer], seconds: float,
+                rate: float = 1000.0) -> ControlledRun:
+    """Run a control law against the driveline, one call a tick, as its node would run in lock-step with the driveline's
+    node: the same answers give the same states to the last bit.
+
+    An answer is held through the tick that follows the state it answers. What the node would refuse, a value out of its
+    range or a pressure that needs too many sub-steps, is refused here: the value before it holds on, it is counted, and
+    a warning says so at the end. A law with a memory is an object with `__call__`.
+
+    Parameters
+    ----------
+    scene : a scene, its name or its file; an input whose source is topic is the law's
+    law : gives for the state (a Reading) a pressure (Pa), or engine torque (N m) and pressure; None for what the scene
+        says where nobody commands it, its fallback
+    seconds : of simulated time; whole ticks are taken
+    rate : ticks a second, Hz
+
+    Returns
+    -------
+    ControlledRun, a Trajectory with a sample for every tick, with `commands` and `applied_pressure`
+
+    Raises
+    ------
+    InputError
+        A scene that the real-time solver cannot run, a duration or a rate out of its range, an answer that is no
+        number, or an answer for an input that the scene gives itself.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> def proportional(reading):
+    ...     return 80e3 + 2e3 * (reading.slip_speed - 20.0)
+    >>> run = tcc_sim.closed_loop("controlled", proportional, seconds=2.0)
+    >>> run
+    <ControlledRun by fixed_step: 2001 samples over 2 s; reached the end>
+    >>> bool(12.0 < run.slip_speed[1000:].mean() < 40.0)
+    True
+    """
+    scene = load_scene(scene) if isinstance(scene, str) else scene
+    scene = scene.with_values({"rate": rate, "pacing": "lockstep"})
+    if not 0.0 <= seconds * rate <= MOST_TICKS:
+        raise InputError(f"seconds is {seconds:g}; it must be 0 to {MOST_TICKS / rate:g} s at {rate:g} Hz")
+    plant = Plant(scene)
+    held, samples = _Held(plant), Samples(plant)
+    reading = samples.add(plant, None, None)
+    for _ in range(round(seconds * rate)):
+        held.take(law(reading))
+        plant.stepper.advance()
+        reading = samples.add(plant, held.torque, held.pressure)
+    if held.refused:
+        warnings.warn(f"{held.refusal} ({held.refused} refused)", stacklevel=2)
+    return ControlledRun(**samples.columns(plant), refused=held.refused, refusal=held.refusal)  # type: ignore[arg-type]

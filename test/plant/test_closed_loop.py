@@ -1,0 +1,127 @@
+"""A law in the loop without ROS: the solver's own ticks with what it answered, and what is wrong with an answer."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import tcc_sim
+from tcc_sim.errors import InputError
+from tcc_sim.plant.driveline import Reading
+from tcc_sim.plant.slip_control import SlipController, Tuning
+from tcc_sim.solvers.fixed_step import Stepper
+
+
+class Scripted:
+    """A law that answers from a list and keeps what it was shown."""
+
+    def __init__(self, answers: list[object]) -> None:
+        self.answers, self.readings = answers, []
+
+    def __call__(self, reading: Reading) -> object:
+        self.readings.append(reading)
+        return self.answers[len(self.readings) - 1]
+
+
+def test_every_tick_is_the_solvers_with_what_the_law_answered() -> None:
+    draw = np.random.default_rng(3)
+    answers = [(float(draw.uniform(-500.0, 500.0)), float(draw.uniform(0.0, 4e5))) for _ in range(200)]
+    scene = tcc_sim.load_scene("commands").with_values({"engine.fallback": "mean", "pressure.fallback": "mean"})
+    law = Scripted(answers)
+    run = tcc_sim.closed_loop(scene, law, 0.4, rate=500.0)
+    system = scene.system
+    stepper, states, torques = Stepper(system, 2e-3), [], []
+    for torque, pressure in answers:
+        states.append(stepper.state.copy())
+        stepper.use(stepper.terms._replace(mean_torque=torque, mean_load=system.torque_per_pressure * pressure))
+        stepper.advance()
+        torques.append(stepper.torques())
+    states = np.array([*states, stepper.state])
+    for column, name in enumerate(("slip_speed", "plate_angle", "plate_speed", "flywheel_angle")):
+        np.testing.assert_array_equal(getattr(run, name), states[:, column])
+    np.testing.assert_array_equal(run.engine_torque[1:], [torque for torque, _ in torques])
+    np.testing.assert_array_equal(run.friction_torque[1:], [friction for _, friction in torques])
+    np.testing.assert_array_equal(run.applied_pressure[1:], [pressure for _, pressure in answers])
+    np.testing.assert_allclose(run.saturation_torque, 0.24 * 0.08 * 0.1 * run.applied_pressure, rtol=1e-15)
+    np.testing.assert_allclose(run.t, np.arange(201) * 2e-3, atol=1e-12)
+    # The law saw every state before it answered, and the last one led to no further tick.
+    assert [reading.slip_speed for reading in law.readings] == run.slip_speed[:-1].tolist()
+    np.testing.assert_array_equal(np.transpose(list(run.commands.values()))[1:], answers)
+    assert all(math.isnan(column[0]) for column in run.commands.values())
+    assert (run.refused, run.refusal, len(run.columns()["t"])) == (0, "", 201)
+
+
+def test_none_is_what_the_scene_says_where_nobody_commands_it() -> None:
+    answers = [None, (None, None), (50.0, None), 1e5, (None, 2e5)] * 4
+    run = tcc_sim.closed_loop("commands", Scripted(answers), 0.02)
+    t, commanded = run.t[1:], [(None, None), (None, None), (50.0, None), (None, 1e5), (None, 2e5)] * 4
+    torque = [300.0 + 250.0 * math.sin(150.0 * at) if own is None else own for at, (own, _) in zip(t, commanded)]
+    pressure = [225e3 + 45e3 * math.sin(150.0 * at) if own is None else own for at, (_, own) in zip(t, commanded)]
+    np.testing.assert_allclose(run.engine_torque[1:], torque, rtol=1e-12)
+    np.testing.assert_allclose(run.applied_pressure[1:], pressure, rtol=1e-12)
+    np.testing.assert_allclose(run.saturation_torque[1:], 0.24 * 0.008 * np.array(pressure), rtol=1e-12)
+    held = np.array([[math.nan if own is None else own for own in pair] for pair in commanded])
+    np.testing.assert_array_equal(np.transpose(list(run.commands.values()))[1:], held)
+
+
+def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_it_holds() -> None:
+    scene = tcc_sim.load_scene("commands").with_values({"engine.fallback": "mean", "pressure.fallback": "mean"})
+    answers = [(100.0, 1e5), (math.nan, 2e5), (2e5, math.inf), (150.0, -1.0), (160.0, 1e7), (None, 3e5)]
+    law = Scripted(answers)
+    with pytest.warns(UserWarning, match=r"actuation_pressure command of 1e\+07 Pa refused: a step of 0.1 s needs .* "
+                                         r"sub-steps; fixed_step allows at most 20000 \(5 refused\)"):
+        run = tcc_sim.closed_loop(scene, law, 0.6, rate=10.0)
+    assert run.engine_torque.tolist() == [300.0, 100.0, 100.0, 100.0, 150.0, 160.0, 300.0]
+    assert run.applied_pressure.tolist() == [225e3, 1e5, 2e5, 2e5, 2e5, 2e5, 3e5]
+    assert run.refused == 5
+    assert repr(run).endswith("5 commands refused>")
+    with pytest.warns(UserWarning, match=r"engine_torque command of nan N m refused; it must be -100000 to 100000"):
+        tcc_sim.closed_loop(scene, lambda _: (math.nan, None), 0.1, rate=10.0)
+
+
+def test_the_slip_controller_holds_its_target_as_a_law() -> None:
+    """In the mean the clutch passes on what the engine gives, 200 N m = 0.27 0.08 m^2 0.1 m P."""
+    controller = SlipController(Tuning(target=20.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = tcc_sim.closed_loop("controlled", lambda r: controller.update(r.slip_speed, r.engine_torque), 3.0)
+    whole = round(20 * 2.0 * math.pi / 150.0 * 1e3)
+    assert run.slip_speed[-whole:].mean() == pytest.approx(20.0, abs=0.5)
+    assert run.commands["actuation_pressure"][-whole:].mean() == pytest.approx(200.0 / (0.27 * 0.008), rel=0.01)
+    assert list(run.commands) == ["actuation_pressure"]
+    again = SlipController(Tuning(target=20.0))
+    second = tcc_sim.closed_loop("controlled", lambda r: again.update(r.slip_speed, r.engine_torque), 3.0)
+    assert second.slip_speed.tobytes() == run.slip_speed.tobytes()
+
+
+@pytest.mark.parametrize(("scene", "answer", "match"), [
+    ("controlled", "much", r"the law answered actuation_pressure 'much'; it must be a number or None"),
+    ("controlled", (1.0, 2.0, 3.0), r"it must answer a pressure, or \(torque, pressure\)"),
+    ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene gives itself; None leaves it to the scene, "
+                               "engine.source=topic lets the law give it"),
+    ("fig02", 1e5, "actuation_pressure 100000.0, which the scene gives itself; .* pressure.source=topic")])
+def test_an_answer_that_makes_no_sense_ends_the_run_with_a_line(scene: str, answer: object, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        tcc_sim.closed_loop(scene, lambda _: answer, 0.01)  # type: ignore[arg-type,return-value]
+
+
+@pytest.mark.parametrize(("words", "match"), [
+    ({"seconds": -1.0}, "seconds is -1; it must be 0 to 100000 s at 1000 Hz"),
+    ({"seconds": math.nan}, "seconds is nan"),
+    ({"seconds": 1e9}, "seconds is 1e"),
+    ({"seconds": 1.0, "rate": 0.5}, "rate is 0.5 Hz; it must be 1 to 20000 Hz")])
+def test_a_senseless_duration_or_rate_is_refused(words: dict[str, float], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        tcc_sim.closed_loop("controlled", lambda _: None, **words)
+
+
+def test_a_scene_of_its_own_excitation_runs_as_the_real_time_solver_solves_it() -> None:
+    run = tcc_sim.closed_loop("fig02", lambda _: None, 0.1)
+    own = Stepper(tcc_sim.load_scene("fig02").system, 1e-3)
+    for _ in range(100):
+        own.advance()
+    assert run.slip_speed[-1] == own.state[0]
+    assert run.commands == {}
