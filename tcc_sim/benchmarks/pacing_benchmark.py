@@ -22,6 +22,7 @@ from tcc_sim.nodes.children import START_LIMIT, NodeProcess, isolated_environmen
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, Pacer
 from tcc_sim.nodes.scheduling import TIMER_SLACK_NS, prepare_thread, release_memory
+from tcc_sim.nodes.shared_memory import creation
 
 SLICE = 5.0
 """Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
@@ -114,9 +115,10 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                environment) if recorder else None
         trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
-        node = DrivelineNode(parameter_overrides=[
-            Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
-            Parameter("wait_for_subscribers", value=int(recorder))])
+        with creation():
+            node = DrivelineNode(parameter_overrides=[
+                Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
+                Parameter("wait_for_subscribers", value=int(recorder))])
         node.get_logger().set_level(LoggingSeverity.WARN)
         try:
             node.start()

@@ -13,6 +13,7 @@ if __name__ == "__main__":
 import math
 
 import rclpy
+from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
@@ -28,12 +29,11 @@ from tcc_sim.scene import load_scene
 
 def main(args: list[str] | None = None) -> int:
     """Send commands until SIGINT or SIGTERM."""
-    return run("commander", _send, args)
+    return run("commander", lambda: rclpy.create_node("commander"), _send, args)
 
 
-def _send() -> int:
+def _send(node: Node) -> int:
     """Commands of fig02, one of each kind a period."""
-    node = rclpy.create_node("commander")
     rate = node.declare_parameter("rate", 1000.0).value
     if not isinstance(rate, float) or not 1.0 <= rate <= 20000.0:
         raise InputError(f"rate is {rate!r} Hz; it must be a number with a decimal point, 1.0 to 20000.0 Hz")
@@ -45,19 +45,10 @@ def _send() -> int:
     context.say(node, SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
-    try:
-        while rclpy.ok():
-            if not pacer.wait(lambda: not rclpy.ok()):
-                break
-            t = tick / rate
-            torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
-            swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)
-            pressures.publish(cdr.fluid_pressure(0, pressure.mean + pressure.amplitude * swing))
-            tick += 1
-    except RuntimeError:
-        # Publishing fails in the moment between a signal and the end of the loop.
-        if rclpy.ok():
-            raise
-    finally:
-        node.destroy_node()
+    while rclpy.ok() and pacer.wait(lambda: not rclpy.ok()):
+        t = tick / rate
+        torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
+        swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)
+        pressures.publish(cdr.fluid_pressure(0, pressure.mean + pressure.amplitude * swing))
+        tick += 1
     return 0

@@ -15,7 +15,6 @@ import sys
 import time
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -188,24 +187,16 @@ def spin(node: DrivelineNode) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run("driveline_node", _run, args)
+    return run("driveline_node", DrivelineNode, _run, args)
 
 
-def _run() -> int:
-    """Build the node and run it until the context ends."""
+def _run(node: DrivelineNode) -> int:
+    """Run the node until the context ends."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    node = DrivelineNode()
-    try:
-        node.loop.plant.warm_up()
-        signals.leave_to_ros()
-        node.start()
-        gc.collect()
-        gc.freeze()
-        spin(node)
-    except RuntimeError:
-        # Publishing fails in the moment between a signal and the end of the loop.
-        if rclpy.ok():
-            raise
-    finally:
-        node.destroy_node()
+    node.loop.plant.warm_up()
+    signals.leave_to_ros()
+    node.start()
+    gc.collect()
+    gc.freeze()
+    spin(node)
     return 0

@@ -15,7 +15,7 @@ import numpy as np
 import rclpy
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
@@ -25,6 +25,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.nodes.context import executor_of
 from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.process import node_of_command
 from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.topics import FLUID_PRESSURE, topic
@@ -39,26 +40,12 @@ COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
 
 
 class Operator:
-    """A node that talks to the driveline of one namespace.
+    """Talks to the driveline in the namespace of `node`."""
 
-    Raises
-    ------
-    InputError
-        A namespace that is not one.
-    """
-
-    def __init__(self, namespace: str) -> None:
-        try:
-            self._node = rclpy.create_node(f"operator_{os.getpid()}", namespace=namespace, enable_rosout=False,
-                                           start_parameter_services=False)
-        except (ValueError, NameValidationException) as error:
-            raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
-        self._executor = executor_of(self._node)
-        self._driveline = self._node.resolve_topic_name("driveline")
-
-    def close(self) -> None:
-        """Destroy the node."""
-        self._node.destroy_node()
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._executor = executor_of(node)
+        self._driveline = node.resolve_topic_name("driveline")
 
     def trigger(self, name: str) -> str:
         """Call ~/reset or ~/step; what the driveline says of it.
@@ -200,12 +187,6 @@ def _granted(answer: Any) -> str:
 
 @contextmanager
 def operator(namespace: str) -> Iterator[Operator]:
-    """An operator for the time of a `with`, with ROS 2 initialised; Ctrl-C is a KeyboardInterrupt."""
-    from rclpy.signals import SignalHandlerOptions
-
-    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
-        found = Operator(namespace)
-        try:
-            yield found
-        finally:
-            found.close()
+    """An operator for the time of a `with`, as `node_of_command` has it."""
+    with node_of_command(f"operator_{os.getpid()}", namespace) as node:
+        yield Operator(node)

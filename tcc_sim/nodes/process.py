@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
+from typing import TypeVar
 
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.nodes import signals
+from tcc_sim.nodes.shared_memory import creation
+
+N = TypeVar("N", bound=Node)
 
 
 def unknown_parameters(node: Node) -> list[str]:
@@ -36,18 +42,23 @@ def _initialise(words: list[str]) -> None:
         raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
 
 
-def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -> int:
-    """Run a node's process: initialise ROS, run `body`, and give the exit status.
+def run(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequence[str] | None = None) -> int:
+    """Run a node's process: initialise ROS, create the node, run `body` with it, and give the exit status.
 
-    While `body` builds the node, SIGINT and SIGTERM end the process at once; `body` calls `signals.leave_to_ros` when
-    there is something to end in order. From then on either shuts the context down, `body` ends by itself or by
+    Until `body` calls `signals.leave_to_ros`, since there is something to end in order, SIGINT, SIGTERM and SIGHUP end
+    the process at once. From then on they shut the context down, `body` ends by itself or by
     ExternalShutdownException, and the status is 0; nothing tears it away from what it holds. Wrong input gives one line
     on standard error and status 2.
     """
     try:
         signals.take()
         _initialise(sys.argv if args is None else list(args))
-        return body()
+        with creation():
+            node = create()
+        try:
+            return body(node)
+        finally:
+            node.destroy_node()
     except ExternalShutdownException:
         return 0
     except RuntimeError:
@@ -60,3 +71,24 @@ def run(name: str, body: Callable[[], int], args: Sequence[str] | None = None) -
         return 2 if isinstance(error, InputError) else 1
     finally:
         rclpy.try_shutdown()
+
+
+@contextmanager
+def node_of_command(name: str, namespace: str) -> Iterator[Node]:
+    """The node of a command for the time of a `with`, with ROS 2 initialised; Ctrl-C is a KeyboardInterrupt.
+
+    Raises
+    ------
+    InputError
+        A namespace that is not one.
+    """
+    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
+        try:
+            with creation():
+                node = rclpy.create_node(name, namespace=namespace, enable_rosout=False, start_parameter_services=False)
+        except (ValueError, NameValidationException) as error:
+            raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
+        try:
+            yield node
+        finally:
+            node.destroy_node()

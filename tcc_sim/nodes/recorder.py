@@ -269,12 +269,11 @@ def _default_name() -> str:
     return datetime.now().strftime("tcc_sim_%Y_%m_%d-%H_%M_%S")
 
 
-def record() -> int:
+def record(node: Node) -> int:
     """Record until a signal; the exit status."""
     # A bag that was opened is closed in order: a signal waits until there is somebody to do that.
     with signals.held():
         signals.leave_to_ros()
-        node = rclpy.create_node("recorder")
         recorder = Recorder(node)
     try:
         try:
@@ -290,11 +289,9 @@ def record() -> int:
         sys.stderr.write(f"recorder: {one_line(f'{recorder.bag.path} cannot be written: {reason}')}; "
                          "what is in it stays readable\n")
         return 1
-    finally:
-        node.destroy_node()
     return 0
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the recorder node."""
-    return run("recorder", record, args)
+    return run("recorder", lambda: rclpy.create_node("recorder"), record, args)

@@ -1,9 +1,10 @@
-"""SIGINT and SIGTERM in the process of a node, from its first statement to its last. Loads nothing slow.
+"""SIGINT, SIGTERM and SIGHUP in the process of a node, from its first statement to its last. Loads nothing slow.
 
-A node's process blocks both in every thread before it imports NumPy, Numba and rclpy, and one thread waits for them.
-While the process starts (imports, ROS 2, compiling) nothing is open that has to be saved, and a signal ends it at once
-with status 0, also where the main thread is in a long call, such as LLVM's. Once `leave_to_ros` was called a signal
-shuts the ROS 2 context down, and the node ends in order; it does so between two `held` blocks, never within one.
+A node's process takes them before it imports NumPy, Numba and rclpy, and a thread waits for what their handlers write
+into a pipe. While the process starts (imports, ROS 2, compiling) nothing is open that has to be saved, and a signal
+ends it at once with status 0; where a call of the middleware holds the interpreter, by itself (`left_to_the_system`).
+Once `leave_to_ros` was called a signal shuts the ROS 2 context down, and the node ends in order; it does so between two
+`held` blocks, never within one.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, NoReturn
 
-ENDING = frozenset({signal.SIGINT, signal.SIGTERM})
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _STARTING, _RUNNING, _ENDING = "starting", "running", "ending"
 _phase = ""
 _turn = threading.Lock()
@@ -25,6 +26,7 @@ _turn = threading.Lock()
 _holding = threading.RLock()
 """Who has it can rely on the context to stay as it is."""
 _before: dict[signal.Signals, Any] = {}
+_pipe: tuple[int, int] = (-1, -1)
 _waiter: threading.Thread | None = None
 _wakes: list[Callable[[], None]] = []
 asked = threading.Event()
@@ -32,36 +34,40 @@ asked = threading.Event()
 
 
 def take() -> None:
-    """From now on SIGINT and SIGTERM end the process at once with status 0; the first thing that a node's process does.
+    """From now on a signal ends the process at once with status 0; the first thing that a node's process does.
 
-    Only what starts a process calls it: an importer of the nodes keeps its own handlers.
+    Only what starts a process calls it: an importer of the nodes keeps its own handlers. SIGHUP stays ignored where it
+    is, as under nohup.
     """
-    global _phase, _waiter
+    global _phase, _pipe, _waiter
     if _phase or threading.current_thread() is not threading.main_thread():
         return
-    _phase = _STARTING
-    # Every thread from here on inherits the mask.
-    signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    _phase, _pipe = _STARTING, os.pipe()
+    os.set_blocking(_pipe[1], False)
+    signal.set_wakeup_fd(_pipe[1], warn_on_full_buffer=False)
+    for number in ENDING:
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            _before[number] = signal.getsignal(number)
+            _handle(number, _written)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
     _waiter = threading.Thread(target=_wait, name="signals", daemon=True)
     _waiter.start()
-    # A signal that is ignored would not be waited for either.
-    for number in ENDING:
-        _before[number] = signal.signal(number, _pass_on)
 
 
-def _pass_on(number: int, frame: FrameType | None) -> None:
-    """Hand a signal that a thread without the mask has got to the one that waits."""
-    if _waiter is not None and _waiter.ident is not None:
-        signal.pthread_kill(_waiter.ident, number)
+def _handle(number: signal.Signals, handler: Any) -> None:
+    """Have a handler; no call of a library fails because its signal came."""
+    signal.signal(number, handler)
+    signal.siginterrupt(number, False)
+
+
+def _written(number: int, frame: FrameType | None) -> None:
+    """Nothing more: the number is in the pipe already, whichever thread has got the signal."""
 
 
 def _wait() -> None:
     """End the process at once while it starts; shut the context down while it runs; nothing while it ends."""
-    while True:
-        signal.sigwait(ENDING)
+    while os.read(_pipe[0], 1):
         with _turn:
-            if not _phase:
-                return
             if _phase == _STARTING:
                 os._exit(0)
             running = _phase == _RUNNING
@@ -82,6 +88,22 @@ def _shut_down() -> None:
                 handle.shutdown()
     for wake in _wakes:
         wake()
+
+
+@contextmanager
+def left_to_the_system() -> Iterator[None]:
+    """Within it a signal ends the process by itself: for calls that hold the interpreter while nothing is open."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handlers = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
+    for number in handlers:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            _handle(number, handler)
 
 
 @contextmanager
@@ -139,14 +161,15 @@ def end(status: int) -> NoReturn:
 def give_back() -> None:
     """The signals as they were before `take`, where there is no node to run after all."""
     global _phase, _waiter
-    if _waiter is None or _waiter.ident is None:
+    if _waiter is None:
         return
     with _turn:
         _phase = ""
-    signal.pthread_kill(_waiter.ident, signal.SIGTERM)
-    _waiter.join()
-    _waiter = None
+    signal.set_wakeup_fd(-1)
     for number, handler in _before.items():
         signal.signal(number, handler)
     _before.clear()
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    os.close(_pipe[1])
+    _waiter.join()
+    _waiter = None
+    os.close(_pipe[0])

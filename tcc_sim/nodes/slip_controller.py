@@ -86,16 +86,12 @@ class SlipControllerNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run("slip_controller_node", _spin, args)
+    return run("slip_controller_node", SlipControllerNode, _spin, args)
 
 
-def _spin() -> int:
-    """Build the node and spin it."""
-    node = SlipControllerNode()
-    try:
-        signals.leave_to_ros()
-        node.report()
-        rclpy.spin(node, context.executor_of(node))
-    finally:
-        node.destroy_node()
+def _spin(node: SlipControllerNode) -> int:
+    """Answer states until the context ends."""
+    signals.leave_to_ros()
+    node.report()
+    rclpy.spin(node, context.executor_of(node))
     return 0

@@ -7,9 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import rclpy
 from numpy.typing import NDArray
-from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -19,6 +17,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.control_watch import ControlWatch
 from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.process import node_of_command
 from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.scene import Scene, parse_scene
@@ -190,26 +189,17 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
     MissingPackage
         rerun-sdk is not installed.
     """
-    from rclpy.signals import SignalHandlerOptions
-
-    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
-        try:
-            node = rclpy.create_node("watcher", namespace=namespace, start_parameter_services=False)
-        except (ValueError, NameValidationException) as error:
-            raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
-        try:
-            watcher = Watcher(node, say)
-            with watcher.view(**where) as view:
-                what = watcher.scene.description or "a scene"
-                say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
-                try:
-                    while True:
-                        # What was taken is shown whole: between the two nothing may end.
-                        with signals.held():
-                            watcher.drain(view)
-                        time.sleep(DRAIN_PERIOD)
-                except KeyboardInterrupt:
-                    watcher.drain(view)
-        finally:
-            node.destroy_node()
+    with node_of_command("watcher", namespace) as node:
+        watcher = Watcher(node, say)
+        with watcher.view(**where) as view:
+            what = watcher.scene.description or "a scene"
+            say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
+            try:
+                while True:
+                    # What was taken is shown whole: between the two nothing may end.
+                    with signals.held():
+                        watcher.drain(view)
+                    time.sleep(DRAIN_PERIOD)
+            except KeyboardInterrupt:
+                watcher.drain(view)
     return f"{counted(watcher.states, 'state')} shown, {watcher.missed} missed"

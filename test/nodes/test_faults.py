@@ -224,17 +224,17 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
     """A KeyboardInterrupt in the middle of a batch would lose the messages already taken."""
     code = ("import os, signal, sys\n"
             "from tcc_sim.nodes import signals\n"
-            "signals.take()\n"  # Before rclpy, as every node does: threads of NumPy then leave the signals alone too.
+            "signals.take()\n"
             "import rclpy\n"
             "from tcc_sim.nodes.process import run\n"
-            "def body():\n"
+            "def body(node):\n"
             "    signals.leave_to_ros()\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
             "    saved = sum(1 for _ in range(300_000))\n"
             "    while rclpy.ok(): pass\n"
             "    print(saved)\n"
             "    return 0\n"
-            "sys.exit(run('saver', body, []))\n")
+            "sys.exit(run('saver', lambda: rclpy.create_node('saver'), body, []))\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "300000\n", "")

