@@ -37,6 +37,8 @@ class Summary:
     section_change : largest change over the last period, relative to the size of the motion
     solver : name of the solver
     elapsed_s : s of computing time
+    runaway : whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a
+        motion has no period and is neither settled nor quasi-periodic
 
     Examples
     --------
@@ -60,9 +62,11 @@ class Summary:
     section_change: float
     solver: str
     elapsed_s: float
+    runaway: bool = False
 
     def __repr__(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"
+        period = "runaway" if self.runaway else period
         return (f"<Summary by {self.solver}: {self.cycles} cycles, {period}, {self.regime}; "
                 f"largest |slip speed| {self.max_slip_speed:.6g} rad/s>")
 
@@ -118,7 +122,10 @@ def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance:
     if not observed.any():
         raise InputError("there is no whole engine cycle to summarise")
     highest, lowest = float(cycles.highest[observed].max()), float(cycles.lowest[observed].min())
+    runaway = slip_grows(cycles)
     found = periodicity(cycles, tolerance)
+    if runaway:
+        found = replace(found, period=0, settled=False)
     points = cycles.section[1:]
     if found.period:
         past = (first + len(points) + 1) % found.period
@@ -128,7 +135,32 @@ def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance:
     return Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
         section=[(float(p[1]), float(p[0])) for p in points], stick_fraction=fraction, regime=regime_of(fraction),
-        cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0)
+        cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0,
+        runaway=runaway)
+
+
+def slip_grows(cycles: Cycles) -> bool:
+    """Whether the slip of the last cycles grows, without stick or reversal, as that of a runaway does.
+
+    In slip that lasts, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|: a growth that has begun
+    does not die out, while every other motion in slip tends to one of constant size. So the last cycles in slip of one
+    sign must be at least a third of all, and in them the flywheel speed on the section, which a plate that still swings
+    does not move, must rise from third to third by steps that do not shrink to half and are above the tolerance of a
+    section that repeats.
+
+    Parameters
+    ----------
+    cycles : consecutive, the transient dropped; NaN marks those that were not observed
+    """
+    high, low = cycles.highest, cycles.lowest
+    slips = (high * low > 0.0) & (cycles.stick_time == 0.0)
+    stops = np.flatnonzero(~slips)
+    width = (len(slips) - (int(stops[-1]) + 1 if len(stops) else 0)) // 3
+    if width < max(len(slips) // 9, 1):
+        return False
+    speed = (cycles.section[1:, 0] + cycles.section[1:, 2])[len(slips) - 3 * width:]
+    early, middle, late = (math.copysign(1.0, low[-1]) * speed.reshape(3, width).mean(axis=1)).tolist()
+    return bool(middle - early > TOLERANCE * late and late - middle > 0.5 * (middle - early))
 
 
 def summarise_samples(trajectory: Trajectory) -> Summary:

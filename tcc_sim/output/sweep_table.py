@@ -13,7 +13,7 @@ Column = tuple[str, int, Callable[[Row], str]]
 
 COLUMNS: list[Column] = [
     ("max |slip|", 11, lambda r: f"{r['max_slip_speed']:.7g}"),
-    ("period", 6, lambda r: period_of(r)),
+    ("period", 7, lambda r: period_of(r)),
     ("stick", 6, lambda r: f"{r['stick_fraction']:.4f}"),
     ("regime", 10, lambda r: str(r["regime"]))]
 """Heading, width and text of the columns that are always there."""
@@ -63,7 +63,9 @@ def _tables(columns: list[Column], start: int, width: int | None) -> list[list[C
 
 
 def period_of(record: Row) -> str:
-    """The period in engine cycles, with a star where it has not settled, or none."""
+    """The period in engine cycles, with a star where it has not settled; runaway, or none."""
+    if record["runaway"]:
+        return "runaway"
     return f"{record['period']}{'' if record['settled'] else '*'}" if record["period"] else "none"
 
 

@@ -8,6 +8,7 @@ from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted
+from tcc_sim.model.parameters import System
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.simulation import Simulation
 
@@ -27,6 +28,8 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
     lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
              f"{run.statistics.seconds:.3g} s"]
     pairs = summary_rows(found.summary) if found.summary is not None else [("status", found.status)]
+    if found.summary is not None and found.summary.runaway and run.system is not None:
+        pairs.append(("runaway", runaway_cause(run.system)))
     if found.damping is not None:
         pairs.append(damping_row(found.damping))
     if found.lyapunov is not None:
@@ -36,7 +39,9 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
 
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     """The figures of a steady state with their units."""
-    if summary.period:
+    if summary.runaway:
+        period = "none: slip grows and never sticks"
+    elif summary.period:
         period = counted(summary.period, "engine cycle")
         period += (", settled" if summary.settled else
                    f", still converging: it changes by {summary.section_change:.1e} of it")
@@ -53,6 +58,15 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"
     out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
     return out
+
+
+def runaway_cause(system: System) -> str:
+    """Why slip grows, as far as torques tell; wrong units, such as a pressure of 2.6, show here."""
+    torque, carried = system.engine.mean_torque, system.saturation_mean
+    if abs(torque) <= carried:
+        return f"the clutch carries {carried:.6g} N m in slip, but not at the instants at which the engine asks for it"
+    return (f"mean torque {torque:.6g} N m exceeds what the clutch carries in slip, {carried:.6g} N m at a mean "
+            f"pressure of {system.pressure.mean:.6g} Pa")
 
 
 def damping_row(found: Damping) -> tuple[str, str]:

@@ -110,8 +110,8 @@ def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> tuple[list[S
 def curve_json(series: Series, sweep: Sweep) -> dict[str, Any]:
     """One curve as JSON values."""
     data = sweep.as_json()
-    names = ["max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "stick_fraction", "regime", "theta2",
-             "equivalent_damping", "negative_slope_mean", "status"]
+    names = ["max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction",
+             "regime", "theta2", "equivalent_damping", "negative_slope_mean", "status"]
     return {"label": series.label, "values": dict(series.values), "direction": data["direction"],
             **{name: data[name] for name in names if name in data}}
 

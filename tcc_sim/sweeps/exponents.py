@@ -4,6 +4,11 @@ A periodic motion of period N has the exponent log |mu|/(N T) of its largest Flo
 eigenvalue of the product of the tangent maps over a period. Any other has the mean growth of a tangent vector that is
 renormalised at the end of every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). It is the same
 whatever the norm; this one is the energy of the linear part. The tangent is that of `solvers.tangent`.
+
+An exponent near 0 alone does not make a motion quasi-periodic: its slip may grow, its period may be a long one, or its
+chaos weak. What shows a torus is that averages over its section converge faster than any power of their length when
+they are weighted with a smooth bump, while those of chaos differ as the root of it (S. Das, Y. Saiki, E. Sander and
+J. A. Yorke (2017), Nonlinearity 30, 4111 to 4140).
 """
 
 from __future__ import annotations
@@ -14,13 +19,16 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.summary import slip_grows
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.tangent import longest_step, pass_cycle, passed, scales_of
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
-from tcc_sim.trajectory import Floats, State
+from tcc_sim.trajectory import Floats, State, Status
 
 CONFIDENCE = 0.95
 BATCHES = 20
@@ -40,6 +48,10 @@ CLOSED = 1e-9
 """Largest distance of a state from its image after a period, relative to the size of the motion."""
 NEARBY = 0.1
 """Largest way to the periodic motion, relative to the size of the motion."""
+LONG_PERIOD = 128
+"""Longest period of a motion that is looked for before it is called anything else, engine cycles."""
+CONVERGED = 1e-6
+"""Largest difference, relative to the size of the motion, of bump averages over the halves of a section on a torus."""
 LONGEST_PERIOD = 512
 """Engine cycles of a period of motion and excitation together."""
 
@@ -52,9 +64,10 @@ class Lyapunov:
         of sampling, 1/s
     confidence : of the sampling; that of batch means
     cycles : engine cycles averaged, or those of the period
-    diagnosis : periodic (a period up to 16 was found), chaotic (the whole interval is above 0), contracting (it is
-        below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled yet,
-        or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0), or unresolved
+    diagnosis : periodic (a period up to LONG_PERIOD was found), chaotic (the whole interval is above 0), contracting
+        (it is below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled
+        yet, or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0, and averages
+        over the section converge as those on a torus do), runaway (slip grows and never sticks), or unresolved
 
     Examples
     --------
@@ -100,8 +113,7 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     excitation = common_cycles(system, LONGEST_PERIOD)
     together = math.lcm(period, excitation)
     if 0 < together <= LONGEST_PERIOD:
-        exponent, error = floquet_exponent(system, start, start_cycle, together)
-        return Lyapunov(exponent, exponent - error, exponent + error, CONFIDENCE, together, "periodic")
+        return _periodic(system, start, start_cycle, together)
     terms = terms_of(system)
     growth, difference = tangent_growth(start, start_cycle, cycles + ALIGNING_CYCLES, system.cycle, terms,
                                         longest_step(terms), scales_of(terms), stick_speed_of(terms))
@@ -111,8 +123,48 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     mean, half = batch_means(growth)
     half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
     rate = 1.0 / system.cycle
-    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles,
-                    diagnosis(mean, half, period))
+    told = diagnosis(mean, half)
+    if told != "chaotic":
+        seen, long = _seen(system, state, start_cycle, cycles)
+        together = math.lcm(long, excitation)
+        if 0 < together <= LONGEST_PERIOD:
+            return _periodic(system, start, start_cycle, together)
+        told = seen if told == "quasi-periodic" or seen == "runaway" else told
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles, told)
+
+
+def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
+    """The exponent of a motion whose period is known."""
+    exponent, error = floquet_exponent(system, start, first, period)
+    return Lyapunov(exponent, exponent - error, exponent + error, CONFIDENCE, period, "periodic")
+
+
+def _seen(system: System, state: State, first: int, cycles: int) -> tuple[str, int]:
+    """What the section of some cycles shows of a motion whose disturbances neither grow nor die out: runaway,
+    quasi-periodic or unresolved, and a long period, 0 for none.
+    """
+    run = solve(system, cycles=cycles, state=state, start_cycle=first)
+    if run.status is not Status.DONE or run.cycles is None:
+        return "unresolved", 0
+    if slip_grows(run.cycles):
+        return "runaway", 0
+    found = periodicity(run.cycles, maximum=LONG_PERIOD)
+    if found.settled:
+        return "periodic", found.period
+    return ("quasi-periodic" if change_of_averages(run.cycles.section) <= CONVERGED else "unresolved"), 0
+
+
+def change_of_averages(points: Floats) -> float:
+    """The largest difference of bump averages over the two halves of a section (n, 3), relative to its size.
+
+    The weight is exp(-1/(s (1 - s))) over each half, 0 < s < 1.
+    """
+    half = len(points) // 2
+    s = (np.arange(half) + 1.0) / (half + 1.0)
+    weight = np.exp(-1.0 / (s * (1.0 - s)))
+    early, late = (weight @ part / weight.sum() for part in (points[:half], points[half:2 * half]))
+    size = np.maximum(np.abs(points).max(axis=0), 1e-300)
+    return float((np.abs(late - early) / size).max())
 
 
 def check_smoothed(system: System) -> None:
@@ -121,10 +173,8 @@ def check_smoothed(system: System) -> None:
         raise InputError(f"friction.law is {system.friction.law}; the Lyapunov exponent is that of the smoothed law")
 
 
-def diagnosis(mean: float, half: float, period: int) -> str:
-    """What a section's period and a growth per cycle with the half width of its interval say about a motion."""
-    if period:
-        return "periodic"
+def diagnosis(mean: float, half: float) -> str:
+    """What a growth per cycle with the half width of its interval says of a motion without period."""
     if mean - half > 0.0:
         return "chaotic"
     if mean + half < 0.0:

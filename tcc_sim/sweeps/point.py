@@ -18,7 +18,7 @@ from tcc_sim.sweeps.simulation import Plan, Start, simulate
 from tcc_sim.trajectory import Floats, State
 
 SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles",
-                "discarded", "settled", "section_change", "solver", "elapsed_s")
+                "discarded", "settled", "section_change", "solver", "elapsed_s", "runaway")
 """Keys of `simulate --json` that a sweep has per value."""
 PHASES_TRIED = 1000
 """Engine cycles among which one is looked for whose phase of the load is that of the neighbour's end."""

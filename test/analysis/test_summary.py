@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.cycles import cycles_of, default_discard
-from tcc_sim.analysis.summary import regime_of, summarise, summarise_cycles
+from tcc_sim.analysis.summary import regime_of, slip_grows, summarise, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.trajectory import Cycles, Trajectory
@@ -122,3 +122,36 @@ def test_cycles_count_from_the_start_of_the_run():
     late = trajectory_of(*sine(0.0, 20.0, 0.4, 0.5), 21, start=13)
     assert len(cycles_of(late)) == 21
     assert summarise(late, 4).section[0][1] == pytest.approx(20.0 * math.sin(0.4), abs=1e-6)
+
+
+def speeds(size: np.ndarray, swing: float = 5.0, stick: float = 0.0) -> Cycles:
+    """Cycles in slip that swings about a mean."""
+    section = np.stack([size, np.full(len(size), 0.1), np.zeros(len(size))], axis=1)
+    return Cycles(np.vstack([section[:1], section]), size + swing, size - swing, np.full(len(size), stick))
+
+
+def test_slip_that_grows_is_a_runaway_whatever_its_sign() -> None:
+    n = np.arange(90.0)
+    for sign in (1.0, -1.0):
+        found = summarise_cycles(speeds(sign * (20.0 + 0.3 * n), sign * 5.0), CYCLE)
+        assert (found.runaway, found.period, found.settled) == (True, 0, False)
+    assert slip_grows(speeds(150.0 + 2e-3 * n))
+    assert slip_grows(speeds(20.0 + 0.3 * n)[:3])
+
+
+def test_what_only_settles_or_sticks_or_returns_is_no_runaway() -> None:
+    n = np.arange(90.0)
+    settling = speeds(50.0 - 20.0 * 0.96**n)
+    assert not slip_grows(settling)
+    assert not slip_grows(speeds(50.0 - 0.3 * n))
+    assert not slip_grows(speeds(50.0 + 1e-5 * n))
+    assert not slip_grows(speeds(20.0 + 0.3 * n, stick=0.001))
+    assert not slip_grows(speeds(4.0 + 0.01 * n))
+    assert not slip_grows(speeds(20.0 + 0.3 * n)[:2])
+
+
+def test_a_runaway_may_have_stuck_before() -> None:
+    n = np.arange(90.0)
+    late = speeds(np.where(n < 30, 4.0, 20.0 + 0.3 * n))
+    assert slip_grows(late)
+    assert not slip_grows(speeds(np.where(n < 75, 4.0, 20.0 + 0.3 * n)))
