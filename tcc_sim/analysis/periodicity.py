@@ -36,6 +36,8 @@ DOUBTFUL = 0.5
 a decay whose rate falls below this part within the run may end before it is none."""
 SHRINKING = 0.02
 """Least shrinking over the run, relative to what is left, that is looked at."""
+AFTER_A_GAP = 16
+"""Engine cycles without a gap, at least, that a period is told from after one: as many as the longest."""
 GROWTH = 2.0
 """Growth of a difference from a third of the run to the next, twice, that shows a motion on its way elsewhere."""
 
@@ -71,12 +73,12 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     Parameters
     ----------
     cycles : consecutive engine cycles, the transient dropped; NaN marks cycles that were not observed, and only those
-        after the last gap are looked at
+        after the last gap are looked at, where these are AFTER_A_GAP or more
     tolerance : relative to the size of the motion
     maximum : longest period looked for, engine cycles
     """
     points = _scaled(cycles)
-    most = min(maximum, len(points) // 3)
+    most = min(maximum, len(points) // 3) if enough_after_a_gap(cycles) else 0
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
@@ -94,6 +96,12 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
             found = _period_of(limit, _largest(limit - points[-period:]), tolerance)
             return Periodicity(found, False, _change(points, found or 1))
     return Periodicity(0, False, float(changes[0]))
+
+
+def enough_after_a_gap(cycles: Cycles) -> bool:
+    """Whether the cycles after the last gap are enough for a period; fewer look like one by chance."""
+    broken = np.flatnonzero(~_observed(cycles))
+    return not len(broken) or len(cycles) - 1 - int(broken[-1]) >= AFTER_A_GAP
 
 
 def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLERANCE) -> bool:
@@ -135,11 +143,11 @@ def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
     """Whether what tells a divisor from a period that repeats dies out, as far as its size tells.
 
     A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its size
-    is that of A. C. Aitken's delta-squared process.
+    is that of A. C. Aitken's delta-squared process. A run that is too short for three sizes leaves it open.
     """
     thirds = _thirds(points, shorter, period)
     if thirds is None:
-        return False
+        return True
     a, b, c = thirds
     if not (c < b < a and a - c > SHRINKING * c):
         return False
@@ -218,8 +226,7 @@ def _period_of(limit: Floats, left: float, tolerance: float) -> int:
 
 def _scaled(cycles: Cycles) -> Floats:
     """The section points after the last unobserved cycle, (n, 3), in units of the motion's size."""
-    whole = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest)
-    broken = np.flatnonzero(~whole)
+    broken = np.flatnonzero(~_observed(cycles))
     first = int(broken[-1]) + 1 if len(broken) else 0
     points = cycles.section[first:]
     finite = np.isfinite(points).all(axis=1)
@@ -229,6 +236,11 @@ def _scaled(cycles: Cycles) -> Floats:
         return points
     scaled: Floats = points / _sizes(cycles[first:] if first else cycles, points)
     return scaled
+
+
+def _observed(cycles: Cycles) -> NDArray[np.bool_]:
+    """Which cycles were observed, (n,)."""
+    return np.isfinite(cycles.highest) & np.isfinite(cycles.lowest)
 
 
 def _sizes(cycles: Cycles, points: Floats | None = None) -> Floats:

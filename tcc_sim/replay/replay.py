@@ -15,6 +15,7 @@ import numpy as np
 from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.frequency import FrequencyFinder
+from tcc_sim.analysis.periodicity import AFTER_A_GAP, enough_after_a_gap
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError, counted, printable
@@ -227,9 +228,11 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
                           elapsed_s=time.perf_counter() - began)
         longest = stream.longest()[1]
         cycles, first, _ = longest.kept(0)
-        kept, begin, _ = longest.kept(discard)
-        averages = damping_of_cycles(system, kept, begin, summary.period) if damping else None
         warnings = list(run.warnings)
+        kept, begin, _ = longest.kept(discard)
+        if not enough_after_a_gap(kept):
+            warnings.append(f"no period is given: it takes {AFTER_A_GAP} engine cycles or more after the last gap")
+        averages = damping_of_cycles(system, kept, begin, summary.period) if damping else None
         if len({record.parameters for record in run.scenes}) > 1:
             warnings.append(f"it holds {len(run.scenes)} scenes that differ; the figures above the segments are worked "
                             "out with the first")

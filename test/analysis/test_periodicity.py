@@ -107,6 +107,22 @@ def test_gaps_only_the_cycles_after_the_last_count():
     assert periodicity(cycles).period == 3
 
 
+@pytest.mark.parametrize(("after", "period"), [(5, 0), (15, 0), (16, 1), (30, 1)])
+def test_a_period_takes_enough_cycles_after_the_last_gap(after, period):
+    """A constant section for so many cycles: fewer may repeat by chance."""
+    cycles = embedded(np.concatenate([np.linspace(0.0, 0.5, 30), np.full(after + 1, 0.5)]))
+    cycles.highest[29] = math.nan
+    assert (periodicity(cycles).period, periodicity(cycles).settled) == (period, bool(period))
+
+
+@pytest.mark.parametrize("count", range(4, 40))
+def test_an_alternation_that_dies_out_is_no_period_two_in_however_few_cycles(count):
+    """Within the tolerance two cycles apart, and beyond it one cycle apart."""
+    points = 0.5 + 4e-3 * (-0.97) ** np.arange(count)
+    found = periodicity(embedded(points), 1e-3)
+    assert (found.period, found.settled) != (2, True)
+
+
 def test_too_few_cycles_give_no_period():
     found = periodicity(embedded([0.5, 0.5]))
     assert found.period == 0

@@ -198,3 +198,19 @@ def test_damping_is_refused_before_reading_where_inputs_came_from_topics(tmp_pat
     with pytest.raises(InputError, match=r"engine\.source is topic"):
         replay(path, damping=True, rrd=tmp_path / "x.rrd")
     assert not (tmp_path / "x.rrd").exists()
+
+
+@pytest.fixture(scope="module")
+def settling():
+    """Fig. 2's driveline on its way to period one."""
+    return ticked(load_scene("fig02"), 8280)
+
+
+@pytest.mark.parametrize(("gap", "period"), [((0, 0), 1), ((4000, 4030), 1), ((7800, 7830), 0), ((7900, 7930), 0),
+                                             ((8000, 8030), 0)])
+def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
+    rows = settling[:gap[0]] + settling[gap[1]:]
+    found = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
+    assert (found.summary.period, found.summary.settled) == (period, False)
+    said = "no period is given: it takes 16 engine cycles or more after the last gap" in found.warnings
+    assert said is (period == 0)
