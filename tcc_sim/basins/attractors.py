@@ -24,8 +24,10 @@ SETTLING = 256
 """Cycles after which a motion is first asked whether it repeats; doubled until LONGEST."""
 LONGEST = 4096
 """Cycles after which a motion that repeats nowhere counts as one without a period."""
-CLOUD = 2048
-"""Section points kept of a motion without a period."""
+CLOUD, MOST_CLOUDS = 2048, 32
+"""Section points kept of a motion without a period, and how often so many more while they lie elsewhere."""
+NEW = 0.05
+"""Part of further points that may lie off a cloud that is whole."""
 WITNESSES = 16
 """Motions from beside a cloud that are followed LONGEST cycles each: where one of them leaves, it was a transient."""
 RETURNED = 1e-3
@@ -74,11 +76,9 @@ def _settle(of: Motion, seed: Floats, transients: list[Attractor]) -> Attractor 
         if orbit is not None:
             return orbit
         length = min(2 * length, LONGEST)
-    points = section_of(of, x, cycle, CLOUD)
-    if len(points) < CLOUD + 1 or of.runs_away(points[-1:])[0]:
+    cloud = _cloud(of, x, cycle)
+    if cloud is None:
         return None
-    phases = (cycle + np.arange(len(points))) % of.map.forcing_period
-    cloud = Attractor(0, points, phases, None, of.largest(x, cycle, CLOUD))
     if any(_same(cloud, other, of.map.scales) for other in transients):
         return None
     left, orbit = _left(of, cloud)
@@ -86,6 +86,30 @@ def _settle(of: Motion, seed: Floats, transients: list[Attractor]) -> Attractor 
         transients.append(cloud)
         return orbit
     return cloud
+
+
+def _cloud(of: Motion, x: Floats, cycle: int) -> Attractor | None:
+    """The section points of a motion without a period, until further ones lie among them; None where it runs away.
+
+    A quasi-periodic motion beside a resonance is for thousands of cycles on a few arcs of its curve, and on other ones
+    where it was started elsewhere.
+    """
+    points = section_of(of, x, cycle, CLOUD)
+    for k in range(1, MOST_CLOUDS + 1):
+        if len(points) < k * CLOUD + 1 or of.runs_away(points[-1:])[0]:
+            return None
+        more = section_of(of, points[-1], cycle + k * CLOUD, CLOUD)[1:]
+        tree = cKDTree(points / of.map.scales)
+        if len(more) == CLOUD and np.mean(tree.query(more / of.map.scales)[0] > _spread(tree)) <= NEW:
+            break
+        points = np.concatenate([points, more])
+    phases = (cycle + np.arange(len(points))) % of.map.forcing_period
+    return Attractor(0, points, phases, None, of.largest(x, cycle, CLOUD))
+
+
+def _spread(points: cKDTree) -> float:
+    """Distance within which nearly every point of a cloud has a neighbour."""
+    return float(np.quantile(points.query(points.data, k=2)[0][:, 1], 0.99))
 
 
 def _left(of: Motion, cloud: Attractor) -> tuple[bool, Attractor | None]:
@@ -152,8 +176,7 @@ def _same(one: Attractor, other: Attractor, scales: Floats) -> bool:
     if one.period:
         return _distance(one, other, scales) < 1e-6
     here, there = cKDTree(one.section / scales), cKDTree(other.section / scales)
-    spread = np.quantile(there.query(there.data, k=2)[0][:, 1], 0.99)
-    return bool(np.mean(there.query(here.data)[0] <= max(spread, 1e-3)) > 0.9)
+    return bool(np.mean(there.query(here.data)[0] <= max(_spread(there), 1e-3)) > 0.9)
 
 
 def _validated(of: Motion, found: Sequence[Attractor]) -> list[Attractor]:

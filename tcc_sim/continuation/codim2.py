@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tcc_sim.continuation.newton import multipliers_of
+from tcc_sim.continuation.newton import LARGEST_LEFT, multipliers_of
 from tcc_sim.continuation.palc import Equations, Point, Stride, advance, correct, null_direction, point_at
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.shooting import Linearised, Shooting, Window, product_of
@@ -146,7 +146,8 @@ def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
             step = np.linalg.solve(found.jacobian, -found.residual)
             z = z + step
             if float(np.abs(step).max()) < CLOSE:
-                return z
+                left = float(np.abs(shooting.linearise(z).residual).max())
+                return z if left <= LARGEST_LEFT else None
     except FAILURES:
         return None
     return None

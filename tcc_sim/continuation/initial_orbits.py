@@ -156,9 +156,9 @@ def refuse_family(first: Station, system: System) -> None:
     """Raise InputError where the motion is one of infinitely many in pure slip."""
     events = first.orbit.seen.events
     if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
-        raise InputError(f"the settled motion is pure slip with mu_k = mu_s and Tm = Tsm "
-                         f"({system.engine.mean_torque:g} N m): a family of motions with a multiplier of exactly 1, "
-                         "through which no single branch leads")
+        raise InputError("the settled motion is pure slip, with friction that does not depend on slip speed and "
+                         f"carries the mean engine torque exactly ({system.engine.mean_torque:g} N m): a family of "
+                         "motions with a multiplier of exactly 1, through which no single branch leads")
 
 
 __all__ = ["LONGEST_PERIOD", "Seed", "refuse_family", "seeded", "seeds_in", "start_orbit"]

@@ -19,11 +19,17 @@ from tcc_sim.continuation.shooting import Linearised, Shooting, product_of
 
 TOLERANCE = 1e-10
 """Last Newton step, in natural sizes, at which an orbit counts as found."""
+LARGEST_LEFT = 5e-9
+"""Residual, in natural sizes, above which nothing counts as an orbit, however short the last step was: where the
+Jacobian is singular (a runaway is one), the shortest step may be none at all."""
 ROUNDING = 1e-12
 """Residual, in natural sizes, below which no further Newton step is worth taking."""
 ITERATIONS = 25
 SAME = 1e-6
 """Distance, in natural sizes, below which two orbits are the same."""
+NEUTRAL = 1e-9
+"""Distance of a multiplier from the unit circle that may be one of rounding: what is no further is neither stable nor
+is it a change of sign of a test function."""
 LARGEST_STEP = 2.0
 LOST = 1e-8
 """Reciprocal of a multiplier that the pencil has lost digits of; the product gives it, as it is the largest there."""
@@ -56,8 +62,8 @@ class Orbit:
 
     @property
     def stable(self) -> bool:
-        """Whether every multiplier lies inside the unit circle."""
-        return bool(abs(self.multipliers[0]) < 1.0)
+        """Whether every multiplier lies inside the unit circle by more than rounding."""
+        return bool(abs(self.multipliers[0]) < 1.0 - NEUTRAL)
 
     def as_json(self) -> dict[str, Any]:
         """The orbit as JSON values, with the names that `continue --json` gives its columns."""
@@ -121,7 +127,8 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
             length = float(np.abs(step).max())
             if not np.isfinite(length):
                 return None
-            if length < TOLERANCE or np.abs(found.residual).max() < ROUNDING:
+            left = float(np.abs(found.residual).max())
+            if left < ROUNDING or (length < TOLERANCE and left <= LARGEST_LEFT):
                 z[:size] += step
                 return z if all(np.abs(z[:size] - k[:size]).max() > SAME for k in known) else None
             step *= min(1.0, LARGEST_STEP / length)

@@ -16,13 +16,12 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from tcc_sim.continuation.newton import LARGEST_LEFT
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Linearised
 
 TOLERANCE = 1e-9
 ITERATIONS = 8
-LARGEST_LEFT = 5e-9
-"""Residual above which no point is accepted."""
 SQUARED = 1e-5
 """A Newton step below this leaves an error of its square; the residual before it then decides too."""
 SLOWEST = 0.7

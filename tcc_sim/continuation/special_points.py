@@ -7,14 +7,14 @@ Eng. Softw. 28, 1997) with a corrector in every evaluation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.continuation.newton import Orbit, orbit_at
+from tcc_sim.continuation.newton import NEUTRAL, Orbit, orbit_at
 from tcc_sim.continuation.palc import FLAT, Plane, Point, correct, point_at
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Shooting
@@ -224,6 +224,11 @@ def torus(m: NDArray[np.complex128]) -> float:
     return float(np.prod([m[i] * m[j] - 1.0 for i in range(len(m)) for j in range(i)]).real)
 
 
+def _opposite(one: float, two: float, factors: Sequence[float]) -> bool:
+    """Whether a test function has changed its sign, and not by rounding: of its factors, one may be none."""
+    return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * float(np.prod(factors))
+
+
 def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
     """The bifurcations between two stations of one smooth piece of a branch, in order along it."""
     a, b, out = chord.a, chord.b, []
@@ -232,10 +237,11 @@ def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
     tests: list[tuple[str, Callable[[Station], float], Callable[[Station], float]]] = []
     if a.slope * b.slope < 0.0:
         tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
-    if doubling(m) * doubling(n) < 0.0:
+    if _opposite(doubling(m), doubling(n), [1.0 + max(abs(x), abs(y)) for x, y in zip(m, n)]):
         tests.append(("period_doubling", lambda s: doubling(s.orbit.multipliers),
                       lambda s: float(np.abs(s.orbit.multipliers + 1.0).min())))
-    if len(m) > 1 and torus(m) * torus(n) < 0.0:
+    sizes = [max(abs(x), abs(y)) for x, y in zip(m, n)]
+    if _opposite(torus(m), torus(n), [1.0 + x * y for k, x in enumerate(sizes) for y in sizes[:k]]):
         tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
     if crossed:
         tests.append(("branch_point", lambda s: s.point.sign,

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.continuation.detection import between, collapse, returned, returning
-from tcc_sim.continuation.newton import newton
+from tcc_sim.continuation.newton import LARGEST_LEFT, newton
 from tcc_sim.continuation.palc import (
-    LARGEST_LEFT,
     Point,
     Stride,
     advance,
@@ -41,6 +40,9 @@ CANARD = 1e10
 """Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to no better than 1e-2 over its
 period, and neither value nor sign of such a multiplier can be trusted. Motions along the falling branch of friction get
 there."""
+EXACTLY_ONE, FAMILY_LENGTH = 1e-7, 1e-2
+"""Distance of a multiplier from 1, and of the tangent from one without a change of the parameter, on a family of
+motions at one value of the parameter; and how far a branch runs along it, in natural sizes, before it counts as one."""
 BESIDE = (1e-8, 1e-7, 1e-6, 1e-5)
 """How far beyond a change of the event sequence its other side is looked at."""
 
@@ -219,13 +221,21 @@ class Walk:
         return True
 
     def _in_family(self) -> bool:
-        """Whether the last two points belong to motions with a multiplier of exactly 1 at one parameter."""
-        last = self.stations[-2:]
-        if len(last) < 2 or any(np.abs(s.orbit.multipliers - 1.0).min() > 1e-7 or abs(s.slope) > 1e-7 for s in last):
-            return False
-        self.sentence = (f"met a family of motions with a multiplier of exactly 1 at {self._where(last[-1])}: no "
-                         "branch can be followed through it")
-        return True
+        """Whether the branch has run for FAMILY_LENGTH through motions with a multiplier of exactly 1 at one parameter.
+
+        Two points alone tell nothing: beside a doubling, where the parameter goes as the square of the way, it stands
+        still and a multiplier is 1 as well.
+        """
+        last = self.stations[-1]
+        for station in reversed(self.stations):
+            if np.abs(station.orbit.multipliers - 1.0).min() > EXACTLY_ONE or abs(station.slope) > EXACTLY_ONE:
+                return False
+            away = (last.orbit.section - station.orbit.section) / last.shooting.map.scales
+            if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
+                self.sentence = (f"met a family of motions with a multiplier of exactly 1 at {self._where(last)}: no "
+                                 "branch can be followed through it")
+                return True
+        return False
 
     def _cut_anew(self, here: Station) -> bool:
         """Go on in other segments where no step is possible in these: one of them may start where slip does, and

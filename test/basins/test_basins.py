@@ -115,6 +115,22 @@ def test_a_strange_attractor_is_one_cloud():
     assert follow(of, captures, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
 
 
+def beside_a_resonance(x, p):
+    """Turns by a little more than a seventh and comes to the unit circle: 2048 turns are on seven short arcs of it."""
+    c, s = (f(2.0 * np.pi * (1.0 / 7.0 + 1e-5)) for f in (np.cos, np.sin))
+    turn, radius = np.array([[c, -s], [s, c]]), float(np.hypot(*x))
+    slope = turn @ (np.eye(2) - 0.5 * np.outer(x, x) / radius**2) / np.sqrt(radius)
+    return turn @ x / np.sqrt(radius), slope, np.zeros((2, 0))
+
+
+def test_a_quasi_periodic_attractor_is_listed_once_from_wherever_it_is_begun():
+    of = Iterated(beside_a_resonance, 2)
+    found = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15, 0.4)])
+    assert [a.period for a in found] == [0]
+    angles = np.sort(np.arctan2(*found[0].section.T))
+    assert np.diff(angles).max() < 0.05
+
+
 def leaking(x, p):
     """The logistic map at r a little above 4: chaos on 0 to 1 with a hole that is met about every 5000 steps, behind
     which the fixed point 3 attracts.

@@ -168,6 +168,20 @@ def test_plans_that_cannot_be_carried_out(plan: Plan, words: str) -> None:
         check(system, plan)
 
 
+def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> None:
+    system = replace(load_scene("fig02").system, {"friction.smoothing": 1e4, "friction.decay": 0.02})
+    (branch,) = continue_motions(system, Plan("friction.decay", 0.0, 0.03)).branches
+    assert branch.period == 2
+    assert branch.ended[0].startswith("ended in a period doubling of motions of a shorter period at friction.decay")
+
+
+def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "driveline.damping": 0.0})
+    found = continue_motions(system, Plan("driveline.stiffness", 2500.0, 3500.0))
+    assert found.bifurcations == []
+    assert not any(s.orbit.stable for s in found.branches[0].stations)
+
+
 def test_a_family_of_pure_slip_is_refused() -> None:
     system = replace(load_scene("slip").system, {"friction.kinetic_coefficient": 0.3})
     mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)

@@ -94,3 +94,11 @@ def test_the_bracketing_root_of_a_noisy_function_is_not_looked_for_in_its_noise(
 
     assert chandrupatla(noisy, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-9)
     assert len(asked) <= 10
+
+
+def test_a_motion_that_runs_away_is_no_orbit_however_short_newtons_step_is() -> None:
+    def drifting(x, p):  # x grows by 0.1 in every cycle: the Jacobian of its equations is singular, the step none.
+        return np.array([x[0] + 0.1, 0.5 * x[1]]), np.diag([1.0, 0.5]), np.zeros((2, 1))
+
+    shooting = Shooting.single(TextbookMap(drifting, 2), 1, Window(0.0, 1.0))
+    assert newton(shooting, shooting.point(np.array([[3.0, 0.0]]), (0.5,))) is None
