@@ -12,7 +12,7 @@ Step = Callable[[Floats, Values], tuple[Floats, Floats, Floats]]
 class TextbookMap:
     """A smooth map given by one step: value, derivative by the state, derivative by the parameters."""
 
-    height_scale = 1.0
+    amplitude_scale = 1.0
     forcing_period = 1
     piecewise = False
     divisible = False

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tcc_sim.basins.proximity import UNDECIDED, Attractor, Captures, Motion, follow, section_of
+from tcc_sim.basins.proximity import UNDECIDED, Attractor, Motion, ProximityMapper, follow, section_of
 from tcc_sim.continuation.newton import minimal_period, multipliers_of, newton
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import Shooting
@@ -53,7 +53,7 @@ def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attract
     scales, forcing = of.map.scales, of.map.forcing_period
     found, transients = list(known), list[Attractor]()
     for seed in seeds:
-        if follow(of, Captures(found, scales, forcing), np.asarray(seed)[None], SETTLING)[0][0] != UNDECIDED:
+        if follow(of, ProximityMapper(found, scales, forcing), np.asarray(seed)[None], SETTLING)[0][0] != UNDECIDED:
             continue
         attractor = _settle(of, seed, transients)
         if attractor is not None and not any(_same(attractor, other, scales) for other in found):
@@ -145,7 +145,7 @@ def _repeating(of: Motion, points: Floats, cycle: int) -> Attractor | None:
         if last - period < 0 or np.linalg.norm((points[last] - points[last - period]) / scales) > NEAR:
             continue
         shooting = Shooting.single(of.map, period)
-        z = newton(shooting, shooting.point(points[last][None], ()))
+        z = newton(shooting, shooting.unknowns(points[last][None], ()))
         if z is None:
             continue
         x = shooting.nodes(z)[0]

@@ -65,7 +65,7 @@ class Attractor:
     radius: float = 0.0
 
 
-class Captures:
+class ProximityMapper:
     """Tells by proximity to which of some attractors a motion has come.
 
     Two consecutive section points must be within the capture radius of two consecutive points of the same attractor (of
@@ -115,7 +115,7 @@ class Captures:
         return labels, after
 
 
-def follow(of: Motion, captures: Captures, starts: Floats, most: int) -> tuple[Labels, Counts]:
+def follow(of: Motion, mapper: ProximityMapper, starts: Floats, most: int) -> tuple[Labels, Counts]:
     """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
 
     A motion counts as come to an attractor at the first of two section points by it, whatever chunks it is solved in.
@@ -127,7 +127,7 @@ def follow(of: Motion, captures: Captures, starts: Floats, most: int) -> tuple[L
         points = of.sections(x, cycle, length)
         solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
         last = points[np.arange(len(going)), solved]
-        found, after = captures.find(points, cycle)
+        found, after = mapper.find(points, cycle)
         away = (found == UNDECIDED) & of.runs_away(last)
         found[away] = RUNAWAY
         ended = (found != UNDECIDED) | (solved < length)

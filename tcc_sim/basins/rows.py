@@ -26,7 +26,7 @@ from tcc_sim.basins.compute import (
     starts,
 )
 from tcc_sim.basins.driveline import DrivelineMotion
-from tcc_sim.basins.proximity import UNDECIDED, Attractor, Captures, follow
+from tcc_sim.basins.proximity import UNDECIDED, Attractor, ProximityMapper, follow
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene
@@ -48,8 +48,8 @@ Stored = tuple[int, int, dict[str, Any]]
 def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
     """Labels and cycles of one row of cells; what a worker does."""
     motion = DrivelineMotion(system)
-    captures = Captures(attractors, motion.map.scales, motion.map.forcing_period)
-    labels, cycles = follow(motion, captures, starts(system, plane, row), most)
+    mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
+    labels, cycles = follow(motion, mapper, starts(system, plane, row), most)
     return labels.tolist(), cycles.tolist()
 
 

@@ -22,10 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tcc_sim.continuation.branch import first_station, follow
+from tcc_sim.continuation.branch import first_point, follow
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import Plan, check
-from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.walk import Course
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -97,8 +97,8 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     """This package's branch, and the system that starts on its first motion."""
     static = system.friction.static_coefficient
     map_ = check(system, Plan(KEY, low, high, period=period))
-    shooting, z = start_orbit(map_, system, Window(low, high), system.friction.kinetic_coefficient, period)
-    first, course = first_station(shooting, z), Course(KEY, most=MOST)
+    shooting, z = start_orbit(map_, system, ParameterRange(low, high), system.friction.kinetic_coefficient, period)
+    first, course = first_point(shooting, z), Course(KEY, most=MOST)
     seconds = np.inf
     for _ in range(REPEATS):
         began = time.thread_time()
@@ -107,7 +107,7 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
     v, angle, speed = map(float, shooting.nodes(z)[0])
     started = replace(system, {"initial.slip_speed": v, "initial.plate_angle": angle, "initial.plate_speed": speed})
-    return Followed(len(branch.stations), seconds, found, "default settings"), started
+    return Followed(len(branch.points), seconds, found, "default settings"), started
 
 
 def model(system: System) -> str:

@@ -82,9 +82,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _print(found: Motions) -> None:
     """The branches, their ends and their bifurcations."""
     for number, branch in enumerate(found.branches):
-        values = [s.value for s in branch.stations]
+        values = [s.value for s in branch.points]
         say(f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
-            f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.stations)} stable")
+            f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
         for sentence in dict.fromkeys(branch.ended):
             say(f"  {sentence}")
     for index, item in enumerate(found.bifurcations):
@@ -93,7 +93,7 @@ def _print(found: Motions) -> None:
             value = found.limits.get(index)
             limit = "  of the smoothing" if value is None else f"  limit {value:.9g}"
         say(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
-            f"max slip {item.station.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
+            f"max slip {item.point.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
         say(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
             f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
@@ -107,8 +107,8 @@ def _bar() -> Iterator[Callable[[Any], None]]:
     from tcc_sim.sweeps.progress import progress_bar
 
     with progress_bar("point") as bar:
-        def tick(station: Any) -> None:
-            bar.set_postfix_str(f"{station.value:.6g}, period {station.orbit.period}", refresh=False)
+        def tick(point: Any) -> None:
+            bar.set_postfix_str(f"{point.value:.6g}, period {point.orbit.period}", refresh=False)
             bar.update()
 
         yield tick

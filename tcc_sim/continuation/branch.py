@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from tcc_sim.continuation.palc import null_direction, point_at
+from tcc_sim.continuation.palc import null_direction, solution_at
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.continuation.special_points import Bifurcation, Station, station_at, turned, with_branch
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at, turned, with_branch
 from tcc_sim.continuation.walk import Course, Walk
 
 
@@ -23,20 +23,20 @@ class Branch:
 
     period: int
     origin: Any
-    stations: list[Station]
+    points: list[ContinuationPoint]
     ended: tuple[str, str]
     closed: bool = False
     bifurcations: list[Bifurcation] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         """As an entry of `branches`."""
-        rows = [s.orbit.as_json() for s in self.stations]
+        rows = [s.orbit.as_json() for s in self.points]
         columns = {name: [row[name] for row in rows] for name in rows[0]}
         return {"period": self.period, "origin": self.origin, **columns, "ended": list(self.ended),
                 "closed": self.closed}
 
 
-def follow(first: Station, course: Course, origin: Any, number: int, *, both: bool = True, began: str = "",
+def follow(first: ContinuationPoint, course: Course, origin: Any, number: int, *, both: bool = True, began: str = "",
            keep: list[Branch] | None = None) -> Branch:
     """The branch through `first`, both ways, or only along its tangent.
 
@@ -53,8 +53,8 @@ def follow(first: Station, course: Course, origin: Any, number: int, *, both: bo
     finally:
         forward = walks[0]
         backward = walks[1] if len(walks) > 1 else None
-        behind = [] if backward is None else [turned(s) for s in backward.stations[:0:-1]]
-        branch.stations = behind + forward.stations
+        behind = [] if backward is None else [turned(s) for s in backward.points[:0:-1]]
+        branch.points = behind + forward.points
         branch.bifurcations = [with_branch(f, number) for w in (backward, forward) if w is not None
                                for f in (w.bifurcations[::-1] if w is backward else w.bifurcations)]
         branch.closed = forward.closed
@@ -66,10 +66,10 @@ def follow(first: Station, course: Course, origin: Any, number: int, *, both: bo
     return branch
 
 
-def first_station(shooting: Shooting, z: Floats) -> Station:
-    """The station of a solution that no walk has led to; its tangent points to growing parameters."""
+def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
+    """The point of a solution that no walk has led to; its tangent points to growing parameters."""
     found = shooting.linearise(z)
     tangent = null_direction(found)
     if tangent[shooting.size] < 0.0:
         tangent = -tangent
-    return station_at(shooting, point_at(z, found, tangent))
+    return point_at(shooting, solution_at(z, found, tangent))

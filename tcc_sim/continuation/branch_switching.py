@@ -8,10 +8,10 @@ import numpy as np
 
 from tcc_sim.continuation.branch import Branch, follow
 from tcc_sim.continuation.newton import Orbit, minimal_period
-from tcc_sim.continuation.palc import correct, point_at
+from tcc_sim.continuation.palc import corrector, solution_at
 from tcc_sim.continuation.problem import FAILURES
 from tcc_sim.continuation.shooting import Shooting, product_of
-from tcc_sim.continuation.special_points import Bifurcation, Chord, Station, station_at
+from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at
 from tcc_sim.continuation.walk import Course
 
 AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
@@ -21,33 +21,33 @@ MERGED = 1e-5
 """Distance of two doublings, relative to the range, that one doubled branch joins."""
 
 
-def doubled(found: Bifurcation) -> Station | None:
-    """A first station on the branch that a period doubling begets; None where none is found.
+def doubled(found: Bifurcation) -> ContinuationPoint | None:
+    """A first point on the branch that a period doubling begets; None where none is found.
 
     It lies in the plane phi . (x - x*) = eps, phi the eigenvector of the multiplier -1, so the orbit of the simple
     period is not in it; the tangent points away from the doubling.
     """
-    station = found.station
-    single = station.shooting
-    of, blocks = single.map, station.point.found.blocks
+    point = found.point
+    single = point.shooting
+    of, blocks = single.map, point.solution.found.blocks
     values, vectors = np.linalg.eig(product_of(blocks))
     phi = np.real(vectors[:, int(np.abs(values + 1.0).argmin())])
     phi = phi / np.linalg.norm(phi)
     along = [phi]
     for block in blocks[:-1]:
         along.append(block @ along[-1])
-    x, directions, segments = station.orbit.nodes, np.array(along), single.segments
+    x, directions, segments = point.orbit.nodes, np.array(along), single.segments
     if len(segments) == 1:
-        shooting = Shooting.single(of, 2 * single.period, *single.windows)
+        shooting = Shooting.single(of, 2 * single.period, *single.ranges)
     else:
-        shooting = Shooting(of, 2 * single.period, single.windows, segments + segments)
+        shooting = Shooting(of, 2 * single.period, single.ranges, segments + segments)
         x, directions = np.vstack([x, x]), np.vstack([directions, -directions])
-    start = shooting.point(x, station.orbit.values)
+    start = shooting.unknowns(x, point.orbit.values)
     direction, row = np.zeros(len(start)), np.zeros(len(start))
     direction[:-1], row[:len(phi)] = directions.ravel(), phi
     for amplitude in AMPLITUDES:
         for sign in (1.0, -1.0):
-            got = correct(shooting, start + sign * amplitude * direction, row)
+            got = corrector(shooting, start + sign * amplitude * direction, row)
             if got is None or not 0.0 <= got.z[-1] <= 1.0:
                 continue
             try:
@@ -56,7 +56,7 @@ def doubled(found: Bifurcation) -> Station | None:
                 if half != shooting.period:
                     continue
                 tangent = got.tangent if sign * float(got.tangent @ row) > 0.0 else -got.tangent
-                return station_at(shooting, point_at(got.z, got.found, tangent))
+                return point_at(shooting, solution_at(got.z, got.found, tangent))
             except FAILURES:
                 continue
     return None
@@ -70,8 +70,8 @@ def switch(branches: list[Branch], course: Course, depth: int) -> None:
         for number, parent in generation:
             reached: list[float] = []
             for found in [f for f in parent.bifurcations if f.kind == "period_doubling"]:
-                window = found.station.shooting.windows[0]
-                if any(abs(window.scaled(found.value) - r) < MERGED for r in reached):
+                span = found.point.shooting.ranges[0]
+                if any(abs(span.scaled(found.value) - r) < MERGED for r in reached):
                     continue
                 first = doubled(found)
                 if first is None:
@@ -80,7 +80,7 @@ def switch(branches: list[Branch], course: Course, depth: int) -> None:
                 child = follow(first, course, origin, len(branches), both=False,
                                began=f"began in the period doubling at {course.name} = {found.value:.9g}",
                                keep=branches)
-                reached += [window.scaled(s.value) for s in child.stations[-1:]]
+                reached += [span.scaled(s.value) for s in child.points[-1:]]
                 following.append((len(branches) - 1, child))
         generation = following
 
@@ -88,33 +88,33 @@ def switch(branches: list[Branch], course: Course, depth: int) -> None:
 def orbits_at(branch: Branch, value: float) -> list[Orbit]:
     """The orbits of a branch at exactly this value of its parameter, one for every crossing."""
     out: list[Orbit] = []
-    stations = branch.stations
-    for a, b in pairwise(stations):
+    points = branch.points
+    for a, b in pairwise(points):
         if a.value == value:
             out.append(a.orbit)
         elif (a.value - value) * (b.value - value) < 0.0:
             orbit = _crossing(a, b, value)
             if orbit is not None:
                 out.append(orbit)
-    if stations[-1].value == value and not branch.closed:
-        out.append(stations[-1].orbit)
+    if points[-1].value == value and not branch.closed:
+        out.append(points[-1].orbit)
     return out
 
 
-def _crossing(a: Station, b: Station, value: float) -> Orbit | None:
-    """The orbit at `value` between two stations of the same equations."""
+def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit | None:
+    """The orbit at `value` between two points of the same equations."""
     if a.shooting != b.shooting:
         return None
-    chord = Chord(a, b)
-    at = a.shooting.windows[0].scaled(value)
+    bracket = Bracket(a, b)
+    at = a.shooting.ranges[0].scaled(value)
     size = a.shooting.size
-    near = chord.root(lambda s: float(s.point.z[size]) - at)
+    near = bracket.locate(lambda s: float(s.solution.z[size]) - at)
     if near is None:
         return None
-    row, guess = np.zeros(size + 1), near.point.z.copy()
+    row, guess = np.zeros(size + 1), near.solution.z.copy()
     row[size], guess[size] = 1.0, at
-    found = correct(a.shooting, guess, row)
+    found = corrector(a.shooting, guess, row)
     if found is None:
         return near.orbit
-    orbit = station_at(a.shooting, point_at(found.z, found.found, near.point.tangent)).orbit
+    orbit = point_at(a.shooting, solution_at(found.z, found.found, near.solution.tangent)).orbit
     return Orbit(orbit.period, (value,), orbit.nodes, orbit.multipliers, orbit.seen, orbit.residual)

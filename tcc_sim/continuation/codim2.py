@@ -15,9 +15,17 @@ from typing import ClassVar
 import numpy as np
 
 from tcc_sim.continuation.newton import LARGEST_LEFT, multipliers_of
-from tcc_sim.continuation.palc import Equations, Point, Stride, advance, correct, null_direction, point_at
+from tcc_sim.continuation.palc import (
+    Equations,
+    Solution,
+    StepSize,
+    corrector,
+    next_solution,
+    null_direction,
+    solution_at,
+)
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
-from tcc_sim.continuation.shooting import Linearised, Shooting, Window, product_of
+from tcc_sim.continuation.shooting import Linearised, ParameterRange, Shooting, product_of
 from tcc_sim.continuation.special_points import Bifurcation
 
 KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
@@ -159,13 +167,13 @@ class Border:
     rounding: ClassVar[float] = 1e-12
     exact: ClassVar[bool] = True
 
-    def __init__(self, margin: Callable[[float, float], float], windows: tuple[Window, Window]) -> None:
-        self.margin, self.windows = margin, windows
+    def __init__(self, margin: Callable[[float, float], float], ranges: tuple[ParameterRange, ParameterRange]) -> None:
+        self.margin, self.ranges = margin, ranges
 
     def linearise(self, z: Floats) -> Linearised:
         """The margin and its derivatives by central differences."""
         def at(p: Floats) -> float:
-            return self.margin(self.windows[0].value(float(p[0])), self.windows[1].value(float(p[1])))
+            return self.margin(self.ranges[0].value(float(p[0])), self.ranges[1].value(float(p[1])))
 
         gradient = np.empty((1, 2))
         for k in range(2):
@@ -179,8 +187,8 @@ class Border:
         return Linearised(np.array([at(z)]), gradient, np.zeros((0, 0)))
 
 
-def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Point], bool], stride: Stride,
-          bounds: tuple[tuple[int, float, float], ...], most: int = MOST_POINTS) -> tuple[list[Point], str]:
+def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Solution], bool], step_size: StepSize,
+          bounds: tuple[tuple[int, float, float], ...], most: int = MOST_POINTS) -> tuple[list[Solution], str]:
     """Points of a curve from `z` one way until it leaves its bounds, each (index of an unknown, low, high).
 
     The last point lies on the bound. The second result says why it ended.
@@ -190,30 +198,30 @@ def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Poin
     index = bounds[0][0]
     if (tangent[index] > 0.0) != forward:
         tangent = -tangent
-    points = [point_at(z, found, tangent)]
+    points = [solution_at(z, found, tangent)]
     while len(points) <= most:
         here = points[-1]
         for k, low, high in bounds:
             edge = high if here.tangent[k] > 0.0 else low
             room = edge - float(here.z[k])
-            if abs(room) > abs(stride.length * here.tangent[k]):
+            if abs(room) > abs(step_size.length * here.tangent[k]):
                 continue
             row = np.zeros(len(here.z))
             row[k] = 1.0
             guess = here.z + room / float(here.tangent[k]) * here.tangent if room != 0.0 else here.z.copy()
             guess[k] = edge
-            last = correct(equations, guess, row)
-            if last is not None and last.distance <= 0.5 * stride.length + 1e-9:
-                points.append(point_at(last.z, last.found, here.tangent))
+            last = corrector(equations, guess, row)
+            if last is not None and last.distance <= 0.5 * step_size.length + 1e-9:
+                points.append(solution_at(last.z, last.found, here.tangent))
                 return points, "reached the end of a range"
-            stride.length *= 0.5
-        length = stride.length
-        new = advance(equations, here, points[:-1], stride)
+            step_size.length *= 0.5
+        length = step_size.length
+        new = next_solution(equations, here, points[:-1], step_size)
         if new is None:
             return points, "no further point was found"
         if any(not low <= new.z[k] <= high for k, low, high in bounds):
-            stride.length = 0.5 * min(length, stride.length)
-            if stride.length < stride.smallest:
+            step_size.length = 0.5 * min(length, step_size.length)
+            if step_size.length < step_size.smallest:
                 return points, "no further point was found"
             continue
         if not inside(new):
@@ -224,13 +232,14 @@ def trace(equations: Equations, z: Floats, forward: bool, inside: Callable[[Poin
     return points, f"stopped after {most} points"
 
 
-def still_complex(point: Point) -> bool:
+def still_complex(point: Solution) -> bool:
     """Whether the pair of a Neimark-Sacker bifurcation is complex (real reciprocal ones are a neutral saddle)."""
     m = multipliers_of(*point.found.blocks)
     return bool(np.any((np.abs(m.imag) > 1e-9) & (np.abs(np.abs(m) - 1.0) < 1e-3)))
 
 
-def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Window, Window], second: float,
+def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: tuple[ParameterRange, ParameterRange],
+                      second: float,
                       smallest: float = 1e-7, most: int = MOST_POINTS) -> Curve | None:
     """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
 
@@ -239,38 +248,40 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, windows: tuple[Windo
     smallest : step, in natural sizes, below which the curve is given up
     most : points either way
     """
-    orbit = found.station.orbit
-    shooting = replace(found.station.shooting, map=of, windows=windows)
-    z = shooting.point(orbit.nodes, (orbit.values[0], second))
+    orbit = found.point.orbit
+    shooting = replace(found.point.shooting, map=of, ranges=ranges)
+    z = shooting.unknowns(orbit.nodes, (orbit.values[0], second))
     n = shooting.size
     bounds = ((n + 1, 0.0, 1.0), (n, 0.0, 1.0))
     inside = still_complex if found.kind == "neimark_sacker" else lambda _: True
     ways = []
     for forward in (True, False):
         try:
-            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, Stride(smallest=smallest), bounds,
+            ways.append(trace(Defining(found.kind, shooting, z), z, forward, inside, StepSize(smallest=smallest),
+                              bounds,
                               most))
         except FAILURES:
             return None
-    return _joined(found.kind, ways, windows, n)
+    return _joined(found.kind, ways, ranges, n)
 
 
-def border_curve(margin: Callable[[float, float], float], windows: tuple[Window, Window], value: float,
+def border_curve(margin: Callable[[float, float], float], ranges: tuple[ParameterRange, ParameterRange], value: float,
                  second: float) -> Curve | None:
     """The curve of a margin that vanishes at (value, second), both ways; None where it cannot be set up."""
-    border = Border(margin, windows)
-    z = np.array([windows[0].scaled(value), windows[1].scaled(second)])
+    border = Border(margin, ranges)
+    z = np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
     try:
-        ways = [trace(border, z, forward, lambda _: True, Stride(smallest=1e-7), ((1, 0.0, 1.0), (0, 0.0, 1.0)))
+        ways = [trace(border, z, forward, lambda _: True, StepSize(smallest=1e-7), ((1, 0.0, 1.0), (0, 0.0, 1.0)))
                 for forward in (True, False)]
     except FAILURES:
         return None
-    return _joined("stick_border", ways, windows, 0)
+    return _joined("stick_border", ways, ranges, 0)
 
 
-def _joined(kind: str, ways: list[tuple[list[Point], str]], windows: tuple[Window, Window], n: int) -> Curve:
+def _joined(kind: str, ways: list[tuple[list[Solution], str]], ranges: tuple[ParameterRange, ParameterRange],
+            n: int) -> Curve:
     """One curve of its two ways from the start."""
     (ahead, last), (behind, first) = ways
     points = behind[:0:-1] + ahead
-    return Curve(kind, tuple(windows[0].value(float(p.z[n])) for p in points),
-                 tuple(windows[1].value(float(p.z[n + 1])) for p in points), (first, last))
+    return Curve(kind, tuple(ranges[0].value(float(p.z[n])) for p in points),
+                 tuple(ranges[1].value(float(p.z[n + 1])) for p in points), (first, last))

@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch import Branch, first_point, follow
 from tcc_sim.continuation.branch_switching import doubled
 from tcc_sim.continuation.newton import find_orbit, shifts
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
-from tcc_sim.continuation.shooting import Shooting, Window
-from tcc_sim.continuation.special_points import Station
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.continuation.special_points import ContinuationPoint
 from tcc_sim.continuation.walk import Course
 
 MOST_BRANCHES = 24
@@ -35,20 +35,20 @@ MET = 1e-5
 
 
 @dataclass(frozen=True)
-class Seen:
+class SettledMotion:
     """A motion that a sweep came to.
 
     value : of the parameter
     state : (n,) at the start of cycle `cycle`
     period : cycles; 0 where it has none
-    height : its largest size
+    amplitude : its largest size
     """
 
     value: float
     state: Floats
     cycle: int
     period: int
-    height: float
+    amplitude: float
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,17 @@ class Place:
     """Where a motion lies: a branch, and the number of the point before it."""
 
     branch: int
-    point: int
+    after: int
 
 
-def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
-           tick: Callable[[Station], None] | None = None, into: list[Branch] | None = None,
+def bifurcation_diagram(of: ParameterMap, span: ParameterRange, name: str, seen: Sequence[SettledMotion],
+           tick: Callable[[ContinuationPoint], None] | None = None, into: list[Branch] | None = None,
            longest: int = LONGEST, points: int | None = None, branches: int | None = None) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and those that its doublings beget.
 
     Parameters
     ----------
-    of, window, name : the map with one free parameter, its range, and its name for sentences
+    of, span, name : the map with one free parameter, its range, and its name for sentences
     seen : motions along the sweep, in order; the longest run of one period that lies on no branch is followed first
     tick : called with every point
     into : takes the branches as they are found
@@ -84,15 +84,16 @@ def survey(of: ParameterMap, window: Window, name: str, seen: Sequence[Seen],
         if not run:
             break
         middle = run[len(run) // 2]
-        first = station_of(of, window, left.pop(middle))
+        first = point_of(of, span, left.pop(middle))
         if first is not None and not any(holds(branch, first) for branch in out):
             follow(first, course, "start", len(out), keep=out)
     _doubled(out, course, longest, many)
     return out
 
 
-def left_out(seen: Sequence[Seen], branches: Sequence[Branch], base: int = 1, longest: int = LONGEST) -> list[str]:
-    """Sentences on what a survey did not come to: nothing where it came to an end by itself."""
+def left_out(seen: Sequence[SettledMotion], branches: Sequence[Branch], base: int = 1,
+             longest: int = LONGEST) -> list[str]:
+    """Sentences on what a bifurcation_diagram did not come to: nothing where it came to an end by itself."""
     size, out = size_of(seen), []
     alone = [s for s in seen if s.period and place_of(s, branches, size, base) is None]
     long = sum(s.period > longest * base for s in alone)
@@ -107,30 +108,30 @@ def left_out(seen: Sequence[Seen], branches: Sequence[Branch], base: int = 1, lo
     return out
 
 
-def size_of(seen: Sequence[Seen]) -> float:
+def size_of(seen: Sequence[SettledMotion]) -> float:
     """The largest size of those motions of a sweep that have a period; of all where those are next to nothing."""
-    most = max((s.height for s in seen), default=0.0)
-    periodic = max((s.height for s in seen if s.period), default=0.0)
+    most = max((s.amplitude for s in seen), default=0.0)
+    periodic = max((s.amplitude for s in seen if s.period), default=0.0)
     return periodic if periodic > NOTHING * most else most
 
 
-def station_of(of: ParameterMap, window: Window, seen: Seen) -> Station | None:
+def point_of(of: ParameterMap, span: ParameterRange, seen: SettledMotion) -> ContinuationPoint | None:
     """The point of a branch at a motion of a sweep; None where Newton's method finds no orbit there."""
-    shooting = Shooting.single(of, math.lcm(seen.period, of.forcing_period), window)
+    shooting = Shooting.single(of, math.lcm(seen.period, of.forcing_period), span)
     try:
-        z = find_orbit(shooting, (seen.value,), [beginning(of, seen)])
-        return None if z is None else first_station(shooting, z)
+        z = find_orbit(shooting, (seen.value,), [state_at_phase_0(of, seen)])
+        return None if z is None else first_point(shooting, z)
     except FAILURES:
         return None
 
 
-def beginning(of: ParameterMap, seen: Seen) -> Floats:
+def state_at_phase_0(of: ParameterMap, seen: SettledMotion) -> Floats:
     """The state of a motion where the excitation begins anew, in its cycle or in one of the next."""
     phase = seen.cycle % of.forcing_period
     return of.evaluate(seen.state, (seen.value,), phase, of.forcing_period - phase).value if phase else seen.state
 
 
-def place_of(seen: Seen, branches: Sequence[Branch], size: float, base: int = 1) -> Place | None:
+def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> Place | None:
     """Where a motion lies: on the stable piece with its period and largest size; the nearest one of several."""
     best, place = math.inf, None
     if not seen.period:
@@ -142,13 +143,13 @@ def place_of(seen: Seen, branches: Sequence[Branch], size: float, base: int = 1)
             if not (a.orbit.stable or b.orbit.stable):
                 continue
             low, high = a.orbit.seen.largest, b.orbit.seen.largest
-            away = abs(low + part * (high - low) - seen.height)
+            away = abs(low + part * (high - low) - seen.amplitude)
             if away <= SAME * size + BESIDE * abs(high - low) and away < best:
                 best, place = away, Place(number, k)
     return place
 
 
-def _crossed(branch: Branch, value: float) -> list[tuple[int, tuple[Station, Station, float]]]:
+def _crossed(branch: Branch, value: float) -> list[tuple[int, tuple[ContinuationPoint, ContinuationPoint, float]]]:
     """The pieces of a branch across a value: number of the first point, both points, and the part of the way."""
     out = []
     for k, a, b in _pieces(branch):
@@ -158,27 +159,27 @@ def _crossed(branch: Branch, value: float) -> list[tuple[int, tuple[Station, Sta
     return out
 
 
-def _pieces(branch: Branch) -> Iterator[tuple[int, Station, Station]]:
+def _pieces(branch: Branch) -> Iterator[tuple[int, ContinuationPoint, ContinuationPoint]]:
     """Neighbouring points of a branch, its folds among them: a branch goes on to there beyond its last point."""
-    pairs = list(pairwise(branch.stations))
-    folds: dict[int, list[Station]] = {}
+    pairs = list(pairwise(branch.points))
+    folds: dict[int, list[ContinuationPoint]] = {}
     for found in branch.bifurcations:
         if found.kind == "fold" and pairs:
-            aside = [_apart(a, found.station) + _apart(found.station, b) - _apart(a, b) for a, b in pairs]
-            folds.setdefault(int(np.argmin(aside)), []).append(found.station)
+            aside = [_apart(a, found.point) + _apart(found.point, b) - _apart(a, b) for a, b in pairs]
+            folds.setdefault(int(np.argmin(aside)), []).append(found.point)
     for k, (a, b) in enumerate(pairs):
         for one, two in pairwise([a, *folds.get(k, []), b]):
             yield k, one, two
 
 
-def _apart(a: Station, b: Station) -> float:
+def _apart(a: ContinuationPoint, b: ContinuationPoint) -> float:
     """Distance of two points of a branch, in natural sizes."""
-    of, window = a.shooting.map, a.shooting.windows[0]
+    of, span = a.shooting.map, a.shooting.ranges[0]
     away = (b.orbit.section - a.orbit.section) / of.scales
-    return math.hypot(float(np.linalg.norm(away)), window.scaled(b.value) - window.scaled(a.value))
+    return math.hypot(float(np.linalg.norm(away)), span.scaled(b.value) - span.scaled(a.value))
 
 
-def _longest_run(left: dict[int, Seen]) -> list[int]:
+def _longest_run(left: dict[int, SettledMotion]) -> list[int]:
     """The longest run of neighbours with one period."""
     runs: list[list[int]] = []
     for k, s in left.items():
@@ -189,7 +190,7 @@ def _longest_run(left: dict[int, Seen]) -> list[int]:
     return max(runs, key=len, default=[])
 
 
-def holds(branch: Branch, found: Station) -> bool:
+def holds(branch: Branch, found: ContinuationPoint) -> bool:
     """Whether a branch passes through an orbit, whichever of its cycles it was taken up in."""
     of, orbit = found.shooting.map, found.orbit
     if branch.period != orbit.period:
@@ -207,13 +208,13 @@ def _doubled(branches: list[Branch], course: Course, longest: int, most: int) ->
     """Append the branch of every period doubling in which none of the others ends."""
     for number, parent in enumerate(list(branches)):
         for found in parent.bifurcations:
-            half = longest * found.station.shooting.map.forcing_period // 2
+            half = longest * found.point.shooting.map.forcing_period // 2
             if found.kind != "period_doubling" or parent.period > half:
                 continue
-            window = found.station.shooting.windows[0]
-            ends = [window.scaled(s.value) for b in branches if b.period == 2 * parent.period
-                    for s in (b.stations[0], b.stations[-1])]
-            if len(branches) >= most or any(abs(window.scaled(found.value) - x) < MET for x in ends):
+            span = found.point.shooting.ranges[0]
+            ends = [span.scaled(s.value) for b in branches if b.period == 2 * parent.period
+                    for s in (b.points[0], b.points[-1])]
+            if len(branches) >= most or any(abs(span.scaled(found.value) - x) < MET for x in ends):
                 continue
             first = doubled(found)
             if first is not None and not any(holds(branch, first) for branch in branches):

@@ -37,7 +37,7 @@ class DrivelineMap:
     """
 
     dimension = 3
-    height_scale = 10.0
+    amplitude_scale = 10.0
 
     def __init__(self, system: System, keys: Sequence[str]) -> None:
         for key in keys:
@@ -71,8 +71,8 @@ class DrivelineMap:
 
     def _image(self, found: Passed, cycles: float) -> Image:
         """A motion as the map's image."""
-        climb = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
-        return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), climb)
+        gradient = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
+        return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), gradient)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
@@ -121,7 +121,7 @@ class DrivelineMap:
             return NO_MARGINS
         found, system = of.over(self._settled(x), first, first + cycles, margins=True).margins, self.system_at(values)
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
-        sizes = {"grazing": (GRAZING, self.height_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
+        sizes = {"grazing": (GRAZING, self.amplitude_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
         slopes = {name: (found[row, GRADIENT:GRADIENT + 3] / size, found[row, GRADIENT + 3:] / size)
                   for name, (row, size) in sizes.items()}
         grazing, arrival, stick = (float(found[row, VALUE]) / size for row, size in sizes.values())

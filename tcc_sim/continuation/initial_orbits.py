@@ -11,12 +11,12 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import Seen, holds, station_of
+from tcc_sim.continuation.diagram import SettledMotion, holds, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.problem import Floats
-from tcc_sim.continuation.shooting import Shooting, Window
-from tcc_sim.continuation.special_points import Station
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.continuation.special_points import ContinuationPoint
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, values_of
 from tcc_sim.solvers import solve
@@ -45,7 +45,7 @@ class Seed:
     period: int
 
 
-def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float,
+def start_orbit(map_: DrivelineMap, system: System, span: ParameterRange, value: float,
                 period: int | None) -> tuple[Shooting, Floats]:
     """The orbit to begin with: Newton from the section of the motion that the scene settles in.
 
@@ -66,10 +66,10 @@ def start_orbit(map_: DrivelineMap, system: System, window: Window, value: float
     wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
     for cycles in wanted:
         cycles = math.lcm(cycles, base) if period is None else cycles
-        shooting = Shooting.single(map_, cycles, window)
+        shooting = Shooting.single(map_, cycles, span)
         guesses = _recurrent(section, starts, cycles, map_.scales)
         guesses.append(np.mean(guesses, axis=0))
-        known = _shorter(map_, window, value, cycles, guesses)
+        known = _shorter(map_, span, value, cycles, guesses)
         z = find_orbit(shooting, (value,), guesses, known)
         if z is not None:
             return shooting, z
@@ -85,18 +85,19 @@ def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> l
     return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:GUESSES]]
 
 
-def _shorter(map_: DrivelineMap, window: Window, value: float, period: int, guesses: list[Floats]) -> list[Floats]:
+def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int,
+             guesses: list[Floats]) -> list[Floats]:
     """Sections of an orbit of the shortest period, to be deflated from the search for a longer one."""
     base = map_.forcing_period
     if period == base:
         return []
-    shooting = Shooting.single(map_, base, window)
+    shooting = Shooting.single(map_, base, span)
     z = find_orbit(shooting, (value,), [guesses[-1], guesses[0]])
     return [] if z is None else [shooting.nodes(z)[0]]
 
 
-def seeded(map_: DrivelineMap, window: Window, seeds: Sequence[Seed], period: int | None,
-           known: Sequence[Branch]) -> Iterator[tuple[Station, dict[str, Any]]]:
+def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], period: int | None,
+           known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, dict[str, Any]]]:
     """First points of branches at seeds that lie on none of those `known` by then, each with its origin.
 
     Raises
@@ -110,7 +111,7 @@ def seeded(map_: DrivelineMap, window: Window, seeds: Sequence[Seed], period: in
     for number, seed in enumerate(seeds):
         if period not in (None, seed.period):
             continue
-        first = station_of(map_, window, Seen(seed.value, np.array(seed.state), 0, seed.period, 0.0))
+        first = point_of(map_, span, SettledMotion(seed.value, np.array(seed.state), 0, seed.period, 0.0))
         if first is None:
             continue
         refuse_family(first, map_.system_at((seed.value,)))
@@ -152,7 +153,7 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
     return out
 
 
-def refuse_family(first: Station, system: System) -> None:
+def refuse_family(first: ContinuationPoint, system: System) -> None:
     """Raise InputError where the motion is one of infinitely many in pure slip."""
     events = first.orbit.seen.events
     if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:

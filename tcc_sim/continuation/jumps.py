@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import BESIDE, SAME, Place, Seen, place_of, size_of
+from tcc_sim.continuation.diagram import BESIDE, SAME, Place, SettledMotion, place_of, size_of
 from tcc_sim.continuation.special_points import Bifurcation
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
@@ -49,14 +49,14 @@ class Jump:
                 "cause": self.cause, "bifurcation": numbers[0] if numbers else None}
 
 
-def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, base: int = 1,
+def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float, base: int = 1,
              direction: str = "cold") -> list[Jump]:
     """The jumps of a sweep, each with its cause.
 
     Parameters
     ----------
     seen : its motions in order of the parameter
-    branches : as `survey` found them
+    branches : as `bifurcation_diagram` found them
     least : smallest change of the largest size between neighbours that counts, relative to the largest with a period
     base : cycles after which the excitation repeats
     direction : up or down where every motion goes on from its neighbour below or above: the end of that one is the
@@ -66,14 +66,14 @@ def jumps_of(seen: Sequence[Seen], branches: Sequence[Branch], least: float, bas
     width = abs(seen[-1].value - seen[0].value) if seen else 0.0
     out = []
     for a, b in pairwise(seen):
-        if not abs(b.height - a.height) > least * size:
+        if not abs(b.amplitude - a.amplitude) > least * size:
             continue
         cause, found = _cause(a, b, branches, size, width, base, direction)
-        out.append(Jump(a.value, b.value, a.height, b.height, cause, found))
+        out.append(Jump(a.value, b.value, a.amplitude, b.amplitude, cause, found))
     return out
 
 
-def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: float, base: int,
+def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size: float, width: float, base: int,
            direction: str) -> tuple[str, Bifurcation | None]:
     """What ends between two neighbouring motions of a sweep."""
     here, there = place_of(a, branches, size, base), place_of(b, branches, size, base)
@@ -84,7 +84,7 @@ def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: flo
             continue
         branch = branches[place.branch]
         last, reached = _walk(branch, place, goal)
-        same = other is not None and other.branch == place.branch and abs(last - other.point) <= 1
+        same = other is not None and other.branch == place.branch and abs(last - other.after) <= 1
         if reached and (same or (other is not None and _passes(branch, last, seen, size, base))):
             return STEEP, None
         if not reached:
@@ -98,14 +98,14 @@ def _cause(a: Seen, b: Seen, branches: Sequence[Branch], size: float, width: flo
     return (BASIN, None) if here is not None and there is not None else (unplaced, None)
 
 
-def _passes(branch: Branch, point: int, seen: Seen, size: float, base: int) -> bool:
+def _passes(branch: Branch, point: int, seen: SettledMotion, size: float, base: int) -> bool:
     """Whether the piece of a branch behind one of its points passes through a motion: branches may overlap."""
-    stations = branch.stations[point:point + 2]
-    if len(stations) < 2 or math.lcm(seen.period, base) != branch.period:
+    points = branch.points[point:point + 2]
+    if len(points) < 2 or math.lcm(seen.period, base) != branch.period:
         return False
-    (a, low), (b, high) = ((s.value, s.orbit.seen.largest) for s in stations)
+    (a, low), (b, high) = ((s.value, s.orbit.seen.largest) for s in points)
     part = (seen.value - a) / (b - a) if b != a else 0.5
-    away = abs(low + part * (high - low) - seen.height)
+    away = abs(low + part * (high - low) - seen.amplitude)
     return 0.0 <= part <= 1.0 and away <= SAME * size + BESIDE * abs(high - low)
 
 
@@ -116,32 +116,32 @@ def _walk(branch: Branch, place: Place, goal: float) -> tuple[int, bool]:
     -------
     The number of the last point, and whether the value was reached (it lies between that point and its neighbour).
     """
-    stations = branch.stations
-    a, b = stations[place.point], stations[place.point + 1]
+    points = branch.points
+    a, b = points[place.after], points[place.after + 1]
     toward = 1.0 if goal > min(a.value, b.value) and goal >= max(a.value, b.value) else -1.0
     if min(a.value, b.value) <= goal <= max(a.value, b.value):
-        return place.point, a.orbit.stable and b.orbit.stable
+        return place.after, a.orbit.stable and b.orbit.stable
     step = 1 if (b.value - a.value) * toward > 0.0 else -1
-    at = place.point + 1 if step > 0 else place.point
+    at = place.after + 1 if step > 0 else place.after
     while True:
-        if not stations[at].orbit.stable:
+        if not points[at].orbit.stable:
             return at, False
         following = at + step
-        if not 0 <= following < len(stations) or (stations[following].value - stations[at].value) * toward <= 0.0:
+        if not 0 <= following < len(points) or (points[following].value - points[at].value) * toward <= 0.0:
             return at, False
-        if (stations[following].value - goal) * toward >= 0.0:
-            return min(at, following), stations[following].orbit.stable
+        if (points[following].value - goal) * toward >= 0.0:
+            return min(at, following), points[following].orbit.stable
         at = following
 
 
 def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
     """The bifurcation of a branch nearest to the pieces about one of its points; None where none is near."""
-    about = branch.stations[max(point - 1, 0):point + 2]
-    values, heights = [s.value for s in about], [s.orbit.seen.largest for s in about]
+    about = branch.points[max(point - 1, 0):point + 2]
+    values, amplitudes = [s.value for s in about], [s.orbit.seen.largest for s in about]
 
     def away(found: Bifurcation) -> float:
         return (_beyond(found.value, values) / max(width, 1e-300)
-                + _beyond(found.station.orbit.seen.largest, heights) / max(size, 1e-300))
+                + _beyond(found.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
 
     best = min(branch.bifurcations, key=away, default=None)
     return best if best is not None and away(best) <= CLOSE else None

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch import Branch, first_point, follow
 from tcc_sim.continuation.branch_switching import orbits_at, switch
 from tcc_sim.continuation.codim2 import KINDS, Curve, bifurcation_curve, border_curve
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
-from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.smoothing_limit import limit_of
-from tcc_sim.continuation.special_points import Bifurcation, Station
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.continuation.walk import Course
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
@@ -168,7 +168,7 @@ def check(system: System, plan: Plan) -> DrivelineMap:
     return found
 
 
-def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None] | None = None,
+def continue_motions(system: System, plan: Plan, tick: Callable[[ContinuationPoint], None] | None = None,
                      into: Motions | None = None) -> Motions:
     """Follow the branch through the scene's settled motion (or those through seeds), and all that the plan asks for.
 
@@ -186,15 +186,15 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None]
     """
     map_ = check(system, plan)
     out = into if into is not None else Motions(plan, system.friction.law)
-    window = Window(plan.low, plan.high)
+    span = ParameterRange(plan.low, plan.high)
     course = Course(plan.over, tick=tick)
     if plan.seeds:
-        for first, origin in seeded(map_, window, plan.seeds, plan.period, out.branches):
+        for first, origin in seeded(map_, span, plan.seeds, plan.period, out.branches):
             follow(first, course, origin, len(out.branches), keep=out.branches)
     else:
         start = min(max(_present(system, plan.over), plan.low), plan.high)
-        shooting, z = start_orbit(map_, replace(system, {plan.over: start}), window, start, plan.period)
-        first = first_station(shooting, z)
+        shooting, z = start_orbit(map_, replace(system, {plan.over: start}), span, start, plan.period)
+        first = first_point(shooting, z)
         refuse_family(first, map_.system_at((start,)))
         follow(first, course, "start", 0, keep=out.branches)
     if plan.switch:
@@ -204,9 +204,9 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[Station], None]
             out.at += [{"branch": number, "period": branch.period, "origin": branch.origin, **orbit.as_json()}
                        for orbit in orbits_at(branch, value)]
     if plan.second is not None:
-        _curves(system, plan, window, out)
+        _curves(system, plan, span, out)
     if plan.limit:
-        _limits(system, plan, window, out)
+        _limits(system, plan, span, out)
     out.complete = True
     return out
 
@@ -218,11 +218,11 @@ def _present(system: System, key: str) -> float:
     return value
 
 
-def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:
+def _curves(system: System, plan: Plan, span: ParameterRange, out: Motions) -> None:
     """Two-parameter curves of every bifurcation that has one."""
     assert plan.second is not None
     key, low, high = plan.second
-    windows, present = (window, Window(low, high)), _present(system, key)
+    ranges, present = (span, ParameterRange(low, high)), _present(system, key)
     map_ = DrivelineMap(system, (plan.over, key))
     for item in out.bifurcations:
         if item.kind not in KINDS:
@@ -232,19 +232,19 @@ def _curves(system: System, plan: Plan, window: Window, out: Motions) -> None:
                 at = map_.system_at((first, second))
                 return stick_margin(at).torque / (at.friction_ratio * at.saturation_mean)
 
-            curve = border_curve(margin, windows, item.value, present)
+            curve = border_curve(margin, ranges, item.value, present)
         else:
-            curve = bifurcation_curve(item, map_, windows, present)
+            curve = bifurcation_curve(item, map_, ranges, present)
         if curve is not None:
             out.curves.append(curve)
 
 
-def _limits(system: System, plan: Plan, window: Window, out: Motions) -> None:
+def _limits(system: System, plan: Plan, span: ParameterRange, out: Motions) -> None:
     """The limit of every bifurcation as sigma goes to infinity."""
     smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
     set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
     for number, item in enumerate(out.bifurcations):
-        out.limits[number] = limit_of(item, smoothed, set_valued, window, system.friction.smoothing)
+        out.limits[number] = limit_of(item, smoothed, set_valued, span, system.friction.smoothing)
 
 
 __all__ = ["Motions", "Plan", "check", "continuation", "continue_motions"]

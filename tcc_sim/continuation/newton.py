@@ -200,9 +200,9 @@ def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats],
     guesses : states (n,) at phase 0
     known : states (n,) at phase 0 of orbits that are not looked for; orbits of shorter periods that come up join them
     """
-    deflated = [shooting.point(x[None], values) for x in known]
+    deflated = [shooting.unknowns(x[None], values) for x in known]
     for guess in guesses:
-        start = shooting.point(np.asarray(guess, dtype=np.float64)[None], values)
+        start = shooting.unknowns(np.asarray(guess, dtype=np.float64)[None], values)
         for _ in range(4):
             z = newton(shooting, start, deflated)
             if z is None:
@@ -210,5 +210,6 @@ def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats],
             x = shooting.nodes(z)[0]
             if minimal_period(shooting.map, x, values, shooting.period) == shooting.period:
                 return z
-            deflated += [shooting.point(p[None], values) for p in shifts(shooting.map, x, values, shooting.period)[:1]]
+            deflated += [shooting.unknowns(p[None], values) for p in shifts(shooting.map, x, values,
+                                                                            shooting.period)[:1]]
     return None

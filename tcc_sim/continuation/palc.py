@@ -1,7 +1,7 @@
 """Pseudo-arclength continuation of any curve of solutions, one equation fewer than unknowns.
 
 H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977. Each step is Newton's method in
-the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (heights)
+the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (amplitudes)
 are coordinates of the arclength beside the unknowns: where a motion grows much while its section hardly moves, steps
 are measured by its size. A step is halved where the corrector goes
 far from the predictor, where the tangent turns by more than a set angle, or where the determinant of Jacobian and
@@ -48,7 +48,7 @@ class Equations(Protocol):
         """Residual and Jacobian."""
 
 
-class Point(NamedTuple):
+class Solution(NamedTuple):
     """A solution: unknowns (d + 1,), unit tangent, linearisation, and the sign of det [Jacobian; tangent]."""
 
     z: Floats
@@ -59,7 +59,7 @@ class Point(NamedTuple):
 
 class Corrected(NamedTuple):
     """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the
-    heights, where they are coordinates too), how these climb along the tangent, and what share of its first step
+    amplitudes, where they are coordinates too), how these change along the tangent, and what share of its first step
     Newton's second one was.
     """
 
@@ -67,31 +67,32 @@ class Corrected(NamedTuple):
     found: Linearised
     tangent: Floats
     distance: float
-    climb: Floats
+    slopes: Floats
     contraction: float
 
 
-class Plane(NamedTuple):
+class AmplitudeRow(NamedTuple):
     """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values
     (N,) at the guess.
     """
 
     weights: Floats
-    heights: Floats
+    amplitudes: Floats
 
 
-FLAT = Plane(np.empty(0), np.empty(0))
+FLAT = AmplitudeRow(np.empty(0), np.empty(0))
 
 
-def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLAT, tolerance: float = TOLERANCE,
+def corrector(equations: Equations, guess: Floats, row: Floats, plane: AmplitudeRow = FLAT,
+              tolerance: float = TOLERANCE,
             start: Floats | None = None) -> Corrected | None:
-    """Newton to the solution with row . (z - guess) + weights . (heights - those at the guess) = 0, from `start`.
+    """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
     It starts at the guess where nothing else is given. None where it does not converge.
     """
     z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
     contraction = 0.0
-    size, climbs = len(guess), len(plane.weights) > 0
+    size, by_amplitude = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     for _ in range(ITERATIONS):
         try:
@@ -99,12 +100,12 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
             matrix[:-1], matrix[-1] = found.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
             sides[-1, 1] = 1.0
-            if climbs:
-                if len(found.heights) != len(plane.heights):
+            if by_amplitude:
+                if len(found.amplitudes) != len(plane.amplitudes):
                     return None
-                matrix[-1] += plane.weights @ found.climb
-                sides[-1, 0] -= float(plane.weights @ (found.heights - plane.heights))
-                away = float(np.linalg.norm(found.heights - plane.heights))
+                matrix[-1] += plane.weights @ found.amplitude_gradient
+                sides[-1, 0] -= float(plane.weights @ (found.amplitudes - plane.amplitudes))
+                away = float(np.linalg.norm(found.amplitudes - plane.amplitudes))
             solved: Any = np.linalg.solve(matrix, sides)
         except FAILURES:
             return None
@@ -115,8 +116,8 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
         z = z + step
         if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
-            climb = found.climb @ tangent if climbs else plane.weights
-            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), climb, contraction)
+            slopes = found.amplitude_gradient @ tangent if by_amplitude else plane.weights
+            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), slopes, contraction)
         if length > (SLOWEST if length > SQUARED else 1.0) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
@@ -124,7 +125,7 @@ def correct(equations: Equations, guess: Floats, row: Floats, plane: Plane = FLA
     return None
 
 
-def astray_beyond(equations: Equations, here: Point, new: Point) -> bool:
+def astray_beyond(equations: Equations, here: Solution, new: Solution) -> bool:
     """Whether a step over a change of the event sequence has come to no solution.
 
     There the curve may have a corner, and Newton's method a cycle of two points on either side of it: the last step
@@ -155,13 +156,13 @@ def null_direction(found: Linearised) -> Floats:
     return out
 
 
-def point_at(z: Floats, found: Linearised, tangent: Floats) -> Point:
+def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
     """A point with the sign of its determinant."""
-    return Point(z, tangent, found, float(np.sign(np.linalg.det(np.vstack([found.jacobian, tangent])))))
+    return Solution(z, tangent, found, float(np.sign(np.linalg.det(np.vstack([found.jacobian, tangent])))))
 
 
 @dataclass
-class Stride:
+class StepSize:
     """The step length of a walk and what bounds it; lengths are in natural sizes.
 
     wanted : distance between predictor and corrector that is aimed at
@@ -191,70 +192,71 @@ class Stride:
         return min(self.length * min(max(float(factor), 0.5), most), self.largest)
 
 
-def advance(equations: Equations, here: Point, before: Sequence[Point], stride: Stride,
-            climbing: bool = True) -> Point | None:
+def next_solution(equations: Equations, here: Solution, before: Sequence[Solution], step_size: StepSize,
+            by_amplitude: bool = True) -> Solution | None:
     """The next point along the curve; None where no step is short enough.
 
     before : points before `here`, the nearest one last, from which the predictor takes the curve's bend
-    climbing : whether the heights are coordinates of the arclength, where there are any
+    by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
     """
-    climb = here.found.climb @ here.tangent if climbing and len(here.found.heights) else FLAT.weights
-    reach = float(np.sqrt(1.0 + climb @ climb))
-    known, refused = behind(here, before, climb), False
+    used = by_amplitude and len(here.found.amplitudes) > 0
+    slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
+    reach = float(np.sqrt(1.0 + slopes @ slopes))
+    known, refused = behind(here, before, slopes), False
     if not equations.exact and len(known) > 3:
         del known[1]
-    while stride.length >= stride.smallest:
-        ahead = extrapolated(known, stride.length * reach)
-        guess, heights = here.z + ahead[:len(here.z)], here.found.heights[:len(climb)] + ahead[len(here.z):]
-        stride.tried += 1
-        found = correct(equations, guess, here.tangent, Plane(climb, heights))
+    while step_size.length >= step_size.smallest:
+        ahead = predictor(known, step_size.length * reach)
+        guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
+        step_size.tried += 1
+        found = corrector(equations, guess, here.tangent, AmplitudeRow(slopes, amplitudes))
         if found is not None:
-            along = float(found.tangent @ here.tangent + found.climb @ climb)
+            along = float(found.tangent @ here.tangent + found.slopes @ slopes)
             tangent = found.tangent if along > 0.0 else -found.tangent
-            new = point_at(found.z, found.found, tangent)
-            turned = abs(along) < stride.turn * reach * float(np.sqrt(1.0 + found.climb @ found.climb))
-            jumped = new.sign != here.sign and stride.length > stride.branching
-            astray = beside(here, new, len(climb) > 0) < stride.turn
-            if found.distance <= stride.farthest * stride.length and not (turned or jumped or astray
+            new = solution_at(found.z, found.found, tangent)
+            turned = abs(along) < step_size.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
+            jumped = new.sign != here.sign and step_size.length > step_size.branching
+            astray = beside(here, new, len(slopes) > 0) < step_size.turn
+            if found.distance <= step_size.farthest * step_size.length and not (turned or jumped or astray
                                                                           or astray_beyond(equations, here, new)):
-                stride.length = stride.after(found, refused)
+                step_size.length = step_size.after(found, refused)
                 return new
-        stride.length *= 0.5
+        step_size.length *= 0.5
         refused, known = True, known[:max(len(known) - 2, 2)]
     return None
 
 
-def beside(here: Point, new: Point, climbing: bool) -> float:
+def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
     """Cosine between the way from one point to the next and the tangent there.
 
     Along a curve that bends little the way lies between both tangents; elsewhere the corrector has gone to another one.
     """
     way, along = new.z - here.z, new.tangent
-    if climbing:
-        way = np.concatenate([way, new.found.heights - here.found.heights])
-        along = np.concatenate([along, new.found.climb @ new.tangent])
+    if by_amplitude:
+        way = np.concatenate([way, new.found.amplitudes - here.found.amplitudes])
+        along = np.concatenate([along, new.found.amplitude_gradient @ new.tangent])
     return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
-def behind(here: Point, before: Sequence[Point], climb: Floats) -> list[tuple[float, Floats]]:
-    """Nodes of the predictor: how far each is along the tangent, and its unknowns and heights from those of `here`.
+def behind(here: Solution, before: Sequence[Solution], slopes: Floats) -> list[tuple[float, Floats]]:
+    """Nodes of the predictor: how far each is along the tangent, and its unknowns and amplitudes from those of `here`.
 
     The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.
     """
-    size, used = len(here.z), len(climb)
-    nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, climb]) / (1.0 + climb @ climb))]
+    size, used = len(here.z), len(slopes)
+    nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, slopes]) / (1.0 + slopes @ slopes))]
     for point in before[:-NODES - 1:-1]:
-        if len(point.z) != size or (used and len(point.found.heights) != used):
+        if len(point.z) != size or (used and len(point.found.amplitudes) != used):
             break
-        away = np.concatenate([point.z - here.z, point.found.heights[:used] - here.found.heights[:used]])
-        at = float(here.tangent @ away[:size] + climb @ away[size:])
+        away = np.concatenate([point.z - here.z, point.found.amplitudes[:used] - here.found.amplitudes[:used]])
+        at = float(here.tangent @ away[:size] + slopes @ away[size:])
         if not at < nodes[-1][0]:
             break
         nodes.append((at, away))
     return nodes
 
 
-def extrapolated(nodes: list[tuple[float, Floats]], at: float) -> Floats:
+def predictor(nodes: list[tuple[float, Floats]], at: float) -> Floats:
     """The polynomial through nodes in order, by divided differences; a second one at the same place is its slope."""
     places, column = [place for place, _ in nodes], [value for _, value in nodes]
     slope = column[1] if places[0] == places[1] else None

@@ -24,13 +24,13 @@ class Observation(NamedTuple):
     largest : the largest size of the motion (for the driveline |slip speed|, rad/s)
     stick_fraction : 0 to 1
     events : the sequence of modes, such as "S+S"; empty for a map without
-    heights : the largest size in each cycle, which can change much where the section hardly moves
+    amplitudes : the largest size in each cycle, which can change much where the section hardly moves
     """
 
     largest: float
     stick_fraction: float
     events: str
-    heights: tuple[float, ...] = ()
+    amplitudes: tuple[float, ...] = ()
 
 
 class Image(NamedTuple):
@@ -40,14 +40,14 @@ class Image(NamedTuple):
     jacobian : (n, n) derivative with respect to the state before them
     by_parameter : (n, P) derivative with respect to the free parameters
     seen : what is seen on the way, where the map knows it at once
-    climb : (N, n + P) derivatives of the N heights seen, by the state and the free parameters
+    amplitude_gradient : (N, n + P) derivatives of the N amplitudes seen, by the state and the free parameters
     """
 
     value: Floats
     jacobian: Floats
     by_parameter: Floats
     seen: Observation | None = None
-    climb: Floats | None = None
+    amplitude_gradient: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class ParameterMap(Protocol):
 
     dimension : number of states n
     scales : (n,) natural sizes of the states, in which distances are measured
-    height_scale : natural size of `Observation.largest` and of the heights
+    amplitude_scale : natural size of `Observation.largest` and of the amplitudes
     forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
     piecewise : whether the event sequence changes the map (set-valued friction)
     divisible : whether `first` and `cycles` of `evaluate` may be parts of cycles
@@ -83,7 +83,7 @@ class ParameterMap(Protocol):
 
     dimension: int
     scales: Floats
-    height_scale: float
+    amplitude_scale: float
     forcing_period: int
     piecewise: bool
     divisible: bool

@@ -28,7 +28,7 @@ FINEST = PARTS**-3.0
 
 
 @dataclass(frozen=True)
-class Window:
+class ParameterRange:
     """The range of one free parameter; `inverse` takes the reciprocal as coordinate, 0 at infinity and 1 at `low`."""
 
     low: float
@@ -57,7 +57,7 @@ class Linearised(NamedTuple):
     monodromy : (n, n) in the map's units
     blocks : (m, n, n) derivatives of the segments' ends by their starts
     seen : what is seen over the period, where the map knows it at once
-    heights, climb : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
+    amplitudes, amplitude_gradient : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
     """
 
     residual: Floats
@@ -65,8 +65,8 @@ class Linearised(NamedTuple):
     monodromy: Floats
     blocks: Floats = np.empty((0, 0, 0))
     seen: Observation | None = None
-    heights: Floats = np.empty(0)
-    climb: Floats = np.empty((0, 0))
+    amplitudes: Floats = np.empty(0)
+    amplitude_gradient: Floats = np.empty((0, 0))
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ class Shooting:
 
     map: ParameterMap
     period: int
-    windows: tuple[Window, ...]
+    ranges: tuple[ParameterRange, ...]
     segments: tuple[float, ...]
 
     rounding: ClassVar[float] = 1e-10
     exact: ClassVar[bool] = True
 
     @staticmethod
-    def single(of: ParameterMap, period: int, *windows: Window) -> Shooting:
+    def single(of: ParameterMap, period: int, *ranges: ParameterRange) -> Shooting:
         """One segment over the whole period.
 
         Raises
@@ -93,7 +93,7 @@ class Shooting:
         if period < 1 or period % of.forcing_period:
             raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after "
                              "which the excitation repeats")
-        return Shooting(of, period, windows, (period,))
+        return Shooting(of, period, ranges, (period,))
 
     @property
     def size(self) -> int:
@@ -102,23 +102,23 @@ class Shooting:
 
     def values(self, z: Floats) -> Values:
         """The free parameters of a point."""
-        return tuple(w.value(float(u)) for w, u in zip(self.windows, z[self.size:]))
+        return tuple(w.value(float(u)) for w, u in zip(self.ranges, z[self.size:]))
 
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
         out: Floats = z[:self.size].reshape(-1, self.map.dimension) * self.map.scales
         return out
 
-    def point(self, nodes: Floats, values: Values) -> Floats:
+    def unknowns(self, nodes: Floats, values: Values) -> Floats:
         """The scaled unknowns of nodes (m, n) and parameters."""
         return np.concatenate([(nodes / self.map.scales).ravel(),
-                               [w.scaled(v) for w, v in zip(self.windows, values)]])
+                               [w.scaled(v) for w, v in zip(self.ranges, values)]])
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and derivative at `z`; raises what the map raises."""
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
-        widths = np.array([w.width(float(u)) for w, u in zip(self.windows, z[size:])])
+        widths = np.array([w.width(float(u)) for w, u in zip(self.ranges, z[size:])])
         images = self.map.evaluate_each(nodes, values, starts_of(self.segments), self.segments)
         ends = np.array([image.value for image in images])
         blocks = np.array([image.jacobian for image in images]) * (scales / scales[:, None])
@@ -130,19 +130,19 @@ class Shooting:
             widths / np.tile(scales, count)[:, None])
         residual = ((ends - (nodes if count == 1 else np.roll(nodes, -1, axis=0))) / scales).ravel()
         monodromy = images[0].jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
-        seen = [image.seen for image in images if image.seen is not None and image.climb is not None]
+        seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
         if len(seen) < count:
             return Linearised(residual, jacobian, monodromy, blocks)
-        heights = np.array([h for part in seen for h in part.heights]) / self.map.height_scale
-        climb, row = np.zeros((len(heights), size + len(widths))), 0
-        steps, spans = scales / self.map.height_scale, widths / self.map.height_scale
+        amplitudes = np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale
+        gradient, row = np.zeros((len(amplitudes), size + len(widths))), 0
+        steps, spans = scales / self.map.amplitude_scale, widths / self.map.amplitude_scale
         for k, image in enumerate(images):
-            assert image.climb is not None
-            end = row + len(image.climb)
-            climb[row:end, k * n:k * n + n] = image.climb[:, :n] * steps
-            climb[row:end, size:] = image.climb[:, n:] * spans
+            assert image.amplitude_gradient is not None
+            end = row + len(image.amplitude_gradient)
+            gradient[row:end, k * n:k * n + n] = image.amplitude_gradient[:, :n] * steps
+            gradient[row:end, size:] = image.amplitude_gradient[:, n:] * spans
             row = end
-        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), heights, climb)
+        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), amplitudes, gradient)
 
     def cut(self, z: Floats) -> tuple[Shooting, Floats]:
         """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with
@@ -163,8 +163,8 @@ class Shooting:
         lengths, nodes = greedy(parts)
         if not self.map.divisible:
             lengths = [round(length) for length in lengths]
-        finer = Shooting(self.map, self.period, self.windows, tuple(lengths))
-        return finer, finer.point(np.array(nodes), values)
+        finer = Shooting(self.map, self.period, self.ranges, tuple(lengths))
+        return finer, finer.unknowns(np.array(nodes), values)
 
     def _pieces(self, x: Floats, values: Values, first: float,
                 length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
@@ -239,4 +239,4 @@ def joined(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
     events = "".join(mode for mode, _ in groupby("".join(part.events for part in seen)))
     stick = sum(part.stick_fraction * length for part, length in zip(seen, segments)) / sum(segments)
     return Observation(max(part.largest for part in seen), stick, events,
-                       tuple(h for part in seen for h in part.heights))
+                       tuple(h for part in seen for h in part.amplitudes))

@@ -63,7 +63,7 @@ def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> st
     kinds = [kind for kind, rules in RULES.items() if _reduced(longer, rules, shorter)]
     if kinds:
         # Both an interval of slip and one of stick that vanish make S+S of S+S+S.
-        return min(kinds, key=lambda kind: border_residual(kind, near))
+        return min(kinds, key=lambda kind: margin_residual(kind, near))
     grazing, arrival = min(m.grazing for m in near), min(abs(m.arrival) for m in near)
     stick = min(abs(m.stick) for m in near)
     if stick <= min(grazing, arrival):
@@ -79,7 +79,7 @@ def margin_of(kind: str) -> str:
     return {"grazing_sliding": "grazing", "adding_sliding": "stick", "stick_border": "stick"}.get(kind, "arrival")
 
 
-def border_residual(kind: str, near: tuple[Margins, ...]) -> float:
+def margin_residual(kind: str, near: tuple[Margins, ...]) -> float:
     """The margin that vanishes at a bifurcation of this kind, relative to its natural size; the smaller one of `near`.
     """
     return min(abs(float(getattr(m, margin_of(kind)))) for m in near)
@@ -90,5 +90,5 @@ def differ(one: str, two: str) -> bool:
     return ring(one) != ring(two)
 
 
-__all__ = ["border_residual", "differ", "kind_of_change", "margin_of", "ring"]
+__all__ = ["differ", "kind_of_change", "margin_of", "margin_residual", "ring"]
 

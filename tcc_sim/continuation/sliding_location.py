@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.continuation.palc import point_at, tangent_of
+from tcc_sim.continuation.palc import solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Floats, Margins
 from tcc_sim.continuation.shooting import Linearised, Shooting
-from tcc_sim.continuation.sliding import border_residual, differ, kind_of_change, margin_of, ring
-from tcc_sim.continuation.special_points import WORST, Bifurcation, Chord, Station, station_at
+from tcc_sim.continuation.sliding import differ, kind_of_change, margin_of, margin_residual, ring
+from tcc_sim.continuation.special_points import WORST, Bifurcation, Bracket, ContinuationPoint, point_at
 
 NAMES = ("grazing", "arrival", "stick")
 HALVINGS, MORE_HALVINGS = 24, 20
@@ -35,37 +35,37 @@ ASTRAY = 10.0
 """Distance from the bracket, in its lengths, beyond which another border has been found."""
 
 
-def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
-    """The stations on both sides of a change of the event sequence, and the bifurcation there.
+def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, ContinuationPoint, Bifurcation | None]:
+    """The points on both sides of a change of the event sequence, and the bifurcation there.
 
     None where the change is none of friction (the pressure meeting 0), or where no margin vanishes.
     """
     low, high = 0.0, 1.0
-    left, right = chord.a, chord.b
-    best: tuple[Station, Station, Bifurcation] | None = None
+    left, right = bracket.a, bracket.b
+    best: tuple[ContinuationPoint, ContinuationPoint, Bifurcation] | None = None
     for count in (HALVINGS, MORE_HALVINGS, 0):
         if not count:
-            left, right = chord.a, chord.b
+            left, right = bracket.a, bracket.b
         for _ in range(count):
             middle = 0.5 * (low + high)
-            station = chord.at(middle)
-            if station is None:
+            point = bracket.at(middle)
+            if point is None:
                 break
-            station = observed(station)
-            if differ(station.orbit.seen.events, chord.a.orbit.seen.events):
-                high, right = middle, station
+            point = observed(point)
+            if differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
+                high, right = middle, point
             else:
-                low, left = middle, station
+                low, left = middle, point
         events = left.orbit.seen.events, right.orbit.seen.events
         if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
             return left, right, None
-        near = nearest(left.shooting, left.point.z), nearest(right.shooting, right.point.z)
+        near = nearest(left.shooting, left.solution.z), nearest(right.shooting, right.solution.z)
         kind = kind_of_change(*events, (near[0].margins, near[1].margins))
         found = solved(kind, left, right, near)
         if found is not None:
             return left, right, found
         at = left if left.orbit.residual <= right.orbit.residual else right
-        residual = max(border_residual(kind, (near[0].margins, near[1].margins)), at.orbit.residual)
+        residual = max(margin_residual(kind, (near[0].margins, near[1].margins)), at.orbit.residual)
         # Where the bracket is as narrow as rounding, both of its ends may be on one side, without the margin that
         # vanishes;
         # those of the chord are looked at too then.
@@ -76,10 +76,10 @@ def event_border(chord: Chord) -> tuple[Station, Station, Bifurcation | None]:
     return best if best[2].residual < WORST else (best[0], best[1], None)
 
 
-def observed(station: Station) -> Station:
-    """The station with what is seen at its very point; a corrector knows it only from before its last step."""
-    seen = station.shooting.linearise(station.point.z).seen
-    return station if seen is None else replace(station, orbit=replace(station.orbit, seen=seen))
+def observed(point: ContinuationPoint) -> ContinuationPoint:
+    """The point with what is seen at its very point; a corrector knows it only from before its last step."""
+    seen = point.shooting.linearise(point.solution.z).seen
+    return point if seen is None else replace(point, orbit=replace(point.orbit, seen=seen))
 
 
 class Nearest(NamedTuple):
@@ -92,7 +92,7 @@ class Nearest(NamedTuple):
 def nearest(shooting: Shooting, z: Floats) -> Nearest:
     """The margins over all segments."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
-    widths = np.array([w.width(float(u)) for w, u in zip(shooting.windows, z[size:])])
+    widths = np.array([w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])])
     least = dict.fromkeys(NAMES, np.inf)
     gradients: dict[str, Floats] = {}
     grows, first = False, 0.0
@@ -112,16 +112,17 @@ def nearest(shooting: Shooting, z: Floats) -> Nearest:
     return Nearest(Margins(least["grazing"], least["arrival"], grows, least["stick"]), gradients)
 
 
-def solved(kind: str, left: Station, right: Station, near: tuple[Nearest, Nearest]) -> Bifurcation | None:
-    """The border between two stations by Newton's method on its own margin; None where that does not get through."""
+def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
+           near: tuple[Nearest, Nearest]) -> Bifurcation | None:
+    """The border between two points by Newton's method on its own margin; None where that does not get through."""
     name = margin_of(kind)
     sides = [(s, m) for s, m in zip((left, right), near) if name in m.gradients]
     if not sides:
         return None
     # The margin that is to vanish belongs to the side without the event that it would make.
     start, at = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1].margins, name))))
-    shooting, z = start.shooting, start.point.z
-    apart = max(float(np.linalg.norm(right.point.z - left.point.z)), 1e-9)
+    shooting, z = start.shooting, start.solution.z
+    apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
     one_sided = name != "arrival"
     try:
         found = shooting.linearise(z)
@@ -146,14 +147,14 @@ def solved(kind: str, left: Station, right: Station, near: tuple[Nearest, Neares
                     break
             else:
                 return None
-            if float(np.linalg.norm(z - start.point.z)) > ASTRAY * apart:
+            if float(np.linalg.norm(z - start.solution.z)) > ASTRAY * apart:
                 return None
     except FAILURES:
         return None
     return None
 
 
-def located(kind: str, near: Station, z: Floats, found: Linearised, margin: float) -> Bifurcation:
+def located(kind: str, near: ContinuationPoint, z: Floats, found: Linearised, margin: float) -> Bifurcation:
     """The bifurcation at a solution."""
-    station = station_at(near.shooting, point_at(z, found, tangent_of(found, near.point.tangent)))
-    return Bifurcation(kind, station, max(margin, station.orbit.residual))
+    point = point_at(near.shooting, solution_at(z, found, tangent_of(found, near.solution.tangent)))
+    return Bifurcation(kind, point, max(margin, point.orbit.residual))

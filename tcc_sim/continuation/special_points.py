@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import NEUTRAL, Orbit, orbit_at
-from tcc_sim.continuation.palc import FLAT, Plane, Point, correct, point_at
+from tcc_sim.continuation.palc import FLAT, AmplitudeRow, Solution, corrector, solution_at
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.errors import NumericalFailure
@@ -38,17 +38,17 @@ COMPLEX = 1e-6
 
 
 @dataclass(frozen=True)
-class Station:
+class ContinuationPoint:
     """A point of a branch: unknowns and tangent, the orbit there, and the equations they belong to."""
 
-    point: Point
+    solution: Solution
     orbit: Orbit
     shooting: Shooting
 
     @property
     def slope(self) -> float:
         """The parameter's share of the tangent: 0 at a fold."""
-        return float(self.point.tangent[self.shooting.size])
+        return float(self.solution.tangent[self.shooting.size])
 
     @property
     def value(self) -> float:
@@ -56,10 +56,10 @@ class Station:
         return self.orbit.values[0]
 
 
-def turned(station: Station) -> Station:
-    """The station with its tangent the other way round."""
-    point = station.point
-    return replace(station, point=point._replace(tangent=-point.tangent, sign=-point.sign))
+def turned(point: ContinuationPoint) -> ContinuationPoint:
+    """The point with its tangent the other way round."""
+    solution = point.solution
+    return replace(point, solution=solution._replace(tangent=-solution.tangent, sign=-solution.sign))
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Bifurcation:
     """
 
     kind: str
-    station: Station
+    point: ContinuationPoint
     residual: float
     branch: int = 0
     limit: float | None = None
@@ -81,90 +81,91 @@ class Bifurcation:
     @property
     def value(self) -> float:
         """The parameter."""
-        return self.station.value
+        return self.point.value
 
     def as_json(self) -> dict[str, Any]:
         """As an entry of `bifurcations`."""
-        orbit = self.station.orbit.as_json()
+        orbit = self.point.orbit.as_json()
         names = ("value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "multipliers")
         return {"kind": self.kind, **{n: orbit[n] for n in names}, "residual": self.residual, "branch": self.branch,
-                "period": self.station.orbit.period}
+                "period": self.point.orbit.period}
 
 
-def station_at(shooting: Shooting, point: Point) -> Station:
-    """The station of a point."""
-    return Station(point, orbit_at(shooting, point.z, point.found), shooting)
+def point_at(shooting: Shooting, solution: Solution) -> ContinuationPoint:
+    """The point of a point."""
+    return ContinuationPoint(solution, orbit_at(shooting, solution.z, solution.found), shooting)
 
 
 @dataclass(frozen=True)
-class Chord:
-    """The piece of a branch between two stations with the same equations."""
+class Bracket:
+    """The piece of a branch between two points with the same equations."""
 
-    a: Station
-    b: Station
-    climbing: bool = True
-    """Whether the heights are coordinates of the arclength, as they were on the way from a to b."""
+    a: ContinuationPoint
+    b: ContinuationPoint
+    by_amplitude: bool = True
+    """Whether the amplitudes are coordinates of the arclength, as they were on the way from a to b."""
 
-    kept: dict[float, Station] = field(default_factory=dict, compare=False, repr=False)
+    kept: dict[float, ContinuationPoint] = field(default_factory=dict, compare=False, repr=False)
     """Stations solved for already, by their part of the chord."""
 
-    def at(self, part: float) -> Station | None:
-        """The station at `part` (0 to 1) of the chord; None where the corrector fails."""
-        p, q = self.a.point, self.b.point
+    def at(self, part: float) -> ContinuationPoint | None:
+        """The point at `part` (0 to 1) of the chord; None where the corrector fails."""
+        p, q = self.a.solution, self.b.solution
         chord = q.z - p.z
         length = float(np.linalg.norm(chord))
         if part in (0.0, 1.0) or length == 0.0:
             return self.b if part == 1.0 else self.a
         if part in self.kept:
             return self.kept[part]
-        start, plane, low, high = None, FLAT, p.found.heights, q.found.heights
-        if self.climbing and len(low) and len(low) == len(high):
-            guess, plane = p.z + part * chord, Plane((high - low) / length, low + part * (high - low))
+        start, plane, low, high = None, FLAT, p.found.amplitudes, q.found.amplitudes
+        if self.by_amplitude and len(low) and len(low) == len(high):
+            guess, plane = p.z + part * chord, AmplitudeRow((high - low) / length, low + part * (high - low))
             start = self._start(part, chord / length, plane.weights)
         else:
             guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
-        found = correct(self.a.shooting, guess, chord / length, plane, start=start)
+        found = corrector(self.a.shooting, guess, chord / length, plane, start=start)
         if found is None:
             return None
         tangent = found.tangent if float(found.tangent @ (p.tangent + q.tangent)) > 0.0 else -found.tangent
-        self.kept[part] = station_at(self.a.shooting, point_at(found.z, found.found, tangent))
+        self.kept[part] = point_at(self.a.shooting, solution_at(found.z, found.found, tangent))
         return self.kept[part]
 
     def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
-        """The cubic through the stations about `part` that are known, with their tangents, there; None where one of
+        """The cubic through the points about `part` that are known, with their tangents, there; None where one of
         them goes back along the chord.
         """
         known = {0.0: self.a, 1.0: self.b, **self.kept}
         low, high = max(k for k in known if k < part), min(k for k in known if k > part)
-        length = float(np.linalg.norm(self.b.point.z - self.a.point.z))
+        length = float(np.linalg.norm(self.b.solution.z - self.a.solution.z))
         whole, slopes = length * (1.0 + float(weights @ weights)), []
-        for station in (known[low], known[high]):
-            tangent = station.point.tangent
-            along = float(row @ tangent + weights @ (station.point.found.climb @ tangent))
+        for point in (known[low], known[high]):
+            tangent = point.solution.tangent
+            along = float(row @ tangent + weights @ (point.solution.found.amplitude_gradient @ tangent))
             if not along > FORWARD * float(np.sqrt(1.0 + weights @ weights)):
                 return None
             slopes.append(tangent * (whole / along * (high - low)))
-        return _hermite(known[low].point.z, known[high].point.z, slopes[0], slopes[1], (part - low) / (high - low))
+        return _hermite(known[low].solution.z, known[high].solution.z, slopes[0], slopes[1],
+                        (part - low) / (high - low))
 
-    def root(self, test: Callable[[Station], float],
-             residual: Callable[[Station], float] | None = None) -> Station | None:
-        """The station where `test` changes sign; None where it does not or the branch is lost on the way, with the
-        heights as coordinates and without them.
+    def locate(self, test: Callable[[ContinuationPoint], float],
+             residual: Callable[[ContinuationPoint], float] | None = None) -> ContinuationPoint | None:
+        """The point where `test` changes sign; None where it does not or the branch is lost on the way, with the
+        amplitudes as coordinates and without them.
 
         residual : of what is looked for; where it is ENOUGH nothing better is
         """
         def value(part: float) -> float:
-            station = self.at(part)
-            if station is None:
+            point = self.at(part)
+            if point is None:
                 raise NumericalFailure("the branch is lost between two of its points")
-            return 0.0 if residual is not None and residual(station) <= ENOUGH else test(station)
+            return 0.0 if residual is not None and residual(point) <= ENOUGH else test(point)
 
         try:
             return self.at(chandrupatla(value, 0.0, 1.0))
         except ValueError:
             return None
         except NumericalFailure:
-            return replace(self, climbing=False, kept={}).root(test, residual) if self.climbing else None
+            return replace(self, by_amplitude=False, kept={}).locate(test, residual) if self.by_amplitude else None
 
 
 def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
@@ -229,12 +230,12 @@ def _opposite(one: float, two: float, factors: Sequence[float]) -> bool:
     return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * float(np.prod(factors))
 
 
-def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
-    """The bifurcations between two stations of one smooth piece of a branch, in order along it."""
-    a, b, out = chord.a, chord.b, []
+def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
+    """The bifurcations between two points of one smooth piece of a branch, in order along it."""
+    a, b, out = bracket.a, bracket.b, []
     m, n = a.orbit.multipliers, b.orbit.multipliers
-    crossed = a.point.sign != b.point.sign
-    tests: list[tuple[str, Callable[[Station], float], Callable[[Station], float]]] = []
+    crossed = a.solution.sign != b.solution.sign
+    tests: list[tuple[str, Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = []
     if a.slope * b.slope < 0.0:
         tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
     if _opposite(doubling(m), doubling(n), [1.0 + max(abs(x), abs(y)) for x, y in zip(m, n)]):
@@ -244,28 +245,28 @@ def smooth_bifurcations(chord: Chord) -> list[Bifurcation]:
     if _opposite(torus(m), torus(n), [1.0 + x * y for k, x in enumerate(sizes) for y in sizes[:k]]):
         tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
     if crossed:
-        tests.append(("branch_point", lambda s: s.point.sign,
-                      lambda s: float(np.linalg.svd(s.point.found.jacobian, compute_uv=False)[-1])))
+        tests.append(("branch_point", lambda s: s.solution.sign,
+                      lambda s: float(np.linalg.svd(s.solution.found.jacobian, compute_uv=False)[-1])))
     for kind, test, residual in tests:
-        station = branch_point(chord) if kind == "branch_point" else chord.root(test, residual)
-        if station is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(station))):
+        point = branch_point(bracket) if kind == "branch_point" else bracket.locate(test, residual)
+        if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
             continue
-        left = max(residual(station), station.orbit.residual)
+        left = max(residual(point), point.orbit.residual)
         if left < WORST:
-            out.append(Bifurcation(kind, station, left))
-    along = chord.b.point.z - chord.a.point.z
-    return sorted(out, key=lambda f: float(along @ f.station.point.z))
+            out.append(Bifurcation(kind, point, left))
+    along = bracket.b.solution.z - bracket.a.solution.z
+    return sorted(out, key=lambda f: float(along @ f.point.solution.z))
 
 
-def branch_point(chord: Chord) -> Station | None:
+def branch_point(bracket: Bracket) -> ContinuationPoint | None:
     """The point where two branches cross, by Newton on a regular system that holds it; None where there is none.
 
     G + beta w = 0, J^T w = 0, w . w = 1 (G. Moore, The numerical treatment of non-trivial bifurcation points, Numer.
     Funct. Anal. Optim. 2, 1980); the derivative of J^T w is taken by differences.
     """
-    near = chord.b
-    shooting, z, found = near.shooting, near.point.z, near.point.found
-    w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.point.z) - 1
+    near = bracket.b
+    shooting, z, found = near.shooting, near.solution.z, near.solution.found
+    w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.solution.z) - 1
     try:
         for _ in range(12):
             matrix, side = np.zeros((2 * d + 2, 2 * d + 2)), np.zeros(2 * d + 2)
@@ -282,16 +283,16 @@ def branch_point(chord: Chord) -> Station | None:
             found = shooting.linearise(z)
             if np.abs(change).max() < 1e-9:
                 break
-        if np.linalg.norm(z - near.point.z) > 1e-2 or abs(beta) > 1e-6:
+        if np.linalg.norm(z - near.solution.z) > 1e-2 or abs(beta) > 1e-6:
             return None
-        return station_at(shooting, point_at(z, found, near.point.tangent))
+        return point_at(shooting, solution_at(z, found, near.solution.tangent))
     except FAILURES:
         return None
 
 
-def _from_circle(station: Station) -> float:
+def _from_circle(point: ContinuationPoint) -> float:
     """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
-    pairs = [abs(abs(x) ** 2 - 1.0) for x in station.orbit.multipliers if abs(np.angle(x)) > COMPLEX
+    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > COMPLEX
              and abs(np.angle(x)) < np.pi - COMPLEX]
     return float(min(pairs, default=np.inf))
 

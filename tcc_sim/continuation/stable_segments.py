@@ -1,4 +1,4 @@
-"""Where motions are stable: stretches of branches between two bifurcations, and which one a motion of a sweep is on.
+"""Where motions are stable: segments of branches between two bifurcations, and which one a motion of a sweep is on.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 
 from tcc_sim.continuation.branch import Branch
 from tcc_sim.continuation.branch_switching import doubled
-from tcc_sim.continuation.diagram import MET, SAME, Seen
+from tcc_sim.continuation.diagram import MET, SAME, SettledMotion
 from tcc_sim.continuation.jumps import nearest_bifurcation
-from tcc_sim.continuation.special_points import Bifurcation, Station
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 
 ALIKE = 1e-3
-"""Difference of the largest sizes, relative to themselves, up to which two stretches are one followed twice."""
+"""Difference of the largest sizes, relative to themselves, up to which two segments are one followed twice."""
 NARROW = 1e-3
-"""Width, relative to the range, below which a stretch is left out: on canards stability comes and goes within less."""
+"""Width, relative to the range, below which a segment is left out: on canards stability comes and goes within less."""
 
 
 @dataclass(frozen=True)
 class End:
-    """Where a stretch ends.
+    """Where a segment ends.
 
     value : of the parameter
     kind : of the bifurcation; empty at the end of the range, or where the branch could not be followed
@@ -43,12 +43,12 @@ class End:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class StableSegment:
     """Stable motions of one branch over an interval of the parameter.
 
     period : cycles
     low, high : its ends
-    values, heights : along it, values growing
+    values, amplitudes : along it, values growing
     branch : number of the branch
     """
 
@@ -56,74 +56,75 @@ class Stretch:
     low: End
     high: End
     values: tuple[float, ...]
-    heights: tuple[float, ...]
+    amplitudes: tuple[float, ...]
     branch: int = 0
 
-    def height(self, value: float) -> float:
+    def amplitude(self, value: float) -> float:
         """The largest size of the motion; NaN beyond the ends."""
         if not self.low.value <= value <= self.high.value:
             return math.nan
-        return float(np.interp(value, self.values, self.heights))
+        return float(np.interp(value, self.values, self.amplitudes))
 
     def __str__(self) -> str:
-        """The stretch in words."""
+        """The segment in words."""
         return f"period {self.period}, stable from {self.low} to {self.high}"
 
 
-def stretches_of(branches: Sequence[Branch], low: float, high: float, unit: float = 1.0) -> list[Stretch]:
-    """The stable stretches of branches over a range from `low` to `high`; their parameter is divided by `unit`."""
+def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: float = 1.0) -> list[StableSegment]:
+    """The stable segments of branches over a range from `low` to `high`; their parameter is divided by `unit`."""
     span = low, high
     out = []
     for number, branch in enumerate(branches):
-        for first, last in _runs(branch.stations):
+        for first, last in _runs(branch.points):
             ends = [_end(branches, branch, first, -1, span, unit), _end(branches, branch, last, 1, span, unit)]
-            part = branch.stations[first:last + 1]
-            values, heights = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
+            part = branch.points[first:last + 1]
+            values, amplitudes = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
             if values[-1] < values[0]:
-                values, heights, ends = values[::-1], heights[::-1], ends[::-1]
+                values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
             if values[-1] - values[0] > NARROW * (high - low) / unit:
-                out.append(Stretch(branch.period, ends[0], ends[1], tuple(values), tuple(heights), number))
+                out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes), number))
     return _different(out)
 
 
-def _different(found: list[Stretch]) -> list[Stretch]:
-    """The stretches without those that are part of another one."""
-    out: list[Stretch] = []
-    for stretch in sorted(found, key=lambda s: s.low.value - s.high.value):
-        middle = 0.5 * (stretch.low.value + stretch.high.value)
-        height = stretch.height(middle)
-        if not any(s.period == stretch.period and abs(s.height(middle) - height) <= ALIKE * height for s in out):
-            out.append(stretch)
+def _different(found: list[StableSegment]) -> list[StableSegment]:
+    """The segments without those that are part of another one."""
+    out: list[StableSegment] = []
+    for segment in sorted(found, key=lambda s: s.low.value - s.high.value):
+        middle = 0.5 * (segment.low.value + segment.high.value)
+        amplitude = segment.amplitude(middle)
+        if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= ALIKE * amplitude
+                   for s in out):
+            out.append(segment)
     return sorted(out, key=lambda s: (s.low.value, s.period))
 
 
-def _runs(stations: Sequence[Station]) -> list[tuple[int, int]]:
+def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
     """First and last numbers of the stable points in a row between which the parameter does not turn."""
     out: list[tuple[int, int]] = []
     start, way = -1, 0.0
-    for k, station in enumerate(stations):
-        step = np.sign(station.value - stations[k - 1].value) if k else 0.0
-        if start >= 0 and station.orbit.stable and way * step < 0.0:
+    for k, point in enumerate(points):
+        step = np.sign(point.value - points[k - 1].value) if k else 0.0
+        if start >= 0 and point.orbit.stable and way * step < 0.0:
             out.append((start, k - 1))
             start, way = k, 0.0
-        elif station.orbit.stable:
+        elif point.orbit.stable:
             start, way = (k, 0.0) if start < 0 else (start, step or way)
         elif start >= 0:
             out.append((start, k - 1))
             start = -1
-    return [*out, (start, len(stations) - 1)] if start >= 0 else out
+    return [*out, (start, len(points) - 1)] if start >= 0 else out
 
 
 def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
          unit: float) -> End:
-    """What ends a stretch at one of its points, towards the neighbour `beyond`."""
-    at, width = branch.stations[point], span[1] - span[0]
-    size = max((s.orbit.seen.largest for b in branches for s in b.stations), default=0.0)
-    inner = 0 <= point + beyond < len(branch.stations)
-    found = _between(branch, at, branch.stations[point + beyond]) if inner else None
+    """What ends a segment at one of its points, towards the neighbour `beyond`."""
+    at, width = branch.points[point], span[1] - span[0]
+    size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
+    inner = 0 <= point + beyond < len(branch.points)
+    found = _between(branch, at, branch.points[point + beyond]) if inner else None
     # Where doubled motions end a multiplier is 1, more or less: that point may count as stable or not.
     last = point + beyond if inner else point
-    if found is None and last in (0, len(branch.stations) - 1):
+    if found is None and last in (0, len(branch.points) - 1):
         begun = _doubling_of(branches, branch, last, width)
         if begun is not None:
             return End(begun.value / unit, begun.kind, begun.residual)
@@ -135,23 +136,23 @@ def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, sp
 
 def _doubling_of(branches: Sequence[Branch], branch: Branch, point: int, width: float) -> Bifurcation | None:
     """The doubling of motions of half the period in which a branch begins or ends; None where it is none."""
-    at = branch.stations[point].value
+    at = branch.points[point].value
     if point == 0 and isinstance(branch.origin, dict):
         at = branch.origin["value"]
     return next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
                  if f.kind == "period_doubling" and abs(f.value - at) <= MET * width), None)
 
 
-def _between(branch: Branch, stable: Station, other: Station) -> Bifurcation | None:
+def _between(branch: Branch, stable: ContinuationPoint, other: ContinuationPoint) -> Bifurcation | None:
     """The bifurcation nearest to the stable one of two neighbouring points, on the chord between them."""
-    chord = other.point.z - stable.point.z if stable.shooting == other.shooting else None
+    chord = other.solution.z - stable.solution.z if stable.shooting == other.shooting else None
     if chord is None:
         return None
     length, parts = float(np.linalg.norm(chord)), {}
     for found in branch.bifurcations:
-        if found.station.shooting != stable.shooting or length == 0.0:
+        if found.point.shooting != stable.shooting or length == 0.0:
             continue
-        away = found.station.point.z - stable.point.z
+        away = found.point.solution.z - stable.solution.z
         part = float(away @ chord) / length**2
         if 0.0 <= part <= 1.0 and np.linalg.norm(away - part * chord) <= length:
             parts[part] = found
@@ -166,9 +167,9 @@ def _jumps(found: Bifurcation) -> bool:
     return found.kind == "fold"
 
 
-def stretch_of(seen: Seen, among: Sequence[Stretch], size: float, base: int = 1) -> int | None:
-    """The number of the stretch that a motion of a sweep is on, by its period and largest size; None for none."""
-    away = {k: abs(s.height(seen.value) - seen.height) for k, s in enumerate(among)
+def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
+    """The number of the segment that a motion of a sweep is on, by its period and largest size; None for none."""
+    away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among)
             if seen.period and s.period == math.lcm(seen.period, base)}
     near = {k: a for k, a in away.items() if a <= 2.0 * SAME * size}
     return min(near, key=lambda k: near[k]) if near else None

@@ -10,18 +10,18 @@ import numpy as np
 from tcc_sim.continuation.detection import between, collapse, returned, returning
 from tcc_sim.continuation.newton import LARGEST_LEFT, newton
 from tcc_sim.continuation.palc import (
-    Point,
-    Stride,
-    advance,
-    correct,
+    Solution,
+    StepSize,
+    corrector,
+    next_solution,
     null_direction,
-    point_at,
+    solution_at,
     tangent_of,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import GROWTH, Linearised, Shooting
 from tcc_sim.continuation.sliding import differ
-from tcc_sim.continuation.special_points import SMOOTH, Bifurcation, Station, station_at, turned
+from tcc_sim.continuation.special_points import SMOOTH, Bifurcation, ContinuationPoint, point_at, turned
 
 MOST_POINTS = 3000
 MOST_TRIES = 6000
@@ -60,55 +60,55 @@ class Course:
 
     name: str
     most: int = MOST_POINTS
-    tick: Callable[[Station], None] | None = None
+    tick: Callable[[ContinuationPoint], None] | None = None
     detect: bool = True
     largest: float = 0.1
 
 
-def away_from(found: list[Bifurcation], new: Station) -> Station:
-    """The station behind a change of the event sequence, with its tangent away from there.
+def away_from(found: list[Bifurcation], new: ContinuationPoint) -> ContinuationPoint:
+    """The point behind a change of the event sequence, with its tangent away from there.
 
     Where two pieces of a branch meet on one side of a border, tangents that point alike lead back to it.
     """
-    borders = [f.station.point.z for f in found if f.kind not in SMOOTH]
-    if not borders or len(borders[-1]) != len(new.point.z):
+    borders = [f.point.solution.z for f in found if f.kind not in SMOOTH]
+    if not borders or len(borders[-1]) != len(new.solution.z):
         return new
-    way = new.point.z - borders[-1]
-    if float(way @ new.point.tangent) > -0.5 * float(np.linalg.norm(way)):
+    way = new.solution.z - borders[-1]
+    if float(way @ new.solution.tangent) > -0.5 * float(np.linalg.norm(way)):
         return new
     return turned(new)
 
 
 @dataclass
 class Walk:
-    """One direction of a branch, from a first station; the results are filled in as it goes."""
+    """One direction of a branch, from a first point; the results are filled in as it goes."""
 
     course: Course
-    stations: list[Station]
+    points: list[ContinuationPoint]
     bifurcations: list[Bifurcation] = field(default_factory=list)
     sentence: str = ""
     closed: bool = False
     done: bool = False
-    stride: Stride = field(default_factory=Stride)
-    climbing: bool = True
+    step_size: StepSize = field(default_factory=StepSize)
+    by_amplitude: bool = True
     _anew: int = 0
     """Number of points when the orbit was cut anew for want of a step."""
     _ends: list[tuple[Floats, Floats]] = field(default_factory=list)
 
     def run(self) -> Walk:
         """Go on until an end; Ctrl-C is an end too, and passed on."""
-        first, self.stride.largest = self.stations[0], self.course.largest
+        first, self.step_size.largest = self.points[0], self.course.largest
         self.sentence = f"interrupted at {self._where(first)}"
         self._ends = returning(first)
-        before: list[Point] = []
+        before: list[Solution] = []
         while not self.done:
-            here = self.stations[-1]
+            here = self.points[-1]
             self.sentence = f"interrupted at {self._where(here)}"
-            if len(self.stations) > self.course.most:
+            if len(self.points) > self.course.most:
                 self.sentence = f"stopped after {self.course.most} points at {self._where(here)}"
                 break
-            if self.stride.tried > MOST_TRIES:
-                self.sentence = f"given up after {self.stride.tried} steps tried at {self._where(here)}: no progress"
+            if self.step_size.tried > MOST_TRIES:
+                self.sentence = f"given up after {self.step_size.tried} steps tried at {self._where(here)}: no progress"
                 break
             edge = self._edge(here)
             if edge is not None and self._too_steep(edge):
@@ -117,106 +117,106 @@ class Walk:
                 self._take(edge)
                 self.sentence = f"{self.course.name} reached {edge.value:.9g}, the end of the range"
                 break
-            length = self.stride.length
+            length = self.step_size.length
             new = self._onward(here, before)
             if new is None:
                 if not (self._turn_at_border(here) or self._cut_anew(here)):
                     self.sentence = (f"no further point was found beyond {self._where(here)}: no step down to "
-                                     f"{self.stride.smallest:.0e} of the natural sizes met a residual of "
+                                     f"{self.step_size.smallest:.0e} of the natural sizes met a residual of "
                                      f"{LARGEST_LEFT:.0e}")
                     break
                 before = []
                 continue
-            if not 0.0 <= new.point.z[here.shooting.size] <= 1.0:
-                self.stride.length = 0.5 * length
+            if not 0.0 <= new.solution.z[here.shooting.size] <= 1.0:
+                self.step_size.length = 0.5 * length
                 continue
             if self._too_steep(new):
                 break
             self._take(new)
-            before.append(here.point)
+            before.append(here.solution)
             if here.shooting.map.piecewise and differ(here.orbit.seen.events, new.orbit.seen.events):
                 before = []  # Beyond a corner the points before it tell nothing.
             if self.done or self._in_family():
                 break
-            recut = self._recut(self.stations[-1])
+            recut = self._recut(self.points[-1])
             if recut is not None:
-                self.stations[-1], before = recut, []
+                self.points[-1], before = recut, []
         return self
 
-    def _onward(self, here: Station, before: list[Point]) -> Station | None:
-        """The next station; where steps with the largest sizes as further coordinates fail, by the unknowns alone."""
-        for self.climbing in (True, False):
-            if not self.climbing:
-                if not len(here.point.found.heights):
+    def _onward(self, here: ContinuationPoint, before: list[Solution]) -> ContinuationPoint | None:
+        """The next point; where steps with the largest sizes as further coordinates fail, by the unknowns alone."""
+        for self.by_amplitude in (True, False):
+            if not self.by_amplitude:
+                if not len(here.solution.found.amplitudes):
                     return None
-                self.stride.length = FLAT_START
+                self.step_size.length = FLAT_START
             try:
-                moved = advance(here.shooting, here.point, before, self.stride, self.climbing)
+                moved = next_solution(here.shooting, here.solution, before, self.step_size, self.by_amplitude)
                 if moved is not None:
-                    return station_at(here.shooting, moved)
+                    return point_at(here.shooting, moved)
             except FAILURES:
                 continue
         return None
 
-    def _where(self, station: Station) -> str:
-        """The parameter of a station in words."""
-        return f"{self.course.name} = {station.value:.9g}"
+    def _where(self, point: ContinuationPoint) -> str:
+        """The parameter of a point in words."""
+        return f"{self.course.name} = {point.value:.9g}"
 
-    def _take(self, new: Station) -> None:
-        """Append a station, with the bifurcations on the way to it; look whether the branch has closed."""
-        here = self.stations[-1]
-        found = between(here, new, self.climbing) if self.course.detect else []
-        shorter = collapse(here, new) if here.point.sign != new.point.sign else None
+    def _take(self, new: ContinuationPoint) -> None:
+        """Append a point, with the bifurcations on the way to it; look whether the branch has closed."""
+        here = self.points[-1]
+        found = between(here, new, self.by_amplitude) if self.course.detect else []
+        shorter = collapse(here, new) if here.solution.sign != new.solution.sign else None
         if shorter is not None:
             found = [f for f in found if f.kind not in ("branch_point", "fold")]
             new, self.done = shorter, True
-            window, last = new.shooting.windows[0], self.bifurcations
+            span, last = new.shooting.ranges[0], self.bifurcations
             while last and last[-1].kind in ("branch_point", "fold") and abs(
-                    window.scaled(last[-1].value) - window.scaled(new.value)) < SAME_END:
+                    span.scaled(last[-1].value) - span.scaled(new.value)) < SAME_END:
                 last.pop()
             self.sentence = f"ended in a period doubling of motions of a shorter period at {self._where(new)}"
         self.bifurcations += found
         new = away_from(found, new)
         if self.course.tick is not None:
             self.course.tick(new)
-        if len(self.stations) > 3 and not self.done and returned(self._ends, self.stations[0], here, new):
+        if len(self.points) > 3 and not self.done and returned(self._ends, self.points[0], here, new):
             self.closed = self.done = True
-            self.sentence = f"closed: back at its first point, {self._where(self.stations[0])}"
-            new = self.stations[0]
-        self.stations.append(new)
+            self.sentence = f"closed: back at its first point, {self._where(self.points[0])}"
+            new = self.points[0]
+        self.points.append(new)
 
-    def _edge(self, here: Station) -> Station | None:
-        """The station at the end of the range where the next step would pass it; the step is shortened until one is
+    def _edge(self, here: ContinuationPoint) -> ContinuationPoint | None:
+        """The point at the end of the range where the next step would pass it; the step is shortened until one is
         found.
         """
-        size, stride, point = here.shooting.size, self.stride, here.point
+        size, step_size, at = here.shooting.size, self.step_size, here.solution
         slope = here.slope
-        while stride.length > stride.smallest:
-            step = stride.length * slope
+        while step_size.length > step_size.smallest:
+            step = step_size.length * slope
             bound = 1.0 if slope > 0.0 else 0.0
-            room = bound - float(point.z[size])
+            room = bound - float(at.z[size])
             if abs(step) <= abs(room):
                 return None
-            if room == 0.0 and len(self.stations) == 1:
+            if room == 0.0 and len(self.points) == 1:
                 return here
-            row = np.zeros(len(point.z))
+            row = np.zeros(len(at.z))
             row[size] = 1.0
-            guess = point.z + room / slope * point.tangent
+            guess = at.z + room / slope * at.tangent
             guess[size] = bound
-            found = correct(here.shooting, guess, row)
-            if found is not None and found.distance <= 0.3 * stride.length:
-                tangent = found.tangent if float(found.tangent @ point.tangent) > 0.0 else -found.tangent
-                new = point_at(found.z, found.found, tangent)
-                if float(tangent @ point.tangent) > stride.turn and new.sign == point.sign:
-                    return station_at(here.shooting, new)
-            stride.length *= 0.5
+            found = corrector(here.shooting, guess, row)
+            if found is not None and found.distance <= 0.3 * step_size.length:
+                tangent = found.tangent if float(found.tangent @ at.tangent) > 0.0 else -found.tangent
+                new = solution_at(found.z, found.found, tangent)
+                if float(tangent @ at.tangent) > step_size.turn and new.sign == at.sign:
+                    return point_at(here.shooting, new)
+            step_size.length *= 0.5
         return None
 
-    def _too_steep(self, new: Station) -> bool:
+    def _too_steep(self, new: ContinuationPoint) -> bool:
         """Whether an orbit grows so much that it is not followed; nothing is looked for on the way to it."""
         if not abs(new.orbit.multipliers[0]) > CANARD:
             return False
-        self.sentence = (f"ended at {self._where(self.stations[-1])}: beyond it a multiplier is above {CANARD:.0e}, a "
+        self.sentence = (f"ended at {self._where(self.points[-1])}: beyond it a multiplier is above {CANARD:.0e}, a "
                          "canard, which double precision does not resolve")
         return True
 
@@ -226,18 +226,18 @@ class Walk:
         Two points alone tell nothing: beside a doubling, where the parameter goes as the square of the way, it stands
         still and a multiplier is 1 as well.
         """
-        last = self.stations[-1]
-        for station in reversed(self.stations):
-            if np.abs(station.orbit.multipliers - 1.0).min() > EXACTLY_ONE or abs(station.slope) > EXACTLY_ONE:
+        last = self.points[-1]
+        for point in reversed(self.points):
+            if np.abs(point.orbit.multipliers - 1.0).min() > EXACTLY_ONE or abs(point.slope) > EXACTLY_ONE:
                 return False
-            away = (last.orbit.section - station.orbit.section) / last.shooting.map.scales
+            away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
             if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
                 self.sentence = (f"met a family of motions with a multiplier of exactly 1 at {self._where(last)}: no "
                                  "branch can be followed through it")
                 return True
         return False
 
-    def _cut_anew(self, here: Station) -> bool:
+    def _cut_anew(self, here: ContinuationPoint) -> bool:
         """Go on in other segments where no step is possible in these: one of them may start where slip does, and
         Newton's method then goes to and fro between two event sequences. Whether there are other ones.
 
@@ -245,26 +245,26 @@ class Walk:
         and a node on it would be in the way at every step, not at one. The canards behind both folds of period two
         are passed so with either law.
         """
-        if self._anew == len(self.stations):
+        if self._anew == len(self.points):
             return False
-        self._anew = len(self.stations)
+        self._anew = len(self.points)
         other = self._recut(here, True)
         if other is None or other.shooting.segments == here.shooting.segments:
             return False
-        self.stations[-1], self.stride.length = other, FLAT_START
+        self.points[-1], self.step_size.length = other, FLAT_START
         return True
 
-    def _recut(self, station: Station, anew: bool = False) -> Station | None:
-        """The station in other segments, where the growth over one of them is large or fewer may do, or `anew`; None
+    def _recut(self, point: ContinuationPoint, anew: bool = False) -> ContinuationPoint | None:
+        """The point in other segments, where the growth over one of them is large or fewer may do, or `anew`; None
         where these stay.
         """
-        shooting, grown = station.shooting, float(np.abs(station.point.found.blocks).max())
+        shooting, grown = point.shooting, float(np.abs(point.solution.found.blocks).max())
         if not shooting.map.divisible and (shooting.period == 1 or len(shooting.segments) == shooting.period):
             return None
-        fewer = len(shooting.segments) > 1 and len(self.stations) % CHECKED == 0
+        fewer = len(shooting.segments) > 1 and len(self.points) % CHECKED == 0
         if not (grown > FAR_GROWN * GROWTH or fewer or anew):
             return None
-        finer, z = shooting.cut(station.point.z)
+        finer, z = shooting.cut(point.solution.z)
         if len(finer.segments) == len(shooting.segments) and not (grown > FAR_GROWN * GROWTH or anew):
             return None
         polished = newton(finer, z)
@@ -273,10 +273,10 @@ class Walk:
         found = finer.linearise(polished)
         along = np.zeros(len(z))
         n = shooting.map.dimension
-        along[:n], along[-1] = station.point.tangent[:n], station.point.tangent[-1]
-        return station_at(finer, point_at(polished, found, tangent_of(found, along)))
+        along[:n], along[-1] = point.solution.tangent[:n], point.solution.tangent[-1]
+        return point_at(finer, solution_at(polished, found, tangent_of(found, along)))
 
-    def _turn_at_border(self, here: Station) -> bool:
+    def _turn_at_border(self, here: ContinuationPoint) -> bool:
         """Go on beyond a change of the event sequence at which the branch has a corner; whether that was possible.
 
         An end of slip that passes phase 0 makes one too: of motions that stick there none has a slip speed.
@@ -286,9 +286,9 @@ class Walk:
             return False
         for beside in BESIDE:
             try:
-                found = shooting.linearise(here.point.z + beside * here.point.tangent)
+                found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
                 tangent = null_direction(found)
-                sides = [self._events_at(shooting, here.point.z + s * beside * tangent) for s in (1.0, -1.0)]
+                sides = [self._events_at(shooting, here.solution.z + s * beside * tangent) for s in (1.0, -1.0)]
             except FAILURES:
                 continue
             for along, events in zip((tangent, -tangent), sides):
@@ -298,22 +298,23 @@ class Walk:
                     return True
         return False
 
-    def _beyond(self, here: Station, found: Linearised, along: Floats, beside: float) -> Station | None:
-        """The next station on the other piece of a branch that has a corner at `here`; None where none is found.
+    def _beyond(self, here: ContinuationPoint, found: Linearised, along: Floats,
+                beside: float) -> ContinuationPoint | None:
+        """The next point on the other piece of a branch that has a corner at `here`; None where none is found.
 
         found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
         """
-        shooting, z = here.shooting, here.point.z
+        shooting, z = here.shooting, here.solution.z
         for known in (found, None):
-            stride = Stride(length=beside, smallest=1e-10)
+            step_size = StepSize(length=beside, smallest=1e-10)
             try:
                 start = known or shooting.linearise(z + beside * along)
-                moved = advance(shooting, point_at(z, start, tangent_of(start, along)), [], stride, False)
-                new = None if moved is None else station_at(shooting, moved)
+                moved = next_solution(shooting, solution_at(z, start, tangent_of(start, along)), [], step_size, False)
+                new = None if moved is None else point_at(shooting, moved)
             except FAILURES:
                 continue
             if new is not None and new.orbit.seen.events != here.orbit.seen.events:
-                self.stride.length = stride.length
+                self.step_size.length = step_size.length
                 return new
         return None
 

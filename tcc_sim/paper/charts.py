@@ -15,7 +15,7 @@ import numpy as np
 from tcc_sim.continuation.codim2 import Curve, bifurcation_curve, border_curve
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats
-from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
@@ -59,17 +59,17 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     plan = Plan(cycles=100 if options.quick else 150, discard=50)
     grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan,
                       jobs=options.jobs, progress=options.progress)
-    windows = (Window(row.span[0] * units[0], row.span[1] * units[0]),
-               Window(row.second_span[0] * units[1], row.second_span[1] * units[1]))
-    curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), windows)
+    ranges = (ParameterRange(row.span[0] * units[0], row.span[1] * units[0]),
+               ParameterRange(row.second_span[0] * units[1], row.second_span[1] * units[1]))
+    curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), ranges)
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
         for branch in surveyed(sweep.curve, seen_in(sweep), options.progress, LONGEST):
             for found in branch.bifurcations:
-                curve = _followed(found, both, windows, float(cut) * units[1], curves)
+                curve = _followed(found, both, ranges, float(cut) * units[1], curves)
                 if curve is not None:
-                    curves.append(_as_json(curve, found.station.orbit.period, creeps(found, sweep.curve.system)))
+                    curves.append(_as_json(curve, found.point.orbit.period, creeps(found, sweep.curve.system)))
     records = [sweep.records for sweep in grid.sweeps]
     return {"axis": NAMES[row.over], "x": x.tolist(), "unit": units[0], "over": row.over,
             "second_axis": NAMES[row.second], "y": y.tolist(), "second_unit": units[1], "second_over": row.second,
@@ -78,20 +78,20 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             "regime": [[None if r is None else r["regime"] for r in line] for line in records]}
 
 
-def _followed(found: Bifurcation, of: DrivelineMap, windows: tuple[Window, Window], second: float,
+def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange, ParameterRange], second: float,
               known: list[dict[str, Any]]) -> Curve | None:
     """The curve of a bifurcation; None where it is not of those followed, or lies on a curve that is known."""
-    orbit = found.station.orbit
+    orbit = found.point.orbit
     if found.kind not in FOLLOWED or orbit.period > LONGEST * of.forcing_period or abs(orbit.multipliers[0]) > ENDING:
         return None
-    at = np.array([windows[0].scaled(found.value), windows[1].scaled(second)])
+    at = np.array([ranges[0].scaled(found.value), ranges[1].scaled(second)])
     for curve in known:
-        if (curve["kind"], curve["period"]) == (found.kind, found.station.orbit.period):
-            points = np.array([[windows[0].scaled(a), windows[1].scaled(b)]
+        if (curve["kind"], curve["period"]) == (found.kind, found.point.orbit.period):
+            points = np.array([[ranges[0].scaled(a), ranges[1].scaled(b)]
                                for a, b in zip(curve["value"], curve["second"])])
             if distance(at, points) < PASSED:
                 return None
-    return bifurcation_curve(found, of, windows, second, SMALLEST, MOST_POINTS)
+    return bifurcation_curve(found, of, ranges, second, SMALLEST, MOST_POINTS)
 
 
 def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def distance(at: Floats, line: Floats) -> float:
     return float(np.linalg.norm(a + part[:, None] * d - at, axis=1).min())
 
 
-def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, Window],
+def stick_borders(system: System, keys: tuple[str, str], ranges: tuple[ParameterRange, ParameterRange],
                   count: int = 150) -> list[dict[str, Any]]:
     """Curves on which pure stick ends by (10), corrected, in the plane of two keys."""
     of = DrivelineMap(system, keys)
@@ -123,17 +123,17 @@ def stick_borders(system: System, keys: tuple[str, str], windows: tuple[Window, 
 
     out: list[dict[str, Any]] = []
     for part in (0.0, 0.25, 0.5, 0.75, 1.0):
-        second = windows[1].value(part)
-        values = [windows[0].value(u) for u in np.linspace(0.0, 1.0, count)]
+        second = ranges[1].value(part)
+        values = [ranges[0].value(u) for u in np.linspace(0.0, 1.0, count)]
         margins = np.array([margin(v, second) for v in values])
         for k in np.flatnonzero(margins[1:] * margins[:-1] < 0.0):
             root = chandrupatla(partial(margin, second=second), values[k], values[k + 1])
-            at = np.array([windows[0].scaled(root), part])
-            known = [np.array([[windows[0].scaled(a), windows[1].scaled(b)] for a, b in zip(c["value"], c["second"])])
+            at = np.array([ranges[0].scaled(root), part])
+            known = [np.array([[ranges[0].scaled(a), ranges[1].scaled(b)] for a, b in zip(c["value"], c["second"])])
                      for c in out]
             if any(distance(at, line) < PASSED for line in known):
                 continue
-            curve = border_curve(margin, windows, root, second)
+            curve = border_curve(margin, ranges, root, second)
             if curve is not None:
                 out.append(_as_json(curve, 1, False))
     return out

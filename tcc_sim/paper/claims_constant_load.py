@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.damping import slope_of_friction
-from tcc_sim.continuation.stable_segments import Stretch
+from tcc_sim.continuation.stable_segments import StableSegment
 from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import OMEGA_N, SUPER_HARMONICS, paper_system
 from tcc_sim.paper.evidence import (
@@ -294,7 +294,7 @@ def aperiodic_from(evidence: StableMotions) -> Finding:
                    "one ends", tuple(evidence.motions("", AT_036, RATIOS, over=KINETIC)))
 
 
-def covered_down_to(stretches: Sequence[Stretch], start: float) -> float:
+def covered_down_to(stretches: Sequence[StableSegment], start: float) -> float:
     """The value down to which stable motions of period one or two exist without a gap, from `start` on."""
     at, gap = start, 1e-6
     while True:

@@ -31,7 +31,7 @@ def phase_reversed(evidence: StableMotions) -> Finding:
     shares, motions = {}, []
     for n in (14, 15):
         evidence.stretches(rows(n), HIGHER)
-        shares[str(n)] = ordered_shares([evidence.heights(row, HIGHER) for row in rows(n)], 0,
+        shares[str(n)] = ordered_shares([evidence.amplitudes(row, HIGHER) for row in rows(n)], 0,
                                         (HIGHER >= 0.31) & (HIGHER <= 0.45), worst=True)
         for series in FIGURES[n].series:
             motions += evidence.motions(f"Fig. {n}, {plain(series.label)}", series.values, HIGHER)
@@ -196,7 +196,7 @@ def mismatch_with_falling_law(evidence: StableMotions) -> Finding:
     for place in beaten:
         axis = about(place, 7e-3)
         evidence.stretches(rows(17), axis)
-        middle = [[evidence.heights(row, axis)[len(axis) // 2]] for row in rows(17)]
+        middle = [[evidence.amplitudes(row, axis)[len(axis) // 2]] for row in rows(17)]
         kept += ordered_shares(middle, 1, np.array([True]))[1] == 1.0
         for row in rows(17):
             motions += evidence.motions(f"omega_f = {row['pressure.frequency_ratio']:.3f} omega", row, axis)

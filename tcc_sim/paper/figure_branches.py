@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.continuation.diagram import Seen, left_out, station_of
+from tcc_sim.continuation.diagram import SettledMotion, left_out, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.jumps import jumps_of
-from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
@@ -82,7 +82,7 @@ def creeps(found: Bifurcation, system: System) -> bool:
     if system.friction.law != "smoothed" or found.kind not in SMOOTH:
         return False
     limit = stick_speed_of(terms_of(system))
-    return math.isfinite(limit) and found.station.orbit.seen.largest <= CREEP * limit
+    return math.isfinite(limit) and found.point.orbit.seen.largest <= CREEP * limit
 
 
 def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
@@ -92,5 +92,5 @@ def orbit_behind(system: System, final: State, cycle: int, period: int, largest:
     state = np.array([final.slip_speed, final.plate_angle, final.plate_speed])
     if not period:
         return None
-    station = station_of(of, Window(0.5 * omega, 1.5 * omega), Seen(omega, state, cycle, period, largest))
-    return None if station is None else {"period": station.orbit.period, **station.orbit.as_json()}
+    point = point_of(of, ParameterRange(0.5 * omega, 1.5 * omega), SettledMotion(omega, state, cycle, period, largest))
+    return None if point is None else {"period": point.orbit.period, **point.orbit.as_json()}

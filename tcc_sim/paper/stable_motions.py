@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import halton
 from tcc_sim.basins.driveline import DrivelineMotion
-from tcc_sim.continuation.diagram import Seen, size_of, station_of, survey
+from tcc_sim.continuation.diagram import SettledMotion, bifurcation_diagram, point_of, size_of
 from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.shooting import Window
-from tcc_sim.continuation.stable_segments import End, Stretch, stretch_of, stretches_of
+from tcc_sim.continuation.shooting import ParameterRange
+from tcc_sim.continuation.stable_segments import End, StableSegment, segment_of, stable_segments
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
@@ -51,7 +51,7 @@ class StableMotions(Evidence):
 
     known: dict[str, Any] = field(default_factory=dict)
 
-    def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[Stretch]]:
+    def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
         """For every row the stable stretches of the branches through the motions of sweeps: cold, up and down.
 
         Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
@@ -72,7 +72,7 @@ class StableMotions(Evidence):
         among, sweep = self.stretches([row], axis, over=over)[0], self.curves([row], axis, over=over)[0]
         unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
         base, size = common_cycles(sweep.curve.system), size_of(seen)
-        at = {s.value: stretch_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
+        at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
     def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[dict[str, Any]]:
@@ -88,11 +88,12 @@ class StableMotions(Evidence):
         found = {end.value: end for s in among for end in (s.low, s.high) if end.jumps}
         return [found[value] for value in sorted(found)]
 
-    def heights(self, row: Values, axis: Floats) -> list[list[float]]:
+    def amplitudes(self, row: Values, axis: Floats) -> list[list[float]]:
         """For every frequency ratio the largest slip speed of every stable motion known, that from (13) first."""
         among = self.stretches([row], axis)[0]
         cold = self.curves([row], axis)[0].column("max_slip_speed")
-        return [[float(c), *(h for s in among if math.isfinite(h := s.height(float(x))))] for x, c in zip(axis, cold)]
+        return [[float(c), *(h for s in among if math.isfinite(h := s.amplitude(float(x))))] for x,
+                c in zip(axis, cold)]
 
     def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
         """(n,) whether there is a stable periodic motion: one of a sweep, closed by Newton, with its multipliers."""
@@ -101,12 +102,13 @@ class StableMotions(Evidence):
             found = np.zeros(len(axis), dtype=bool)
             for direction in ("cold", "up", "down"):
                 curve = (sweep := self.curves([row], axis, direction=direction)[0]).curve
-                of, window = DrivelineMap(curve.system, (curve.key,)), Window(min(curve.values), max(curve.values))
+                of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(min(curve.values),
+                                                                                    max(curve.values))
                 for seen in seen_in(sweep):
                     k = curve.values.index(seen.value)
                     if seen.period and not found[k]:
-                        station = station_of(of, window, seen)
-                        found[k] = station is not None and station.orbit.stable
+                        point = point_of(of, span, seen)
+                        found[k] = point is not None and point.orbit.stable
             self.known[name] = found
         out: NDArray[np.bool_] = self.known[name]
         return out
@@ -124,12 +126,13 @@ class StableMotions(Evidence):
         return out
 
 
-def _followed(curve: Curve, seen: Sequence[Seen]) -> list[Stretch]:
+def _followed(curve: Curve, seen: Sequence[SettledMotion]) -> list[StableSegment]:
     """The stable stretches of the branches through motions along a curve; what a worker does."""
     low, high = min(curve.values), max(curve.values)
-    branches = survey(DrivelineMap(curve.system, (curve.key,)), Window(low, high), curve.key, seen, longest=LONGEST,
+    branches = bifurcation_diagram(DrivelineMap(curve.system, (curve.key,)), ParameterRange(low, high), curve.key,
+                                   seen, longest=LONGEST,
                       points=POINTS, branches=BRANCHES)
-    return stretches_of(branches, low, high, UNITS.get(curve.key, 1.0))
+    return stable_segments(branches, low, high, UNITS.get(curve.key, 1.0))
 
 
 def end_as_json(end: End) -> dict[str, Any]:

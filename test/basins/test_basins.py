@@ -15,7 +15,7 @@ from tcc_sim.basins import rows as basin_rows
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import CYCLES, Axis, boundary_of, halton
 from tcc_sim.basins.driveline import DrivelineMotion, mean_load
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Captures, follow, section_of
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, follow, section_of
 from tcc_sim.basins.rows import basins
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -81,9 +81,9 @@ def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_it
     ours = np.array([complex(*a.section[0]) for a in found])
     assert sorted(np.abs(roots[:, None] - ours[None]).argmin(axis=0)) == [0, 1, 2]
     assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
-    captures = Captures(found, of.map.scales, 1)
+    mapper = ProximityMapper(found, of.map.scales, 1)
     cells = 4.0 * halton(300, 2) - 2.0
-    for cell, k in zip(cells, follow(of, captures, cells, CYCLES)[0]):
+    for cell, k in zip(cells, follow(of, mapper, cells, CYCLES)[0]):
         assert abs(complex(*section_of(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
 
 
@@ -91,9 +91,9 @@ def test_two_fixed_points_and_what_runs_away():
     of = Iterated(cubic, 1)
     found = find_attractors(of, [np.array([x]) for x in (0.3, -0.3, 4.0)])
     assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
-    captures = Captures(found, of.map.scales, 1)
+    mapper = ProximityMapper(found, of.map.scales, 1)
     cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
-    *labels, fast, middle = follow(of, captures, cells, CYCLES)[0]
+    *labels, fast, middle = follow(of, mapper, cells, CYCLES)[0]
     for x, k in zip(cells[:, 0], labels):
         assert found[k].section[0, 0] == pytest.approx(_end(x))
     assert fast == RUNAWAY
@@ -111,8 +111,8 @@ def test_a_strange_attractor_is_one_cloud():
     found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2), (0.5, 0.0))])
     assert [a.period for a in found] == [0]
     assert found[0].multipliers is None
-    captures = Captures(found, of.map.scales, 1)
-    assert follow(of, captures, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
+    mapper = ProximityMapper(found, of.map.scales, 1)
+    assert follow(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
 
 
 def beside_a_resonance(x, p):
@@ -152,21 +152,22 @@ def test_a_chaotic_transient_is_no_attractor(monkeypatch):
 
 def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
     orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
-    captures = Captures([orbit], np.ones(1), 1)
-    assert found_by(captures, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
-    assert found_by(captures, [0.01, 0.02, 0.03], 0)[0] == -1
-    assert found_by(captures, [0.01], 0)[0] == -1
-    assert found_by(captures, [0.01, np.nan, np.nan], 0)[0] == -1
-    both = captures.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
+    mapper = ProximityMapper([orbit], np.ones(1), 1)
+    assert found_by(mapper, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
+    assert found_by(mapper, [0.01, 0.02, 0.03], 0)[0] == -1
+    assert found_by(mapper, [0.01], 0)[0] == -1
+    assert found_by(mapper, [0.01, np.nan, np.nan], 0)[0] == -1
+    both = mapper.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
     assert both[0].tolist() == [0, -1]
-    phased = Captures([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1), 2)
+    phased = ProximityMapper([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1),
+                             2)
     assert found_by(phased, [0.0, 1.0], 4) == (0, 0)
     assert found_by(phased, [0.0, 1.0], 5)[0] == -1
 
 
-def found_by(captures, points, first):
+def found_by(mapper, points, first):
     """Label and cycles of one motion with one state."""
-    label, after = captures.find(np.array(points)[None, :, None], first)
+    label, after = mapper.find(np.array(points)[None, :, None], first)
     return int(label[0]), int(after[0])
 
 

@@ -8,12 +8,12 @@ import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
 from tcc_sim.continuation import walk
-from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch import Branch, first_point, follow
 from tcc_sim.continuation.branch_switching import orbits_at, switch
 from tcc_sim.continuation.codim2 import bialternate, bifurcation_curve
 from tcc_sim.continuation.newton import find_orbit
-from tcc_sim.continuation.palc import extrapolated
-from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.palc import predictor
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.continuation.walk import Course
@@ -23,10 +23,10 @@ COURSE = Course("p")
 
 def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float],
               period: int = 1) -> Branch:
-    shooting = Shooting.single(TextbookMap(step, dimension), period, Window(low, high))
+    shooting = Shooting.single(TextbookMap(step, dimension), period, ParameterRange(low, high))
     z = find_orbit(shooting, (value,), [np.array(guess)])
     assert z is not None
-    return follow(first_station(shooting, z), COURSE, "start", 0)
+    return follow(first_point(shooting, z), COURSE, "start", 0)
 
 
 def kinds(branch: Branch) -> list[str]:
@@ -43,19 +43,19 @@ def test_fold_and_doubling_of_the_henon_map() -> None:
     assert of_kind(branch, "fold").value == pytest.approx(-0.1225, abs=1e-10)
     assert of_kind(branch, "period_doubling").value == pytest.approx(0.3675, abs=1e-10)
     assert all(f.residual < 1e-8 for f in branch.bifurcations)
-    assert [s.value for s in (branch.stations[0], branch.stations[-1])] == [1.5, 1.5]
-    for station in branch.stations:
-        x, a = station.orbit.section[0], station.value
+    assert [s.value for s in (branch.points[0], branch.points[-1])] == [1.5, 1.5]
+    for point in branch.points:
+        x, a = point.orbit.section[0], point.value
         assert a - x * x + 0.3 * x == pytest.approx(x, abs=1e-9)
-    stable = [s.orbit.stable for s in branch.stations]
-    assert stable == [-0.35 < s.orbit.section[0] < 0.35 for s in branch.stations]
+    stable = [s.orbit.stable for s in branch.points]
+    assert stable == [-0.35 < s.orbit.section[0] < 0.35 for s in branch.points]
 
 
 def test_neimark_sacker_of_the_delayed_logistic_map() -> None:
     branch = branch_of(delayed_logistic, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
     assert kinds(branch) == ["neimark_sacker"]
     assert branch.bifurcations[0].value == pytest.approx(2.0, abs=1e-10)
-    assert branch.bifurcations[0].station.orbit.multipliers[0] == pytest.approx(np.exp(1j * math.pi / 3.0), abs=1e-8)
+    assert branch.bifurcations[0].point.orbit.multipliers[0] == pytest.approx(np.exp(1j * math.pi / 3.0), abs=1e-8)
 
 
 def test_a_neutral_saddle_is_no_neimark_sacker() -> None:
@@ -70,7 +70,7 @@ def test_a_branch_point_is_located_and_not_taken_for_a_fold() -> None:
     branch = branch_of(logistic, 1, 0.5, 2.9, 2.5, [0.6])
     assert kinds(branch) == ["branch_point"]
     assert branch.bifurcations[0].value == pytest.approx(1.0, abs=1e-8)
-    assert all(s.orbit.section[0] == pytest.approx(1.0 - 1.0 / s.value, abs=1e-8) for s in branch.stations)
+    assert all(s.orbit.section[0] == pytest.approx(1.0 - 1.0 / s.value, abs=1e-8) for s in branch.points)
 
 
 @pytest.mark.parametrize("guess", [0.0, 0.9])
@@ -84,9 +84,9 @@ def test_the_branch_point_of_a_pitchfork(guess: float) -> None:
     assert point.residual < 1e-8
     kinds_found = kinds(branch)
     assert "period_doubling" not in kinds_found
-    on = [s.orbit.section[0] for s in branch.stations]
+    on = [s.orbit.section[0] for s in branch.points]
     if guess:
-        assert all(x * x == pytest.approx(s.value, abs=1e-7) for x, s in zip(on, branch.stations))
+        assert all(x * x == pytest.approx(s.value, abs=1e-7) for x, s in zip(on, branch.points))
         assert (on[0] > 0.0) != (on[-1] > 0.0)
     else:
         assert max(map(abs, on)) < 1e-9
@@ -107,14 +107,14 @@ def test_a_branch_does_not_jump_to_a_neighbour() -> None:
         return x + u * (u - gap), np.array([[1.0 + slope]]), np.array([[-8.0 * math.cos(8.0 * p[0]) * slope]])
 
     branch = branch_of(close, 1, 0.0, 2.0, 0.1, [math.sin(0.8)])
-    assert (branch.stations[0].value, branch.stations[-1].value) == (0.0, 2.0)
-    assert all(s.orbit.section[0] == pytest.approx(math.sin(8.0 * s.value), abs=1e-7) for s in branch.stations)
+    assert (branch.points[0].value, branch.points[-1].value) == (0.0, 2.0)
+    assert all(s.orbit.section[0] == pytest.approx(math.sin(8.0 * s.value), abs=1e-7) for s in branch.points)
 
 
 def test_a_doubled_branch_does_not_go_over_to_the_simple_one() -> None:
     branch = branch_of(logistic, 1, 2.5, 3.5, 3.206, [0.5], 2)
     assert branch.ended[0].startswith("ended in a period doubling of motions of a shorter period at p = 3")
-    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-9)
+    assert min(s.value for s in branch.points) == pytest.approx(3.0, abs=1e-9)
 
 
 def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None:
@@ -131,7 +131,7 @@ def test_a_doubled_branch_ends_where_its_period_halves() -> None:
     branch = branch_of(logistic, 1, 2.5, 3.9, 3.2, [0.5], 2)
     assert any("shorter period" in sentence for sentence in branch.ended)
     assert kinds(branch) == ["period_doubling"]
-    assert min(s.value for s in branch.stations) == pytest.approx(3.0, abs=1e-9)
+    assert min(s.value for s in branch.points) == pytest.approx(3.0, abs=1e-9)
 
 
 def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
@@ -145,7 +145,8 @@ def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
                                            ("period_doubling", lambda b: 0.75 * (1.0 - b) ** 2)])
 def test_curves_of_the_henon_map_in_two_parameters(kind: str, law) -> None:
     branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
-    curve = bifurcation_curve(of_kind(branch, kind), TextbookMap(henon, 2), (Window(-1.0, 2.5), Window(-0.5, 0.9)), 0.3)
+    curve = bifurcation_curve(of_kind(branch, kind), TextbookMap(henon, 2),
+                              (ParameterRange(-1.0, 2.5), ParameterRange(-0.5, 0.9)), 0.3)
     assert curve is not None
     assert curve.kind == kind
     assert (min(curve.second), max(curve.second)) == pytest.approx((-0.5, 0.9), abs=1e-12)
@@ -160,7 +161,7 @@ def test_the_curve_of_a_neimark_sacker_bifurcation() -> None:
 
     branch = branch_of(slowed, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
     curve = bifurcation_curve(of_kind(branch, "neimark_sacker"), TextbookMap(slowed, 2),
-                              (Window(1.1, 2.6), Window(0.5, 1.5)), 1.0)
+                              (ParameterRange(1.1, 2.6), ParameterRange(0.5, 1.5)), 1.0)
     assert curve is not None
     assert (min(curve.second), max(curve.second)) == pytest.approx((0.5, 1.5), abs=1e-12)
     assert curve.values == pytest.approx([2.0] * len(curve.values), abs=1e-8)
@@ -178,7 +179,7 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
         return (x + 0.2 * (p[0] - x**3 + gap * x), np.array([[1.0 + 0.2 * (gap - 3.0 * x[0] ** 2)]]),
                 np.array([[0.2, -0.6 * e * e * x[0]]]))
 
-    window, sigma = Window(-1.0, 1.0), 5.0
+    span, sigma = ParameterRange(-1.0, 1.0), 5.0
 
     def fold(step: Step, guess: float) -> Bifurcation:
         def fixed(x, p):
@@ -188,9 +189,9 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
         branch = branch_of(fixed, 1, -1.0, 1.0, 0.5, [guess])
         return of_kind(branch, "fold")
 
-    stays = limit_of(fold(smoothed, 0.8), TextbookMap(smoothed, 1), TextbookMap(smoothed, 1), window, sigma)
+    stays = limit_of(fold(smoothed, 0.8), TextbookMap(smoothed, 1), TextbookMap(smoothed, 1), span, sigma)
     assert stays == pytest.approx(0.0, abs=1e-9)
-    gone = limit_of(fold(vanishing, 1.0), TextbookMap(vanishing, 1), TextbookMap(vanishing, 1), window, sigma)
+    gone = limit_of(fold(vanishing, 1.0), TextbookMap(vanishing, 1), TextbookMap(vanishing, 1), span, sigma)
     assert gone is None
 
 
@@ -208,13 +209,13 @@ def test_the_predictor_is_exact_for_a_polynomial_with_its_slope_or_without() -> 
 
     known = [(s, at(s)) for s in (-0.1, -0.3, -0.35)]
     for nodes in ([(0.0, at(0.0)), (0.0, np.array([-2.0, 1.0])), *known], [(0.0, at(0.0)), *known]):
-        assert extrapolated(nodes, 0.7) == pytest.approx(at(0.7), abs=1e-12)
+        assert predictor(nodes, 0.7) == pytest.approx(at(0.7), abs=1e-12)
 
 
 def test_a_curve_takes_few_evaluations_a_point() -> None:
     branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
     of = TextbookMap(henon, 2)
-    curve = bifurcation_curve(of_kind(branch, "fold"), of, (Window(-1.0, 2.5), Window(-0.5, 0.9)), 0.3)
+    curve = bifurcation_curve(of_kind(branch, "fold"), of, (ParameterRange(-1.0, 2.5), ParameterRange(-0.5, 0.9)), 0.3)
     assert curve is not None
     # Newton's method takes two or three, each with four differences where no gradient is kept.
     assert of.evaluations < 11 * len(curve.values)
@@ -222,22 +223,22 @@ def test_a_curve_takes_few_evaluations_a_point() -> None:
 
 def test_a_bifurcation_takes_few_evaluations() -> None:
     of = TextbookMap(henon, 2)
-    shooting = Shooting.single(of, 1, Window(-1.0, 1.5))
+    shooting = Shooting.single(of, 1, ParameterRange(-1.0, 1.5))
     z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
     assert z is not None
     counts = []
     for detect in (True, False):
         of.evaluations = 0
-        branch = follow(first_station(shooting, z), Course("p", detect=detect), "start", 0)
+        branch = follow(first_point(shooting, z), Course("p", detect=detect), "start", 0)
         counts.append(of.evaluations)
     assert counts[0] - counts[1] <= 2 * 20
-    assert len(branch.stations) > 10
+    assert len(branch.points) > 10
 
 
 def test_a_branch_without_progress_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk, "MOST_TRIES", 5)
     branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
-    assert len(branch.stations) <= 13
+    assert len(branch.points) <= 13
     assert all(sentence.startswith("given up after 6 steps tried at p = ") for sentence in branch.ended)
 
 
@@ -254,15 +255,15 @@ def test_a_branch_that_meets_no_residual_says_so() -> None:
 def test_ctrl_c_keeps_the_branch() -> None:
     seen = []
 
-    def tick(station) -> None:
-        seen.append(station)
+    def tick(point) -> None:
+        seen.append(point)
         if len(seen) == 6:
             raise KeyboardInterrupt
 
-    shooting = Shooting.single(TextbookMap(henon, 2), 1, Window(-1.0, 1.5))
+    shooting = Shooting.single(TextbookMap(henon, 2), 1, ParameterRange(-1.0, 1.5))
     z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
     kept: list[Branch] = []
     with pytest.raises(KeyboardInterrupt):
-        follow(first_station(shooting, z), Course("p", tick=tick), "start", 0, keep=kept)
-    assert len(kept[0].stations) == 6
+        follow(first_point(shooting, z), Course("p", tick=tick), "start", 0, keep=kept)
+    assert len(kept[0].points) == 6
     assert "interrupted" in kept[0].ended[1]

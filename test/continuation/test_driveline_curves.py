@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from tcc_sim.continuation.branch import Branch, first_station, follow
+from tcc_sim.continuation.branch import Branch, first_point, follow
 from tcc_sim.continuation.branch_switching import orbits_at
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import Plan, continue_motions
 from tcc_sim.continuation.newton import newton
-from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.walk import Course
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -33,12 +33,13 @@ def closed(system: System) -> Branch:
     return branch
 
 
-def followed(system: System, over: str, window: Window, section: np.ndarray, period: int, both: bool = True) -> Branch:
+def followed(system: System, over: str, span: ParameterRange, section: np.ndarray, period: int,
+             both: bool = True) -> Branch:
     """The branch over one key through an orbit near a section point."""
-    shooting = Shooting.single(DrivelineMap(system, (over,)), period, window)
-    z = newton(shooting, shooting.point(section[None], (getattr(*_place(system, over)),)))
+    shooting = Shooting.single(DrivelineMap(system, (over,)), period, span)
+    z = newton(shooting, shooting.unknowns(section[None], (getattr(*_place(system, over)),)))
     assert z is not None
-    return follow(first_station(shooting, z), Course(over, most=60), "start", 0, both=both)
+    return follow(first_point(shooting, z), Course(over, most=60), "start", 0, both=both)
 
 
 def _place(system: System, key: str) -> tuple[object, str]:
@@ -50,11 +51,11 @@ def test_the_large_motion_of_period_two_is_a_closed_branch_over_the_frequency(cl
     assert closed.period == 2
     assert closed.closed
     folds = sorted(f.value / NATURAL for f in closed.bifurcations if f.kind == "fold")
-    values = [s.value / NATURAL for s in closed.stations]
+    values = [s.value / NATURAL for s in closed.points]
     assert len(folds) == 2
     assert folds == pytest.approx([min(values), max(values)], abs=1e-4)
     assert folds[0] < 0.36 < folds[1]
-    assert closed.stations[0].orbit.section == pytest.approx(closed.stations[-1].orbit.section)
+    assert closed.points[0].orbit.section == pytest.approx(closed.points[-1].orbit.section)
     assert max(f.residual for f in closed.bifurcations) < 1e-8
 
 
@@ -69,7 +70,7 @@ def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: Sys
     for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
         orbit = next(o for o in orbits_at(closed, omega) if o.stable)
         at = replace(system, {OMEGA: omega})
-        branch = followed(at, MU_K, Window(0.3 * 0.87, 0.3 * 0.96), orbit.section, 2, both=False)
+        branch = followed(at, MU_K, ParameterRange(0.3 * 0.87, 0.3 * 0.96), orbit.section, 2, both=False)
         again = next(f for f in branch.bifurcations if f.kind == "fold")
         assert again.value == pytest.approx(value, abs=1e-8)
 
@@ -97,13 +98,13 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
     assert doubling.value / 0.3 == pytest.approx(0.66798763, abs=1e-8)
     assert (child.period, child.origin) == (4, {"kind": "period_doubling", "value": doubling.value, "branch": 0})
-    first = child.stations[0].orbit
+    first = child.points[0].orbit
     assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)
     # Beside the doubling a multiplier of the doubled motion is 1 and the other one the square of that of the saddle.
-    large = max(abs(m) for m in doubling.station.orbit.multipliers)
+    large = max(abs(m) for m in doubling.point.orbit.multipliers)
     assert abs(first.multipliers[0]) == pytest.approx(large**2, rel=0.02)
     assert np.abs(first.multipliers - 1.0).min() < 0.01
-    assert max(s.orbit.residual for s in child.stations) < 1e-8
+    assert max(s.orbit.residual for s in child.points) < 1e-8
 
 
 def test_the_curve_of_a_neimark_sacker_bifurcation_passes_those_found_anew_at_its_ends(system: System) -> None:
@@ -125,7 +126,7 @@ def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(syste
     (item,) = found.bifurcations
     assert (item.kind, found.branches[0].period) == ("neimark_sacker", 1)
     assert item.residual < 1e-8
-    assert abs(item.station.orbit.multipliers[0].imag) > 0.1
+    assert abs(item.point.orbit.multipliers[0].imag) > 0.1
     for side, comes_back in ((1.0 - 3e-4, True), (1.0 + 3e-4, False)):
         value = side * item.value
         (orbit,) = orbits_at(found.branches[0], value)

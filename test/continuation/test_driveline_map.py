@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.continuation.branch import first_station, follow
+from tcc_sim.continuation.branch import first_point, follow
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import Plan, check, continue_motions
 from tcc_sim.continuation.newton import newton, orbit_at
-from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.walk import Course
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
@@ -31,7 +31,7 @@ def coexistence(law: str, ratio: float) -> System:
 def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
     map_ = DrivelineMap(system, ("engine.mean_torque",))
-    shooting, z = start_orbit(map_, system, Window(290.0, 310.0), 300.0, None)
+    shooting, z = start_orbit(map_, system, ParameterRange(290.0, 310.0), 300.0, None)
     found = orbit_at(shooting, z, shooting.linearise(z))
     both = system.driveline.flywheel_inertia + system.driveline.plate_inertia
     roots = np.roots([both, system.driveline.damping, system.driveline.stiffness]) * system.cycle
@@ -64,22 +64,22 @@ def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
         limit = found.limits[0]
         assert limit is not None
         assert limit / 0.3 == pytest.approx(0.80787675, abs=1e-7)
-    assert found.branches[0].stations[0].orbit.stable != found.branches[0].stations[-1].orbit.stable
+    assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
 
 
 def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> None:
-    system, window = coexistence("smoothed", 0.85), Window(0.3 * 0.6, 0.3)
+    system, span = coexistence("smoothed", 0.85), ParameterRange(0.3 * 0.6, 0.3)
     map_ = DrivelineMap(system, (MU_K,))
-    shooting, z = start_orbit(map_, system, window, 0.3 * 0.85, 2)
-    branch = follow(first_station(shooting, z), Course(MU_K, most=45), "start", 0)
+    shooting, z = start_orbit(map_, system, span, 0.3 * 0.85, 2)
+    branch = follow(first_point(shooting, z), Course(MU_K, most=45), "start", 0)
     folds = [f for f in branch.bifurcations if f.kind == "fold"]
     for ratio in (0.667985, 0.918464):
         (item,) = [f for f in folds if abs(f.value / 0.3 - ratio) < 2e-6]
         assert item.residual < 1e-8
-        assert np.abs(item.station.orbit.multipliers - 1.0).min() < 1e-7
-    assert max(s.orbit.residual for s in branch.stations) < 1e-8
-    assert not branch.stations[0].orbit.stable
-    assert not branch.stations[-1].orbit.stable
+        assert np.abs(item.point.orbit.multipliers - 1.0).min() < 1e-7
+    assert max(s.orbit.residual for s in branch.points) < 1e-8
+    assert not branch.points[0].orbit.stable
+    assert not branch.points[-1].orbit.stable
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
@@ -87,12 +87,12 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
     (branch,) = found.branches
     assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in sentence
                for sentence in branch.ended)
-    assert max(abs(s.orbit.multipliers[0]) for s in branch.stations) <= 1e10
+    assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
     folds = sorted(f.value / 0.3 for f in found.bifurcations if f.kind == "fold")
     assert folds == pytest.approx([0.6679846, 0.9184644], abs=1e-7)
     assert max(f.residual for f in found.bifurcations) < 1e-8
     # Branch ends in the doubling of period one, which is no fold.
-    assert min(s.value for s in branch.stations[-3:]) / 0.3 == pytest.approx(0.777332546, abs=1e-7)
+    assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(0.777332546, abs=1e-7)
     assert all(abs(fold - 0.7773325) > 1e-4 for fold in folds)
 
 
@@ -104,7 +104,7 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
                                        f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
     at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
     assert at == {"period_doubling": pytest.approx(0.4164713, abs=1e-7), "fold": pytest.approx(0.4164713, abs=1e-7)}
-    assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].stations) > 1e9
+    assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].points) > 1e9
 
 
 def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
@@ -113,23 +113,23 @@ def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
     plan = Plan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
     found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
     for branch in found.branches:
-        values = np.array([s.value for s in branch.stations])
+        values = np.array([s.value for s in branch.points])
         turns = np.count_nonzero(np.diff(np.sign(np.diff(values))))
         assert turns == sum(f.kind == "fold" for f in branch.bifurcations) > 0
 
 
 def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
-    map_, window, value = DrivelineMap(system, ("engine.frequency",)), Window(60.0, 120.0), 61.0889
-    shooting = Shooting(map_, 1, (window,), (0.25, 0.28515625,
+    map_, span, value = DrivelineMap(system, ("engine.frequency",)), ParameterRange(60.0, 120.0), 61.0889
+    shooting = Shooting(map_, 1, (span,), (0.25, 0.28515625,
                                              0.46484375))  # Slip starts at the third node at 61.0891144.
     x = np.array([0.0, 0.0634500, 19.3206])
     ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
-    z = newton(shooting, shooting.point(np.array([x, *ends]), (value,)))
+    z = newton(shooting, shooting.unknowns(np.array([x, *ends]), (value,)))
     assert z is not None
-    branch = follow(first_station(shooting, z), Course("engine.frequency", most=60), "start", 0, both=False)
+    branch = follow(first_point(shooting, z), Course("engine.frequency", most=60), "start", 0, both=False)
     assert branch.ended[1].startswith("stopped after 60 points")
-    assert max(s.value for s in branch.stations) > 61.09
+    assert max(s.value for s in branch.points) > 61.09
 
 
 @pytest.mark.parametrize(("key", "values", "words"), [
@@ -179,7 +179,7 @@ def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "driveline.damping": 0.0})
     found = continue_motions(system, Plan("driveline.stiffness", 2500.0, 3500.0))
     assert found.bifurcations == []
-    assert not any(s.orbit.stable for s in found.branches[0].stations)
+    assert not any(s.orbit.stable for s in found.branches[0].points)
 
 
 def test_a_family_of_pure_slip_is_refused() -> None:

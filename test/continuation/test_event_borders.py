@@ -7,7 +7,7 @@ import pytest
 
 from tcc_sim.continuation.newton import find_orbit, orbit_at
 from tcc_sim.continuation.problem import NO_MARGINS, Floats, Image, Margins, Observation, Values
-from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.sliding import differ, kind_of_change, ring
 
 NEAR = (NO_MARGINS, NO_MARGINS)
@@ -40,7 +40,7 @@ def test_the_smallest_margin_decides_where_several_events_change() -> None:
 class DenHartog:
     """x'' + x = cos(beta t) - s sgn x' at phase 0 of the drive; slip only, closed form, saltation where x' turns."""
 
-    dimension, height_scale, forcing_period, piecewise = 2, 1.0, 1, True
+    dimension, amplitude_scale, forcing_period, piecewise = 2, 1.0, 1, True
     scales = np.ones(2)
     divisible = False
 
@@ -91,7 +91,7 @@ class DenHartog:
 
 def test_den_hartogs_oscillator_without_stops() -> None:
     beta, s = 1.3, 0.2
-    shooting = Shooting.single(DenHartog(beta), 1, Window(0.0, 0.5))
+    shooting = Shooting.single(DenHartog(beta), 1, ParameterRange(0.0, 0.5))
     z = find_orbit(shooting, (s,), [np.array([-1.2, 0.4])])
     assert z is not None
     found = orbit_at(shooting, z, shooting.linearise(z))

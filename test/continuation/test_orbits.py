@@ -7,7 +7,7 @@ import pytest
 from textbook_maps import TextbookMap, henon, logistic
 
 from tcc_sim.continuation.newton import find_orbit, minimal_period, multipliers_of, newton, orbit_at
-from tcc_sim.continuation.shooting import Shooting, Window
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import chandrupatla, torus
 from tcc_sim.errors import InputError
 
@@ -19,7 +19,7 @@ def orbit_of(shooting: Shooting, values: tuple[float, ...], guess: list[float], 
 
 
 def test_fixed_points_of_the_henon_map_and_their_multipliers() -> None:
-    shooting = Shooting.single(TextbookMap(henon, 2), 1, Window(-1.0, 2.0))
+    shooting = Shooting.single(TextbookMap(henon, 2), 1, ParameterRange(-1.0, 2.0))
     a, b = 1.4, 0.3
     for sign in (1.0, -1.0):
         x = 0.5 * (-(1.0 - b) + sign * math.sqrt((1.0 - b) ** 2 + 4.0 * a))
@@ -31,18 +31,18 @@ def test_fixed_points_of_the_henon_map_and_their_multipliers() -> None:
 
 
 def test_deflation_turns_newton_to_the_other_orbit() -> None:
-    shooting = Shooting.single(TextbookMap(henon, 2), 1, Window(-1.0, 2.0))
+    shooting = Shooting.single(TextbookMap(henon, 2), 1, ParameterRange(-1.0, 2.0))
     first = orbit_of(shooting, (1.4,), [0.8, 0.8])
     other = orbit_of(shooting, (1.4,), [0.8, 0.8], [first.section])
     assert first.section[0] + other.section[0] == pytest.approx(-0.7, abs=1e-10)
-    both = [shooting.point(x.section[None], (1.4,)) for x in (first, other)]
-    assert newton(shooting, shooting.point(np.array([[0.3, 0.2]]), (1.4,)), both) is None
+    both = [shooting.unknowns(x.section[None], (1.4,)) for x in (first, other)]
+    assert newton(shooting, shooting.unknowns(np.array([[0.3, 0.2]]), (1.4,)), both) is None
 
 
 def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
     map_ = TextbookMap(logistic, 1)
     r = 3.3
-    found = orbit_of(Shooting.single(map_, 2, Window(0.5, 4.0)), (r,), [1.0 - 1.0 / r + 1e-3])
+    found = orbit_of(Shooting.single(map_, 2, ParameterRange(0.5, 4.0)), (r,), [1.0 - 1.0 / r + 1e-3])
     root = math.sqrt((r + 1.0) * (r - 3.0))
     assert sorted([found.section[0], map_.evaluate(found.section, (r,), 0, 1).value[0]]) == pytest.approx(
         [(r + 1.0 - root) / (2.0 * r), (r + 1.0 + root) / (2.0 * r)], abs=1e-11)
@@ -52,13 +52,13 @@ def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
 
 def test_segments_of_one_cycle_give_the_same_orbit() -> None:
     map_ = TextbookMap(logistic, 1)
-    whole = Shooting.single(map_, 4, Window(0.5, 4.0))
+    whole = Shooting.single(map_, 4, ParameterRange(0.5, 4.0))
     z = find_orbit(whole, (3.52,), [np.array([0.37])])
     assert z is not None
     values = (3.52,)
     nodes = [map_.evaluate(whole.nodes(z)[0], values, 0, k).value for k in range(4)]
-    parts = Shooting(map_, 4, whole.windows, (1, 1, 1, 1))
-    fine = parts.point(np.array(nodes), values)
+    parts = Shooting(map_, 4, whole.ranges, (1, 1, 1, 1))
+    fine = parts.unknowns(np.array(nodes), values)
     found = parts.linearise(fine)
     assert np.abs(found.residual).max() < 1e-12
     expected = multipliers_of(whole.linearise(z).monodromy)[0]
@@ -71,7 +71,7 @@ def test_a_period_that_does_not_fit_the_excitation_is_refused() -> None:
     map_ = TextbookMap(logistic, 1)
     map_.forcing_period = 2
     with pytest.raises(InputError, match="multiple of 2"):
-        Shooting.single(map_, 3, Window(0.5, 4.0))
+        Shooting.single(map_, 3, ParameterRange(0.5, 4.0))
 
 
 def test_products_of_pairs_vanish_on_the_circle_and_for_reciprocal_multipliers() -> None:
@@ -100,5 +100,5 @@ def test_a_motion_that_runs_away_is_no_orbit_however_short_newtons_step_is() -> 
     def drifting(x, p):  # x grows by 0.1 in every cycle: the Jacobian of its equations is singular, the step none.
         return np.array([x[0] + 0.1, 0.5 * x[1]]), np.diag([1.0, 0.5]), np.zeros((2, 1))
 
-    shooting = Shooting.single(TextbookMap(drifting, 2), 1, Window(0.0, 1.0))
-    assert newton(shooting, shooting.point(np.array([[3.0, 0.0]]), (0.5,))) is None
+    shooting = Shooting.single(TextbookMap(drifting, 2), 1, ParameterRange(0.0, 1.0))
+    assert newton(shooting, shooting.unknowns(np.array([[3.0, 0.0]]), (0.5,))) is None

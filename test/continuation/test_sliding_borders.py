@@ -8,7 +8,7 @@ from piecewise import Piecewise
 
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import Plan, continue_motions
-from tcc_sim.continuation.palc import correct
+from tcc_sim.continuation.palc import corrector
 from tcc_sim.continuation.sliding import differ
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
@@ -59,13 +59,13 @@ def margin_by_scipy(kind, system, x, cycles):
 
 def orbit_beside(found, key, offset):
     """Section of the orbit of the same branch at the border's parameter plus an offset, and its event sequence."""
-    shooting, z = found.station.shooting, found.station.point.z
+    shooting, z = found.point.shooting, found.point.solution.z
     row = np.zeros(len(z))
     row[-1] = 1.0
-    tangent = found.station.point.tangent
+    tangent = found.point.solution.tangent
     guess = z + offset / tangent[-1] * tangent
     guess[-1] = z[-1] + offset
-    got = correct(shooting, guess, row, tolerance=1e-11)
+    got = corrector(shooting, guess, row, tolerance=1e-11)
     assert got is not None, (key, offset)
     x, values = shooting.nodes(got.z)[0], shooting.values(got.z)
     return x, values[0], shooting.map.observe(x, values, 0, shooting.period).events
@@ -78,7 +78,7 @@ def located_again(item, system, key, reach):
     # The margin lives on the side with fewer events.
     offsets = (1.0 if len(sides[0]) <= len(sides[1]) else -1.0) * reach * np.array([1.0, 2.0, 3.0])
     beside = [orbit_beside(item, key, offset) for offset in offsets]
-    margins = [margin_by_scipy(item.kind, replace(system, {key: value}), x, item.station.orbit.period)
+    margins = [margin_by_scipy(item.kind, replace(system, {key: value}), x, item.point.orbit.period)
                for x, value, _ in beside]
     return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
 
@@ -120,7 +120,7 @@ def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     found = continue_motions(EQUAL, Plan(OMEGA, 51.5, 54.0)).bifurcations
     assert [f.kind for f in sorted(found, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
     for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
-        orbit = item.station.orbit
+        orbit = item.point.orbit
         assert abs(getattr(map_.margins(orbit.section, orbit.values, 0, orbit.period), name)) < 1e-10
 
 
@@ -156,15 +156,15 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
                                 "pressure.mean": 225e3, "pressure.amplitude": 28125.0,
                                 "pressure.frequency_ratio": 2 / 3, PSI: 6.051853081466417})
     branch, = continue_motions(system, Plan(OMEGA, start, 57.52, period=3)).branches
-    assert [branch.stations[0].value, branch.stations[-1].value] == [start, 57.52]
+    assert [branch.points[0].value, branch.points[-1].value] == [start, 57.52]
     near = [f for f in branch.bifurcations if 57.46 < f.value < 57.48]
     assert [f.kind for f in near] == ["fold", "grazing_sliding"]
     assert [f.value for f in near] == pytest.approx([57.464462122, 57.464461386], abs=2e-9)
-    within = [s for s in branch.stations if near[1].value < s.value < near[0].value]
+    within = [s for s in branch.points if near[1].value < s.value < near[0].value]
     kept = [min(within, key=lambda s, m=m: abs(s.orbit.multipliers[0].real - m)) for m in (-815.0, 1.5, 0.85)]
-    for station in kept:
+    for point in kept:
         # It closes by SciPy's motion too.
-        margin_by_scipy("grazing_sliding", replace(system, {OMEGA: station.value}), station.orbit.section, 3)
+        margin_by_scipy("grazing_sliding", replace(system, {OMEGA: point.value}), point.orbit.section, 3)
 
 
 PULSED = replace(System(), {"friction.law": "set_valued", "pressure.mean": 225e3, "pressure.amplitude": 112.5e3,
@@ -179,7 +179,7 @@ PULSED = replace(System(), {"friction.law": "set_valued", "pressure.mean": 225e3
 def test_an_event_that_passes_phase_0_neither_ends_a_branch_nor_is_a_bifurcation(changes, plan, ends, others):
     """Where slip ends at phase 0 the section has a corner: on one side of it no motion has a slip speed there."""
     branch, = continue_motions(replace(PULSED, changes), plan).branches
-    first, last = branch.stations[0], branch.stations[-1]
+    first, last = branch.points[0], branch.points[-1]
     assert (first.value, last.value) == (plan.low, plan.high)
     assert {f.kind: f.value for f in branch.bifurcations} == pytest.approx(others, abs=1e-8)
     assert (first.orbit.seen.events, last.orbit.seen.events) == ends
@@ -191,7 +191,7 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     """
     system = replace(EQUAL, {MU_K: 0.2789029457369511, OMEGA: 49.2})
     branch, = continue_motions(system, Plan(OMEGA, 46.4758, 60.0, period=1)).branches
-    assert [branch.stations[0].value, branch.stations[-1].value] == [46.4758, 60.0]
+    assert [branch.points[0].value, branch.points[-1].value] == [46.4758, 60.0]
     met = [(f.kind, round(f.value, 7)) for f in branch.bifurcations]
     assert len(set(met)) == len(met)
     assert ("grazing_sliding", 48.9755788) in met

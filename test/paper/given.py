@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from tcc_sim.sweeps.solution import Plan
 
-from tcc_sim.continuation.stable_segments import End, Stretch
+from tcc_sim.continuation.stable_segments import End, StableSegment
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.stable_motions import StableMotions
-from tcc_sim.sweeps.point import Plan
 from tcc_sim.sweeps.sweep import Curve, Sweep
 
 
@@ -32,7 +32,7 @@ class Given(StableMotions):
     def __init__(self, at: Callable[..., dict[str, Any]] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
                  steady: Callable[..., Any] | None = None,
-                 stretches: Callable[..., list[Stretch]] = lambda row: [],
+                 stretches: Callable[..., list[StableSegment]] = lambda row: [],
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
                  periodic: Callable[[float], bool] = lambda x: True) -> None:
@@ -72,13 +72,13 @@ class Given(StableMotions):
         return self.rest_in(row)
 
 
-def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begins: str = "",
-            ends: str = "") -> Stretch:
+def stretch(low: float, high: float, period: int = 1, amplitude: float = 10.0, begins: str = "",
+            ends: str = "") -> StableSegment:
     """A stable motion from `low` to `high` with the bifurcations at its ends; jumps are named so."""
     def end(value: float, kind: str) -> End:
         return End(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
 
-    return Stretch(period, end(low, begins), end(high, ends), (low, high), (height, height))
+    return StableSegment(period, end(low, begins), end(high, ends), (low, high), (amplitude, amplitude))
 
 
 def law_of(row: Any) -> str:

@@ -17,7 +17,7 @@ from tcc_sim.basins import rows as basin_rows
 from tcc_sim.basins.compute import Axis, Basins
 from tcc_sim.basins.proximity import Attractor
 from tcc_sim.cli import main
-from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.closed_form import constant_load_limits
 from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
@@ -67,16 +67,16 @@ def test_curves_followed_in_processes_are_those_followed_one_by_one() -> None:
 
 def test_a_chart_leaves_out_what_no_stable_motion_ends_in() -> None:
     orbit = SimpleNamespace(period=1, multipliers=np.array([1.4, 1.0, 0.0]))
-    found: Any = SimpleNamespace(kind="fold", value=1.0, station=SimpleNamespace(orbit=orbit))
+    found: Any = SimpleNamespace(kind="fold", value=1.0, point=SimpleNamespace(orbit=orbit))
     of: Any = SimpleNamespace(forcing_period=1)
-    windows = Window(0.0, 2.0), Window(0.0, 2.0)
-    assert charts._followed(found, of, windows, 1.0, []) is None
+    ranges = ParameterRange(0.0, 2.0), ParameterRange(0.0, 2.0)
+    assert charts._followed(found, of, ranges, 1.0, []) is None
 
 
 def test_the_end_of_stick_is_told_by_its_creep() -> None:
     def at(slip: float, kind: str = "fold") -> Any:
         return SimpleNamespace(kind=kind,
-                               station=SimpleNamespace(orbit=SimpleNamespace(seen=SimpleNamespace(largest=slip))))
+                               point=SimpleNamespace(orbit=SimpleNamespace(seen=SimpleNamespace(largest=slip))))
 
     system = paper_system({"friction.kinetic_coefficient": 0.25})
     assert creeps(at(0.08), system)
@@ -87,8 +87,8 @@ def test_the_end_of_stick_is_told_by_its_creep() -> None:
 
 def test_stick_borders_are_those_of_the_closed_form_whatever_mu_k() -> None:
     limit = constant_load_limits(paper_system())[-1]
-    windows = Window(0.3 * OMEGA_N, 0.5 * OMEGA_N), Window(0.165, 0.29)
-    border, = charts.stick_borders(paper_system(), ("engine.frequency", "friction.kinetic_coefficient"), windows, 40)
+    ranges = ParameterRange(0.3 * OMEGA_N, 0.5 * OMEGA_N), ParameterRange(0.165, 0.29)
+    border, = charts.stick_borders(paper_system(), ("engine.frequency", "friction.kinetic_coefficient"), ranges, 40)
     assert border["value"] == pytest.approx([limit] * len(border["value"]), rel=1e-6)
     assert (min(border["second"]), max(border["second"])) == (pytest.approx(0.165), pytest.approx(0.29))
 

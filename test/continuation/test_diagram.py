@@ -9,9 +9,9 @@ from textbook_maps import Step, TextbookMap, logistic
 
 from tcc_sim.continuation import diagram as surveys
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import Seen, left_out, place_of, size_of, survey
+from tcc_sim.continuation.diagram import SettledMotion, bifurcation_diagram, left_out, place_of, size_of
 from tcc_sim.continuation.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of
-from tcc_sim.continuation.shooting import Window
+from tcc_sim.continuation.shooting import ParameterRange
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
 
@@ -27,7 +27,7 @@ def subcritical(x, p):
     return -(1.0 + p[0]) * x - x**3 + 0.5 * x**5, np.array([[slope]]), -x[:, None]
 
 
-def swept(step: Step, values, start, cycles=400, hand_over=False, period_of=lambda points: 1) -> list[Seen]:
+def swept(step: Step, values, start, cycles=400, hand_over=False, period_of=lambda points: 1) -> list[SettledMotion]:
     """Motions of a map from cold starts, or each from the end of the one before."""
     out, x = [], np.array([start])
     for value in values:
@@ -36,7 +36,7 @@ def swept(step: Step, values, start, cycles=400, hand_over=False, period_of=lamb
         for _ in range(cycles):
             x = step(x, (value,))[0]
             points.append(float(x[0]))
-        out.append(Seen(float(value), x, cycles, period_of(points), max(map(abs, points[-16:]))))
+        out.append(SettledMotion(float(value), x, cycles, period_of(points), max(map(abs, points[-16:]))))
     return out
 
 
@@ -44,8 +44,8 @@ def period(points) -> int:
     return next((n for n in range(1, 17) if abs(points[-1] - points[-1 - n]) < 1e-9), 0)
 
 
-def surveyed(step: Step, seen: list[Seen], low: float, high: float) -> list[Branch]:
-    return survey(TextbookMap(step, 1), Window(low, high), "p", seen)
+def surveyed(step: Step, seen: list[SettledMotion], low: float, high: float) -> list[Branch]:
+    return bifurcation_diagram(TextbookMap(step, 1), ParameterRange(low, high), "p", seen)
 
 
 @pytest.mark.parametrize("up", [True, False])
@@ -54,8 +54,8 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
     seen = swept(hysteresis, values if up else values[::-1], -1.3 if up else 1.3, hand_over=True)
     seen = seen if up else seen[::-1]
     # Sizes are |x|, alike on both branches: what tells them apart is made of x itself.
-    seen = [Seen(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
-    branches = survey(Lifted(hysteresis, 1), Window(-1.0, 1.0), "p", seen)
+    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
+    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0), "p", seen)
     assert len(branches) == 1
     jump, = jumps_of(seen, branches, 0.2)
     assert jump.cause == "fold"
@@ -65,13 +65,13 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
 
 def test_a_motion_between_the_last_point_and_the_fold_lies_on_the_branch() -> None:
     seen = swept(hysteresis, np.linspace(-1.0, 1.0, 41), -1.3, hand_over=True)
-    seen = [Seen(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
-    branch, = survey(Lifted(hysteresis, 1), Window(-1.0, 1.0), "p", seen)
-    last = max(s.value for s in branch.stations if s.orbit.section[0] < 0.0)
+    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
+    branch, = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0), "p", seen)
+    last = max(s.value for s in branch.points if s.orbit.section[0] < 0.0)
     p = 0.5 * (last + FOLD)
     x = float(np.roots([1.0, 0.0, -1.0, -p]).real.min())
     assert last < p < FOLD
-    assert place_of(Seen(p, np.array([x]), 0, 1, x + 2.0), [branch], size_of(seen)) is not None
+    assert place_of(SettledMotion(p, np.array([x]), 0, 1, x + 2.0), [branch], size_of(seen)) is not None
 
 
 class Lifted(TextbookMap):
@@ -84,9 +84,9 @@ class Lifted(TextbookMap):
 def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins() -> None:
     # From 0.1 - p cold starts come to the upper motion where the unstable one lies below.
     values = np.linspace(-0.3, 0.3, 21)
-    seen = [Seen(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
+    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
             for s in swept(hysteresis, values, 0.05, cycles=400)]
-    branches = survey(Lifted(hysteresis, 1), Window(-0.3, 0.3), "p", seen)
+    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3), "p", seen)
     assert len(branches) == 2
     jump, = jumps_of(seen, branches, 0.2)
     assert (jump.cause, jump.found) == (BASIN, None)
@@ -96,9 +96,9 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
 @pytest.mark.parametrize(("direction", "side"), [("up", 1.0), ("down", -1.0)])
 def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str, side: float) -> None:
     # p + x - x^3 = 0: the lower motion ends at p = 2/3^1.5, the upper one at -2/3^1.5.
-    seen = [Seen(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
+    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
             for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in swept(hysteresis, np.array([p]), p, cycles=400)]
-    branches = survey(Lifted(hysteresis, 1), Window(-0.6, 0.6), "p", seen)
+    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.6, 0.6), "p", seen)
     jump, = jumps_of(seen, branches, 0.2, direction=direction)
     assert (jump.cause, jump.value) == ("fold", pytest.approx(side * 2.0 / 3.0**1.5, abs=1e-9))
 
@@ -111,10 +111,10 @@ def test_a_jump_at_a_doubling_names_it_and_its_unstable_branch_is_followed() -> 
     assert (jump.cause, jump.value) == ("period_doubling", pytest.approx(0.0, abs=1e-9))
     double = next(b for b in branches if b.period == 2)
     # x' = -x on period two: p + x^2 - x^4/2 = 0 has its fold at x = 1, p = -1/2, beyond the range.
-    for station in double.stations:
-        x = station.orbit.section[0]
-        assert station.value == pytest.approx(0.5 * x**4 - x**2, abs=1e-8)
-    assert {s.orbit.stable for s in double.stations if abs(s.orbit.section[0]) < 0.9} == {False}
+    for point in double.points:
+        x = point.orbit.section[0]
+        assert point.value == pytest.approx(0.5 * x**4 - x**2, abs=1e-8)
+    assert {s.orbit.stable for s in double.points if abs(s.orbit.section[0]) < 0.9} == {False}
 
 
 def test_a_steep_rise_is_no_jump() -> None:
@@ -134,8 +134,8 @@ def test_a_motion_on_two_branches_that_overlap_makes_no_jump() -> None:
 
     seen = swept(steep, np.linspace(-0.1, 0.1, 5), 1.0)
     whole, = surveyed(steep, seen, -0.1, 0.1)
-    middle = len(whole.stations) // 2
-    halves = [replace(whole, stations=whole.stations[:middle + 2]), replace(whole, stations=whole.stations[middle:])]
+    middle = len(whole.points) // 2
+    halves = [replace(whole, points=whole.points[:middle + 2]), replace(whole, points=whole.points[middle:])]
     assert {jump.cause for jump in jumps_of(seen, halves, 0.1)} == {STEEP}
 
 
@@ -148,7 +148,7 @@ def test_what_is_not_followed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     missing, stopped = left_out(seen, branches, longest=2)[0], left_out(seen, branches)[-1]
     assert missing.endswith("of 11 motions lie on no branch: 1 branches are followed")
     assert stopped == "1 of 1 branches go on: 2 points are followed either way"
-    far = Seen(4.0, np.array([0.5]), 10, 1, 5.0)
+    far = SettledMotion(4.0, np.array([0.5]), 10, 1, 5.0)
     jump = jumps_of([seen[0], far], branches, 0.2)[0]
     assert (jump.cause, jump.found) == (NOT_FOLLOWED, None)
 
