@@ -103,7 +103,8 @@ def test_derivatives_are_those_of_the_variational_equations(start: float, end: f
 
 @pytest.mark.parametrize(("system", "keys"), [
     (VARYING, KEYS), (CLAMPED, KEYS[:3] + KEYS[4:6] + KEYS[12:]), (HARMONICS, KEYS[2:4] + KEYS[9:13]),
-    (EQUAL, ("driveline.damping", "friction.smoothing", "engine.frequency", "pressure.mean"))])
+    (EQUAL, ("driveline.damping", "friction.smoothing", "engine.frequency", "pressure.mean")),
+    (EQUAL, ("friction.static_coefficient",))])
 def test_derivatives_are_those_of_differences(system: System, keys: tuple[str, ...]) -> None:
     x = settled(system)
     found = stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)

@@ -16,6 +16,7 @@ from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.sensitivity_carried import carry
+from tcc_sim.solvers.smoothed.sensitivity_step import resolved
 from tcc_sim.solvers.smoothed.series_step import friction_here, series_step
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import (
@@ -151,6 +152,8 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if method == SERIES:
             step = series_step(place, friction, stop - tau, loaded, state, limits, terms, waves, drive, work)
             x = step.x
+            if tangent is not None:
+                x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive)
         else:
             step = collocation_step(place, edge - tau, loaded, state, control, limits, terms, waves, drive, tables,
                                     work, counters)

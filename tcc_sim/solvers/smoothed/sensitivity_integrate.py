@@ -11,15 +11,10 @@ from tcc_sim.solvers.smoothed.integrate import Setup, integrate
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import DONE, Memory
-from tcc_sim.solvers.smoothed.switching import PATIENCE, SETTLED
+from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
 from tcc_sim.solvers.step_output import Store
 
 STEPS_PER_CYCLE = 20_000
-NOT_SETTLED = 1e300
-"""Rate since which stick counts as left at the start, 1/s: a change off the slow manifold, which the start may have
-though the state is on it, decays over series steps before collocation steps over stick."""
-DECAY = 4
-"""How many: each is some two decay times long, and collocation would leave 3e-7 of such a change."""
 MOVES = 256
 """Transitions of a part that are kept."""
 
@@ -37,7 +32,8 @@ def begin(part: Any, limits: Limits, tangent: Any, state: Any, control: Any, out
     v, angle, speed = part.state[0], part.state[1], part.state[2]
     state.slip_speed, state.plate_angle, state.plate_speed, state.tau = v, angle, speed, part.tau
     control.method, control.level, control.slope, control.last, control.streak = 0, 0, 0.0, 0.0, 0
-    control.released, control.calm, control.waited, control.patience = NOT_SETTLED, SETTLED, SETTLED - DECAY, PATIENCE
+    control.released, control.calm, control.waited, control.patience = 0.0, CALM, SETTLED, PATIENCE
+    control.unsettled = limits.forgotten
     control.slip_before, control.speed_before = 0.0, 0.0
     control.slip_now, control.speed_now = abs(v), abs(speed)
     output.cycle, output.samples, output.moves, output.mode = 0, 0, 0, 0

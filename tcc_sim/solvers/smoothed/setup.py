@@ -21,6 +21,9 @@ TANH_LEFT_OUT = 0.3
 """What of tanh is left out outside the layer, 1 - tanh(sigma |v|), per relative tolerance asked for."""
 EXPONENTIAL_LEFT_OUT = 0.03
 """What of the Stribeck exponential is left out far from v = 0, per relative tolerance asked for."""
+RESOLVED = 1e3
+"""Error of a change that decays within one series step, relative to it, per tolerance of the step: it is made again
+smaller by what decays afterwards."""
 FLAT_PEAK = 1e-6
 """Where mu_k = mu_s mubar only tends to 1: stick asks for at most 1 less this."""
 
@@ -44,6 +47,8 @@ class Limits(NamedTuple):
     beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
     rest : a plate speed that is none; below it numbers become denormal and a series costs twenty times as much
     order, linear_order : of the series with and without varying friction
+    resolved : rate of decay times length of a series step up to which it shows how a small change decays, too
+    forgotten : the sum of those after which nothing is left of a change off the slow manifold
     """
 
     period: float
@@ -66,6 +71,8 @@ class Limits(NamedTuple):
     rest: float
     order: int
     linear_order: int
+    resolved: float
+    forgotten: float
 
 
 def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
@@ -87,15 +94,13 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     if not math.isfinite(creep_speed):
         creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, 1.0 - FLAT_PEAK
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
-    far = layer
-    if stribeck is not None and stribeck[0] > 0.0:
-        excess, decay = stribeck
-        far = max(layer, math.log(excess / (EXPONENTIAL_LEFT_OUT * rtol)) / decay) if decay > 0.0 else math.inf
+    far = layer if stribeck is None else far_of(*stribeck, rtol, layer)
     amplitudes = 0.0 if terms.harmonics is None else float(np.abs(terms.harmonics[:, 1]).sum())
     torques = abs(terms.mean_torque) + amplitudes + peak_load(terms)
     torques += 0.0 if terms.torque is None else abs(terms.torque[0])
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
+    order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma, creep_tolerance=min(CREEP * max(rtol, 1e-13), 1e-2) / sigma,
@@ -104,8 +109,16 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
         base_rate=(math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
                    + (0.0 if terms.pulsation is None else terms.pulsation[1])),
         strength=beta * peak_load(terms), beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
-        order=order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM),
-        linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM))
+        order=order, linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
+        resolved=math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
+        forgotten=-math.log(local))
+
+
+def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:
+    """The slip speed, rad/s, beyond which excess * exp(-decay |v|) is nothing to the tolerance; `layer` at least."""
+    if excess == 0.0:
+        return layer
+    return max(layer, math.log(excess / (EXPONENTIAL_LEFT_OUT * rtol)) / decay) if decay > 0.0 else math.inf
 
 
 def order_of(wished: float, most: int) -> int:

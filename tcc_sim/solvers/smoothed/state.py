@@ -34,7 +34,8 @@ STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("pla
 CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.float64), ("released", np.float64),
                     ("waited", np.int64), ("calm", np.int64),
                     ("last", np.float64), ("streak", np.int64), ("patience", np.int64), ("slip_before", np.float64),
-                    ("slip_now", np.float64), ("speed_before", np.float64), ("speed_now", np.float64)])
+                    ("slip_now", np.float64), ("speed_before", np.float64), ("speed_now", np.float64),
+                    ("unsettled", np.float64)])
 """What steps are chosen by.
 
 method, level : the method now, and the rung of the next collocation step
@@ -43,6 +44,8 @@ released : that rate when stick was left for the series; 0 where nothing keeps i
 waited, calm : series steps in the layer since then, and after how many it may come back all the same
 last, streak, patience : length of the last series step, how many of one length there were, and how many are borne
 slip_before, slip_now, speed_before, speed_now : largest |v| and |theta2'| in the cycle before and in this one
+unsettled : where changes are carried along, what they have still to decay by before stick is stepped over, in powers
+    of e
 """
 
 COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),

@@ -19,6 +19,7 @@ from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBER
 from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, integrate_parts
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED, Tangent
+from tcc_sim.solvers.smoothed.setup import far_of
 from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
 from tcc_sim.solvers.smoothed.state import DONE, Memory
 from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
@@ -90,7 +91,11 @@ class Prepared:
         terms = terms_for(system, changes)
         self.period, self.count = system.cycle, 3 + len(keys)
         setup = setup_of(system, terms, rtol)
-        self.setup = setup._replace(waves=setup.waves.copy())
+        limits = setup.limits
+        if changes[EXCESS_RATIO].any() and terms.stribeck is not None:
+            # What mubar changes by with mu_s/mu_k dies down with slip speed as exp(-alpha |v|), however near to 1 that is.
+            limits = limits._replace(far=max(limits.far, far_of(1.0, terms.stribeck[1], rtol, limits.layer)))
+        self.setup = setup._replace(waves=setup.waves.copy(), limits=limits)
         top, levels = collocation_tables.top_of(self.period), collocation_tables.levels_of(setup.limits.sigma)
         self.torque = collocation_tables.response(terms.linear, top, levels).torque
         groups = math.ceil(self.count / LANES)

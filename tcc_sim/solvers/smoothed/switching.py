@@ -71,7 +71,8 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
     """
     v = state.slip_speed
     rho = limits.beta * drive.load * friction.slope
-    if abs(v) >= limits.creep_speed or not (rho > RETURN * control.released or control.waited >= control.calm):
+    waits = not (rho > RETURN * control.released or control.waited >= control.calm)
+    if waits or control.unsettled > 0.0 or abs(v) >= limits.creep_speed:
         return False
     shortest = tables.rungs[tables.rungs.shape[0] - 1].length
     if not rho * shortest > WORTH_SHORTEST or room < shortest:
