@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solvers", "plant", "recording", "analysis",
-         "sweeps", "continuation", "basins", "output", "views", "nodes", "replay", "paper", "benchmarks", "cli",
+         "sweeps", "continuation", "basins", "output", "fmu", "views", "nodes", "replay", "paper", "benchmarks", "cli",
          "__main__"]
 """A part imports only from itself and from parts before it."""
 

@@ -30,6 +30,7 @@ VERBS: dict[str, str] = {
     "motions": "write the page on periodic motions: branches, charts of two keys and a basin",
     "watch": "show running nodes live in Rerun",
     "control": "reset, pause, step, set parameters of running nodes and send them commands",
+    "fmu": "write the real-time tick of a scene in C, as a co-simulation FMU",
     "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
     "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
     "precision": "measure error against run time of every solver",

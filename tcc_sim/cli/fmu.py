@@ -1,0 +1,38 @@
+"""`tcc-sim fmu`: the real-time tick of a scene in C, as a co-simulation FMU."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tcc_sim.cli.arguments import new_file, number
+from tcc_sim.output.terminal import say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The scene, the version of FMI and where the FMU goes."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (2)")
+    parser.add_argument("--step", metavar="S", type=number(5e-5, 1.0, "s"), help="a tick (default: the scene's rate)")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--sources-only", action="store_true", help="leave the binary for this machine out")
+    parser.add_argument("--out", metavar="FILE.fmu", type=Path, help="file to write (default: tcc_sim_SCENE.fmu)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the FMU and say what is in it."""
+    from tcc_sim.scene import load_scene, parse_assignments
+
+    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    from tcc_sim.fmu.export import compiler, export
+
+    path = new_file(arguments.out or Path(f"tcc_sim_{scene.name}.fmu"))
+    folder = export(scene, path, arguments.fmi, arguments.step, sources_only=arguments.sources_only)
+    if folder:
+        held = f"sources in C99 and a binary for {folder}"
+    elif arguments.sources_only or compiler() is not None:
+        held = "sources in C99; importers compile them"
+    else:
+        held = "sources in C99; there is no C compiler here, so importers compile them"
+    say(f"{path}: FMI {arguments.fmi}.0 for co-simulation, {held}")
+    return 0

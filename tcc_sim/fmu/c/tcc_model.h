@@ -1,0 +1,431 @@
+/* The driveline behind both versions of FMI: values by reference, ticks, and what is refused.
+   Everything is static, so that several FMUs may be linked into one program. */
+#ifndef TCC_MODEL_H
+#define TCC_MODEL_H
+
+/* The same bits need every product rounded before it is added. Clang and others heed the pragma of the standard; GCC
+   knows it from no version on, and fuses where the processor can unless it is told otherwise, which its own pragma
+   does. What rounds differently altogether is refused. */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize ("fp-contract=off")
+#elif defined(_MSC_VER) && !defined(__clang__)
+#pragma fp_contract (off)
+#else
+#pragma STDC FP_CONTRACT OFF
+#endif
+#ifdef __FAST_MATH__
+#error "-ffast-math changes the results of this model; compile it without"
+#endif
+
+#include <float.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#if FLT_EVAL_METHOD != 0
+#error "this model needs double arithmetic that is rounded to double (on x86: -msse2 -mfpmath=sse)"
+#endif
+#include "tcc_kernel.h"
+#include "tcc_variables.h"
+
+typedef enum { TCC_OK, TCC_DISCARD, TCC_ERROR } tcc_answer;
+typedef enum { TCC_INSTANTIATED, TCC_INITIALIZATION, TCC_STEP_MODE, TCC_TERMINATED } tcc_mode;
+
+typedef struct {
+    double x[TCC_VARIABLES];       /* every variable, by its reference */
+    double state[4];               /* slip speed, plate angle, plate speed, flywheel angle */
+    double start_time, stick_speed;
+    long long tick;
+    Terms terms;
+    int substeps, mode, changed;   /* changed: terms are to be worked out anew */
+    int started;                   /* flags of the terms at the start, as tcc_flags gives them */
+} tcc_model;
+
+typedef struct { tcc_model model; char said[400]; } tcc_plant;
+
+/* Say why, for the logger, and give the answer back. */
+static tcc_answer tcc_say(tcc_plant *p, tcc_answer answer, const char *format, ...)
+{
+    va_list words;
+    va_start(words, format);
+    vsnprintf(p->said, sizeof p->said, format, words);
+    va_end(words);
+    return answer;
+}
+
+static void tcc_reset(tcc_plant *p)
+{
+    memset(p, 0, sizeof *p);
+    for (int k = 0; k < TCC_VARIABLES; k++) p->model.x[k] = tcc_variables[k].start;
+    p->model.changed = 1;
+}
+
+static int tcc_flags(const Terms *t)
+{
+    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3;
+}
+
+static double tcc_per_pressure(const double *x)
+{
+    return x[at_friction_kinetic_coefficient] * x[at_clutch_area] * x[at_clutch_radius];
+}
+
+/* The terms that the scene needs with these values. */
+static void tcc_own_terms(const double *x, Terms *t)
+{
+    double omega = x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
+    double ratio = x[at_friction_static_coefficient] / x[at_friction_kinetic_coefficient];
+    memset(t, 0, sizeof *t);
+    t->linear._0 = x[at_driveline_flywheel_inertia];
+    t->linear._1 = x[at_driveline_plate_inertia];
+    t->linear._2 = x[at_driveline_damping];
+    t->linear._3 = x[at_driveline_stiffness];
+    t->mean_torque = x[at_engine_mean_torque];
+    if (TCC_ENGINE_HARMONIC && x[at_engine_torque_amplitude] > 0.0) {
+        t->torque.has = 1;
+        t->torque._0 = x[at_engine_torque_amplitude];
+        t->torque._1 = omega;
+    }
+#if TCC_HARMONICS > 0
+    for (int k = 0; TCC_ENGINE_HARMONIC && k < TCC_HARMONICS; k++) {
+        double amplitude = x[at_engine_harmonic_amplitudes + k], *row = t->harmonics.at[t->harmonics.rows];
+        if (amplitude > 0.0) {
+            row[0] = (k + 2) * omega;
+            row[1] = amplitude;
+            row[2] = x[at_engine_harmonic_phases + k];
+            t->harmonics.has = 1;
+            t->harmonics.rows++;
+        }
+    }
+#endif
+    t->mean_load = per_pressure * x[at_pressure_mean];
+    if (TCC_PRESSURE_HARMONIC && x[at_pressure_amplitude] > 0.0) {
+        t->pulsation.has = 1;
+        t->pulsation._0 = per_pressure * x[at_pressure_amplitude];
+        t->pulsation._1 = x[at_pressure_frequency_ratio] * omega;
+        t->pulsation._2 = x[at_pressure_phase];
+    }
+    t->smoothing = x[at_friction_smoothing];
+    if (ratio > 1.0) {
+        t->stribeck.has = 1;
+        t->stribeck._0 = ratio - 1.0;
+        t->stribeck._1 = x[at_friction_decay];
+    }
+}
+
+/* The same with every term there, absent ones of zero amplitude: what the node runs once other terms are needed than at
+   the start. */
+static void tcc_general_terms(const double *x, Terms *t)
+{
+    double omega = x[at_engine_frequency];
+    if (!t->torque.has) t->torque._1 = omega;
+    if (!t->harmonics.has) {
+        t->harmonics.rows = 1;
+        t->harmonics.at[0][0] = 2.0 * omega;
+    }
+    if (!t->pulsation.has) t->pulsation._1 = omega;
+    if (!t->stribeck.has) t->stribeck._1 = x[at_friction_decay];
+    t->torque.has = t->harmonics.has = t->pulsation.has = t->stribeck.has = 1;
+}
+
+/* Inputs take the place of the scene's own excitation, whose terms stay with zero amplitude. */
+static void tcc_hold(const double *x, Terms *t)
+{
+    (void)x; (void)t;
+#if TCC_ENGINE_TOPIC
+    t->mean_torque = x[at_engine_torque];
+    t->torque._0 = 0.0;
+    for (int k = 0; k < t->harmonics.rows; k++) t->harmonics.at[k][1] *= 0.0;
+#endif
+#if TCC_PRESSURE_TOPIC
+    t->mean_load = tcc_per_pressure(x) * x[at_actuation_pressure];
+    t->pulsation._0 = 0.0;
+#endif
+}
+
+/* Sub-steps of a tick; a number, since it may be beyond every limit. */
+static double tcc_substeps(const Terms *t)
+{
+    double fastest = sqrt(t->linear._3 / t->linear._1), excitation = 0.0, needed, beta, peak;
+    if (t->torque.has) excitation = fmax(excitation, t->torque._1);
+    if (t->pulsation.has) excitation = fmax(excitation, t->pulsation._1);
+    for (int k = 0; k < t->harmonics.rows; k++) excitation = fmax(excitation, t->harmonics.at[k][0]);
+    needed = TCC_STEP * fmax(fastest, excitation) / TCC_RESOLUTION;
+    if (t->stribeck.has) {
+        beta = 1.0 / t->linear._0 + 1.0 / t->linear._1;
+        peak = t->mean_load + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
+        needed = fmax(needed, 2.0 * TCC_STEP * beta * peak * t->stribeck._0 * t->stribeck._1);
+    }
+    return fmax(1.0, ceil(needed - 1e-9));
+}
+
+/* Above 0 where mubar falls at v > 0: the logarithm of what lets it fall over what lets it rise. */
+static double tcc_fall(double v, double sigma, double excess, double decay)
+{
+    double push = decay * v - log(excess);
+    double rising = log(4.0 * sigma / decay) + fmax(push, 0.0) + log1p(exp(-fabs(push)));
+    return 2.0 * sigma * v + log(-expm1(-4.0 * sigma * v)) - rising;
+}
+
+/* Whether v lies behind the place where the two sides come nearest: cosh(2 sigma v) = exp(alpha v)/(r - 1). */
+static int tcc_past_nearest(double v, double sigma, double excess, double decay)
+{
+    double larger = 2.0 * sigma * v;
+    return decay * v - log(excess) >= larger + log1p(exp(-2.0 * larger)) - log(2.0);
+}
+
+/* Slip speed at or below which the law counts as stick: where mubar peaks, or where tanh is 0.99. */
+static double tcc_stick_speed(const Terms *t)
+{
+    double sigma = t->smoothing, excess = t->stribeck._0, decay = t->stribeck._1, low = 0.0, high, middle;
+    if (!t->stribeck.has || decay == 0.0 || excess == 0.0) return atanh(0.99) / sigma;
+    high = 20.0 / sigma + (log(sigma + decay) - log(decay)) / sigma;
+    if (!(tcc_fall(high, sigma, excess, decay) > 0.0)) {
+        if (decay <= 2.0 * sigma || excess <= 1.0) return atanh(0.99) / sigma;
+        high = log(excess) / (decay - 2.0 * sigma);
+        while (low < (middle = 0.5 * (low + high)) && middle < high) {
+            if (tcc_past_nearest(middle, sigma, excess, decay)) high = middle; else low = middle;
+        }
+        if (!(tcc_fall(high, sigma, excess, decay) > 0.0)) return atanh(0.99) / sigma;
+        low = 0.0;
+    }
+    while (low < (middle = 0.5 * (low + high)) && middle < high) {
+        if (tcc_fall(middle, sigma, excess, decay) > 0.0) high = middle; else low = middle;
+    }
+    return high;
+}
+
+/* Work out the terms of changed values, all or nothing. */
+static tcc_answer tcc_prepare(tcc_plant *p)
+{
+    tcc_model *m = &p->model;
+    const double *x = m->x;
+    double fixed = x[at_friction_static_coefficient], sliding = x[at_friction_kinetic_coefficient], needed;
+    Terms terms, own;
+    int flags;
+    if (!m->changed) return TCC_OK;
+    if (sliding > fixed || fixed > 20.0 * sliding)
+        return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; it must be one twentieth of "
+                       "friction.static_coefficient, %g, to all of it", sliding, fixed);
+    tcc_own_terms(x, &own);
+    terms = own;
+    flags = tcc_flags(&own);
+    if (m->mode == TCC_STEP_MODE && flags != m->started) tcc_general_terms(x, &terms);
+    tcc_hold(x, &terms);
+    needed = tcc_substeps(&terms);
+    if (!(needed <= TCC_SUBSTEP_LIMIT))
+        return tcc_say(p, TCC_DISCARD, "a tick of %g s needs %.0f sub-steps; at most %d are allowed", TCC_STEP, needed,
+                       TCC_SUBSTEP_LIMIT);
+    m->terms = terms;
+    m->stick_speed = tcc_stick_speed(&own);
+    m->substeps = (int)needed;
+    m->changed = 0;
+    if (m->mode != TCC_STEP_MODE) m->started = flags;
+    return TCC_OK;
+}
+
+/* Outputs of the state as it is: torques and pressure are those that act at the end of the tick. */
+static void tcc_outputs(tcc_model *m)
+{
+    double *x = m->x, t = (double)m->tick * TCC_STEP, v = m->state[0];
+    const Terms *s = &m->terms;
+    double load = tcc_saturation_torque(t, s->mean_load, s->pulsation);
+    x[at_time] = m->start_time + t;
+    x[at_slip_speed] = v;
+    x[at_plate_angle] = m->state[1];
+    x[at_plate_speed] = m->state[2];
+    x[at_flywheel_angle] = m->state[3];
+    x[at_flywheel_speed] = v + m->state[2];
+    x[at_applied_engine_torque] = tcc_engine_torque(t, s->mean_torque, s->torque, &s->harmonics);
+    x[at_friction_torque] = load * tcc_smoothed(v, s->smoothing, s->stribeck);
+    x[at_stick_slip_state] = fabs(v) <= m->stick_speed ? 0.0 : v > 0.0 ? 1.0 : -1.0;
+    x[at_shaft_torque] = x[at_driveline_damping] * m->state[2] + x[at_driveline_stiffness] * m->state[1];
+#if TCC_PRESSURE_TOPIC
+    x[at_applied_pressure] = x[at_actuation_pressure];
+#else
+    x[at_applied_pressure] = fmax(0.0, x[at_pressure_mean] + x[at_pressure_amplitude]
+        * sin(x[at_pressure_frequency_ratio] * x[at_engine_frequency] * t + x[at_pressure_phase]));
+#endif
+}
+
+/* The initial state of the values as they are. */
+static tcc_answer tcc_initialise(tcc_plant *p)
+{
+    tcc_model *m = &p->model;
+    tcc_answer answer = tcc_prepare(p);
+    if (answer != TCC_OK) return answer;
+    m->state[0] = m->x[at_initial_slip_speed];
+    m->state[1] = m->state[3] = m->x[at_initial_plate_angle];
+    m->state[2] = m->x[at_initial_plate_speed];
+    m->tick = 0;
+    tcc_outputs(m);
+    return TCC_OK;
+}
+
+static tcc_answer tcc_enter_initialization(tcc_plant *p, double start_time)
+{
+    if (p->model.mode != TCC_INSTANTIATED) return tcc_say(p, TCC_ERROR, "initialisation begins once, after a reset");
+    if (!isfinite(start_time)) return tcc_say(p, TCC_DISCARD, "the start time is %g; it must be a number", start_time);
+    p->model.start_time = start_time;
+    p->model.mode = TCC_INITIALIZATION;
+    return TCC_OK;
+}
+
+static tcc_answer tcc_exit_initialization(tcc_plant *p)
+{
+    tcc_answer answer;
+    if (p->model.mode != TCC_INITIALIZATION) return tcc_say(p, TCC_ERROR, "it is not being initialised");
+    answer = tcc_initialise(p);
+    if (answer == TCC_OK) p->model.mode = TCC_STEP_MODE;
+    return answer;
+}
+
+static tcc_answer tcc_terminate(tcc_plant *p)
+{
+    if (p->model.mode != TCC_STEP_MODE) return tcc_say(p, TCC_ERROR, "it does not run");
+    p->model.mode = TCC_TERMINATED;
+    return TCC_OK;
+}
+
+/* Whether references are those of variables of a type. */
+static tcc_answer tcc_known(tcc_plant *p, const unsigned *references, size_t n, tcc_type type)
+{
+    if (n && !references) return tcc_say(p, TCC_ERROR, "there are no references");
+    for (size_t k = 0; k < n; k++) {
+        if (references[k] >= TCC_VARIABLES) return tcc_say(p, TCC_ERROR, "no variable has the reference %u", references[k]);
+        if (tcc_variables[references[k]].type != type)
+            return tcc_say(p, TCC_ERROR, "%s has another type", tcc_variables[references[k]].name);
+    }
+    return TCC_OK;
+}
+
+/* Make every output readable: while it is being initialised they follow the values. */
+static tcc_answer tcc_readable(tcc_plant *p, const unsigned *references, size_t n, tcc_type type)
+{
+    tcc_answer answer = tcc_known(p, references, n, type);
+    if (answer == TCC_OK && p->model.mode == TCC_INITIALIZATION) answer = tcc_initialise(p);
+    return answer;
+}
+
+/* Whether one variable may have a value now. */
+static tcc_answer tcc_settable(tcc_plant *p, unsigned reference, double value)
+{
+    const tcc_variable *v = &tcc_variables[reference];
+    int mode = p->model.mode;
+    if (v->role == TCC_CALCULATED) return tcc_say(p, TCC_ERROR, "%s is calculated and cannot be set", v->name);
+    if (mode == TCC_TERMINATED) return tcc_say(p, TCC_ERROR, "%s cannot be set after the end", v->name);
+    if (mode == TCC_STEP_MODE && v->role == TCC_FIXED)
+        return tcc_say(p, TCC_ERROR, "%s is fixed; it can be set until the simulation runs", v->name);
+    if (!(v->low <= value && value <= v->high) || (v->above && value == v->low))
+        return tcc_say(p, TCC_DISCARD, "%s is %g; it must be %s%g to %g", v->name, value, v->above ? "above " : "",
+                       v->low, v->high);
+    return TCC_OK;
+}
+
+/* Set values, all or none. */
+static tcc_answer tcc_set(tcc_plant *p, const unsigned *references, size_t n, const double *values)
+{
+    tcc_answer answer = tcc_known(p, references, n, TCC_REAL);
+    for (size_t k = 0; answer == TCC_OK && k < n; k++) answer = tcc_settable(p, references[k], values[k]);
+    for (size_t k = 0; answer == TCC_OK && k < n; k++) {
+        if (p->model.x[references[k]] == values[k]) continue;
+        p->model.x[references[k]] = values[k];
+        p->model.changed = 1;
+    }
+    return answer;
+}
+
+static double tcc_time(const tcc_model *m) { return m->start_time + (double)m->tick * TCC_STEP; }
+
+/* A communication step of whole ticks; one that is refused leaves everything as it was. */
+static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
+{
+    tcc_model *m = &p->model;
+    double ticks = floor(length / TCC_STEP + 0.5), before[4];
+    tcc_answer answer;
+    if (m->mode != TCC_STEP_MODE) return tcc_say(p, TCC_ERROR, "a step needs a simulation that runs");
+    if (!(ticks >= 1.0 && ticks <= 9e15) || fabs(length - ticks * TCC_STEP) > 1e-4 * TCC_STEP)
+        return tcc_say(p, TCC_DISCARD, "the communication step is %.12g s; it must be a whole number of ticks of %g s",
+                       length, TCC_STEP);
+    if (!(fabs(now - tcc_time(m)) <= 0.01 * TCC_STEP))
+        return tcc_say(p, TCC_ERROR, "the communication point is %.12g s; the step before ended at %.12g s", now, tcc_time(m));
+    answer = tcc_prepare(p);
+    if (answer != TCC_OK) return answer;
+    memcpy(before, m->state, sizeof before);
+    for (long long k = 0; k < (long long)ticks; k++)
+        tcc_advance(m->state, (double)(m->tick + k) * TCC_STEP, TCC_STEP / m->substeps, m->substeps, &m->terms);
+    if (!isfinite(m->state[0] + m->state[1] + m->state[2] + m->state[3])) {
+        memcpy(m->state, before, sizeof before);
+        return tcc_say(p, TCC_DISCARD, "the state would no longer be finite");
+    }
+    m->tick += (long long)ticks;
+    tcc_outputs(m);
+    return TCC_OK;
+}
+
+/* States that are kept: the model itself, behind a mark of this FMU and a sum over its bytes. */
+typedef struct { char token[sizeof TCC_TOKEN]; unsigned long long sum; tcc_model model; } tcc_kept;
+
+static unsigned long long tcc_sum(const tcc_model *m)
+{
+    unsigned long long sum = 14695981039346656037ULL;
+    const unsigned char *bytes = (const unsigned char *)m;
+    for (size_t k = 0; k < sizeof *m; k++) sum = (sum ^ bytes[k]) * 1099511628211ULL;
+    return sum;
+}
+
+static tcc_answer tcc_keep(tcc_plant *p, void **kept)
+{
+    tcc_kept *k;
+    if (!kept) return tcc_say(p, TCC_ERROR, "there is no place for the state");
+    if (!*kept) *kept = calloc(1, sizeof(tcc_kept));
+    if (!*kept) return tcc_say(p, TCC_ERROR, "there is no memory for the state");
+    k = *kept;
+    memcpy(k->token, TCC_TOKEN, sizeof k->token);
+    memcpy(&k->model, &p->model, sizeof k->model);
+    k->sum = tcc_sum(&k->model);
+    return TCC_OK;
+}
+
+static tcc_answer tcc_whole(tcc_plant *p, const tcc_kept *kept)
+{
+    if (!kept || memcmp(kept->token, TCC_TOKEN, sizeof kept->token) || kept->sum != tcc_sum(&kept->model))
+        return tcc_say(p, TCC_ERROR, "that is no state of this FMU, or it is damaged");
+    return TCC_OK;
+}
+
+static tcc_answer tcc_restore(tcc_plant *p, const void *kept)
+{
+    tcc_answer answer = tcc_whole(p, kept);
+    if (answer == TCC_OK) memcpy(&p->model, &((const tcc_kept *)kept)->model, sizeof p->model);
+    return answer;
+}
+
+static tcc_answer tcc_serialise(tcc_plant *p, const void *kept, void *bytes, size_t n)
+{
+    if (!bytes || n < sizeof(tcc_kept)) return tcc_say(p, TCC_ERROR, "a state has %zu bytes, not %zu", sizeof(tcc_kept), n);
+    if (tcc_whole(p, kept) != TCC_OK) return TCC_ERROR;
+    memcpy(bytes, kept, sizeof(tcc_kept));
+    return TCC_OK;
+}
+
+static tcc_answer tcc_deserialise(tcc_plant *p, const void *bytes, size_t n, void **kept)
+{
+    tcc_kept *found;
+    tcc_answer answer;
+    if (!kept || !bytes || n != sizeof(tcc_kept)) return tcc_say(p, TCC_ERROR, "a state has %zu bytes, not %zu", sizeof(tcc_kept), n);
+    found = malloc(sizeof *found);
+    if (!found) return tcc_say(p, TCC_ERROR, "there is no memory for the state");
+    memcpy(found, bytes, sizeof *found);
+    answer = tcc_whole(p, found);
+    if (answer != TCC_OK) {
+        free(found);
+        return answer;
+    }
+    free(*kept);
+    *kept = found;
+    return TCC_OK;
+}
+
+#endif

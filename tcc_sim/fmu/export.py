@@ -1,0 +1,144 @@
+"""A scene's real-time tick as a co-simulation FMU: sources in C99, and a binary where a compiler is at hand."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from tcc_sim.errors import InputError, TccError
+from tcc_sim.fmu.description import SOURCES, build_description, model_description
+from tcc_sim.fmu.kernel import kernel
+from tcc_sim.fmu.variables import Variable, header, variables
+from tcc_sim.output.files import draft
+from tcc_sim.scene import Scene
+from tcc_sim.solvers.fixed_step import Stepper
+
+COMPILERS = "cc", "gcc", "clang"
+OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
+DATE = 2020, 1, 1, 0, 0, 0
+"""Date of every file inside, so that the same scene gives the same FMU."""
+PLATFORMS = {("linux", "x86_64"): ("linux64", "x86_64-linux"), ("linux", "aarch64"): ("", "aarch64-linux"),
+             ("darwin", "x86_64"): ("darwin64", "x86_64-darwin"), ("darwin", "arm64"): ("", "aarch64-darwin")}
+"""Folders of binaries of FMI 2 (where it has a name for the machine) and of FMI 3."""
+
+
+@dataclass(frozen=True)
+class Fmu:
+    """What an FMU is made of: texts by their path in it, and its variables.
+
+    identifier : model identifier
+    """
+
+    version: int
+    identifier: str
+    files: dict[str, str]
+    variables: list[Variable]
+
+
+def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
+    """The texts of a scene's FMU.
+
+    Parameters
+    ----------
+    version : of FMI, 2 or 3
+    step : a tick, s; None takes the scene's rate
+
+    Raises
+    ------
+    InputError
+        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
+    """
+    if version not in SOURCES:
+        raise InputError(f"FMI version {version} is not known; it must be 2 or 3")
+    step = 1.0 / scene.operation.rate if step is None else step
+    if not 1.0 / 20000.0 <= step <= 1.0:
+        raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
+    Stepper(scene.system, step)  # It says why where it cannot run the scene.
+    rows = variables(scene)
+    identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
+    texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
+             for name in ("tcc_model.h", SOURCES[version])}
+    texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{kernel()}"
+    parts = "".join([*texts.values(), header(scene, rows, identifier, "", step),
+                     model_description(version, scene, rows, identifier, "", step)])
+    digest = hashlib.sha256(parts.encode()).hexdigest()
+    token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
+    texts["tcc_variables.h"] = header(scene, rows, identifier, token, step)
+    if version == 3:
+        texts["buildDescription.xml"] = build_description(identifier)
+    files = {"modelDescription.xml": model_description(version, scene, rows, identifier, token, step)}
+    files |= {f"sources/{name}": text for name, text in sorted(texts.items())}
+    files["documentation/licenses/license.txt" if version == 3 else "documentation/license.txt"] = (
+        "Apache-2.0, see https://www.apache.org/licenses/LICENSE-2.0\n")
+    return Fmu(version, identifier, files, rows)
+
+
+def compiler() -> str | None:
+    """A C compiler on this machine."""
+    return next((found for name in COMPILERS if (found := shutil.which(name))), None)
+
+
+def binary_folder(version: int) -> str:
+    """The folder of this machine's binaries in an FMU; empty where the standard has no name for it."""
+    names = PLATFORMS.get((sys.platform, platform.machine()))
+    return names[version - 2] if names else ""
+
+
+def compiled(fmu: Fmu, command: str) -> bytes:
+    """The binary for this machine.
+
+    Raises
+    ------
+    TccError
+        The compiler refuses the sources; its own words are in the message.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for path, text in fmu.files.items():
+            if path.startswith("sources/"):
+                (folder / Path(path).name).write_text(text, encoding="utf-8")
+        ended = subprocess.run([command, *OPTIONS, SOURCES[fmu.version], "-o", "binary", "-lm"], cwd=folder,
+                               check=False, capture_output=True, text=True)
+        if ended.returncode:
+            raise TccError(f"{command} does not compile the sources of the FMU: {ended.stderr.strip() or 'no reason'}")
+        return (folder / "binary").read_bytes()
+
+
+def export(scene: Scene, path: Path, version: int = 2, step: float | None = None, *,
+           sources_only: bool = False) -> str:
+    """Write a scene's FMU to a new file; the folder of the binary in it, empty where there is none.
+
+    Parameters
+    ----------
+    version : of FMI, 2 or 3
+    step : a tick, s; None takes the scene's rate
+    sources_only : leave the binary out
+
+    Raises
+    ------
+    InputError
+        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
+    TccError
+        The compiler of this machine refuses the sources.
+    """
+    fmu = fmu_of(scene, version, step)
+    command, folder = compiler(), binary_folder(version)
+    with_binary = not sources_only and command is not None and bool(folder)
+    binary = compiled(fmu, command) if with_binary and command is not None else b""
+    with draft(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, text in fmu.files.items():
+            file.writestr(zipfile.ZipInfo(name, DATE), text, zipfile.ZIP_DEFLATED)
+        if with_binary:
+            suffix = ".dylib" if sys.platform == "darwin" else ".so"
+            file.writestr(zipfile.ZipInfo(f"binaries/{folder}/{fmu.identifier}{suffix}", DATE), binary,
+                          zipfile.ZIP_DEFLATED)
+    return folder if with_binary else ""

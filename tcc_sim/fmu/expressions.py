@@ -1,0 +1,223 @@
+"""Expressions of a kernel's Python source in C, each with its type.
+
+Every operation is printed in the order in which Python does it, with parentheses, so that IEEE arithmetic without fused
+products gives the same bits.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Number, Record, Refused, Row, Static, Table, Tuple, kind_name
+
+if TYPE_CHECKING:
+    from tcc_sim.fmu.printer import Library
+
+Text = tuple[str, Kind]
+"""An expression in C and its type."""
+FUNCTIONS: dict[Any, str] = {
+    np.tanh: "tanh", np.sin: "sin", np.cos: "cos", np.exp: "exp", np.abs: "fabs", abs: "fabs", np.sign: "sign_of",
+    np.maximum: "maximum", np.minimum: "minimum", np.sqrt: "sqrt", math.sqrt: "sqrt", math.sin: "sin",
+    math.cos: "cos", math.floor: "floor"}
+"""Functions of doubles by what Python calls them."""
+OPERATORS: dict[type[ast.AST], str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Gt: ">", ast.GtE: ">=", ast.Lt: "<", ast.LtE: "<=",
+    ast.Eq: "==", ast.NotEq: "!=", ast.And: "&&", ast.Or: "||"}
+TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short", "char", "void", "struct", "union",
+         "auto", "static", "const", "register", "signed", "unsigned", "switch", "case", "default", "do", "goto",
+         "enum", "extern", "inline", "restrict", "sizeof", "typedef", "volatile"}
+"""Words that mean something in C; a local name that is one of them gets an underscore."""
+
+
+class Expressions:
+    """What the expressions of one function are in C.
+
+    Parameters
+    ----------
+    library : prints what is called
+    source : the function
+    kinds : the types of its parameters, by name; names that are assigned to join them
+    """
+
+    def __init__(self, library: Library, source: Callable[..., Any], kinds: dict[str, Kind]) -> None:
+        self._library, self._globals, self._title = library, source.__globals__, source.__name__
+        self._kinds = kinds
+
+    def _refused(self, node: ast.AST) -> Refused:
+        """The exception for a piece of source."""
+        return Refused(f"{self._title}: {ast.unparse(node)[:200]}")
+
+    def _expression(self, node: ast.expr) -> Text:
+        """An expression of any kind."""
+        method = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if method is None:
+            raise self._refused(node)
+        found: Text = method(node)
+        return found
+
+    def _number(self, node: ast.expr) -> Text:
+        """An expression that is a number."""
+        text, kind = self._expression(node)
+        if not isinstance(kind, Number):
+            raise self._refused(node)
+        return text, kind
+
+    def _constant(self, node: ast.Constant) -> Text:
+        """A number, None, True or False."""
+        if node.value is None or isinstance(node.value, bool):
+            return str(int(bool(node.value))), Static(node.value)
+        return literal(node.value, self._refused(node))
+
+    def _name(self, node: ast.Name) -> Text:
+        """A local name, or a number of the source's module."""
+        if node.id in self._kinds:
+            return word(node.id), self._kinds[node.id]
+        return literal(self._globals.get(node.id), self._refused(node))
+
+    def _attribute(self, node: ast.Attribute) -> Text:
+        """A field of a NamedTuple, or a number of another module."""
+        if isinstance(node.value, ast.Name) and node.value.id not in self._kinds:
+            return literal(self._resolved(node), self._refused(node))
+        text, kind = self._expression(node.value)
+        if isinstance(kind, Record):
+            for name, found in kind.fields:
+                if name == node.attr:
+                    return f"{'&' if isinstance(found, Table) else ''}{text}->{name}", found
+        raise self._refused(node)
+
+    def _subscript(self, node: ast.Subscript) -> Text:
+        """A part of a tuple, an element or a row of an array, or its number of rows."""
+        if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            text, kind = self._expression(node.value.value)
+            if isinstance(kind, Table) and isinstance(node.slice, ast.Constant) and node.slice.value == 0:
+                return f"{text}->rows", INT
+            raise self._refused(node)
+        text, kind = self._expression(node.value)
+        text = f"({text})" if text.startswith("&") else text
+        if isinstance(kind, Table):
+            places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+            where = "".join(f"[{self._place(place)}]" for place in places)
+            return f"{text}->at{where}", DOUBLE if len(places) == 2 else Row()
+        if isinstance(kind, Row):
+            return f"{text}[{self._place(node.slice)}]", DOUBLE
+        place = getattr(node.slice, "value", None)
+        if isinstance(kind, Tuple) and isinstance(place, int):
+            return f"{text}._{place}", kind.parts[place]
+        raise self._refused(node)
+
+    def _place(self, node: ast.expr) -> str:
+        """A whole number that is a place in an array."""
+        text, kind = self._expression(node)
+        if kind != INT:
+            raise self._refused(node)
+        return text
+
+    def _binop(self, node: ast.BinOp) -> Text:
+        """Arithmetic on two numbers."""
+        (left, one), (right, other) = self._number(node.left), self._number(node.right)
+        kind = INT if one == other == INT else DOUBLE
+        if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant) and node.right.value == 2:
+            return f"({left} * {left})", one
+        if type(node.op) not in OPERATORS or (isinstance(node.op, ast.Div) and kind == INT):
+            raise self._refused(node)
+        return f"({left} {OPERATORS[type(node.op)]} {right})", kind
+
+    def _unaryop(self, node: ast.UnaryOp) -> Text:
+        """Minus, or not."""
+        text, kind = self._number(node.operand)
+        if isinstance(node.op, ast.USub):
+            return f"(-{text})", kind
+        if isinstance(node.op, ast.Not):
+            return f"(!{text})", INT
+        raise self._refused(node)
+
+    def _boolop(self, node: ast.BoolOp) -> Text:
+        """And, or."""
+        return f"({f' {OPERATORS[type(node.op)]} '.join(self._number(part)[0] for part in node.values)})", INT
+
+    def _compare(self, node: ast.Compare) -> Text:
+        """Comparisons of numbers, and whether something is None."""
+        if isinstance(node.ops[0], (ast.Is, ast.IsNot)):
+            text, kind = self._expression(node.left)
+            absent = isinstance(node.ops[0], ast.Is)
+            if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional):
+                dot = "->" if isinstance(kind, Table) else "."
+                text = f"({text})" if text.startswith("&") else text
+                return f"{'!' if absent else ''}{text}{dot}has", INT
+            return "", Static((isinstance(kind, Static) and kind.value is None) == absent)
+        parts, left = [], node.left
+        for operator, right in zip(node.ops, node.comparators):
+            if type(operator) not in OPERATORS:
+                raise self._refused(node)
+            parts.append(f"{self._number(left)[0]} {OPERATORS[type(operator)]} {self._number(right)[0]}")
+            left = right
+        return f"({' && '.join(parts)})", INT
+
+    def _ifexp(self, node: ast.IfExp) -> Text:
+        """One of two values."""
+        test, static = self._expression(node.test)
+        if isinstance(static, Static):
+            return self._expression(node.body if static.value else node.orelse)
+        (one, kind), (other, second) = self._expression(node.body), self._expression(node.orelse)
+        if kind != second:
+            raise self._refused(node)
+        return f"({test} ? {one} : {other})", kind
+
+    def _tuple(self, node: ast.Tuple) -> Text:
+        """Several numbers."""
+        found = [self._number(part) for part in node.elts]
+        kind = Tuple(tuple(part for _, part in found))  # type: ignore[misc]
+        return f"({self._library.declared(kind)}){{{', '.join(text for text, _ in found)}}}", kind
+
+    def _call(self, node: ast.Call) -> Text:
+        """A call of what is printed too, or of C's own functions."""
+        called = self._resolved(node.func)
+        if node.keywords:
+            raise self._refused(node)
+        if called in (max, min):
+            found = [self._number(argument) for argument in node.args]
+            kind = found[0][1]
+            if any(other != kind for _, other in found):
+                raise self._refused(node)
+            text = found[0][0]
+            for other, _ in found[1:]:
+                text = f"{called.__name__}_{kind_name(kind)}({text}, {other})"
+            return text, kind
+        if called in FUNCTIONS:
+            return f"{FUNCTIONS[called]}({', '.join(self._number(argument)[0] for argument in node.args)})", DOUBLE
+        if not inspect.isfunction(getattr(called, "py_func", called)):
+            raise self._refused(node)
+        given = [self._expression(argument) for argument in node.args]
+        missing = list(inspect.signature(getattr(called, "py_func", called)).parameters.values())[len(given):]
+        given += [self._constant(ast.Constant(parameter.default)) for parameter in missing]
+        name, result = self._library.function(called, tuple(kind for _, kind in given))
+        return f"{name}({', '.join(text for text, kind in given if not isinstance(kind, Static))})", result
+
+    def _resolved(self, node: ast.expr) -> Any:
+        """What a dotted name of the source's module means; None where it means nothing."""
+        if isinstance(node, ast.Name):
+            builtins = self._globals["__builtins__"]
+            builtins = builtins if isinstance(builtins, dict) else vars(builtins)
+            return self._globals.get(node.id, builtins.get(node.id))
+        if isinstance(node, ast.Attribute):
+            return getattr(self._resolved(node.value), node.attr, None)
+        raise self._refused(node)
+
+
+def word(name: str) -> str:
+    """A local name in C."""
+    return f"{name}_" if name in TAKEN else name
+
+
+def literal(value: object, otherwise: Refused) -> Text:
+    """A number as C reads it, to the last bit."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise otherwise
+    text = repr(value)
+    return (f"({text})" if value < 0 else text), INT if isinstance(value, int) else DOUBLE

@@ -1,0 +1,90 @@
+"""FMUs of the tests: written once, and driven through FMPy by the names of their variables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("fmpy", reason="FMPy is not installed")
+
+import fmpy
+from fmpy import fmi2, fmi3
+
+from tcc_sim.fmu.export import compiler, export
+from tcc_sim.scene import Scene
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
+DISCARD, ERROR = 2, 3
+"""Statuses of both versions of FMI."""
+
+
+def written(folder: Path, scene: Scene, version: int, step: float | None = None) -> Path:
+    """The unpacked FMU of a scene."""
+    export(scene, folder / "model.fmu", version, step)
+    return Path(fmpy.extract(str(folder / "model.fmu"), unzipdir=str(folder / "unpacked")))
+
+
+class Driven:
+    """An instance of an unpacked FMU.
+
+    Attributes
+    ----------
+    said : status and sentence of everything that it logged
+    """
+
+    def __init__(self, unpacked: Path, token: str | None = None) -> None:
+        described = fmpy.read_model_description(str(unpacked))
+        self.version = int(described.fmiVersion[0])
+        self.references = {row.name: row.valueReference for row in described.modelVariables}
+        self.step = float(described.defaultExperiment.stepSize)
+        self.time, self.said = 0.0, list[tuple[int, str]]()
+        own = token or (described.guid if self.version == 2 else described.instantiationToken)
+        words = {"unzipDirectory": str(unpacked), "modelIdentifier": described.coSimulation.modelIdentifier,
+                 "instanceName": "plant", "guid": own}
+        self.slave: Any = fmi2.FMU2Slave(**words) if self.version == 2 else fmi3.FMU3Slave(**words)
+        if self.version == 2:
+            self._callbacks = fmi2.fmi2CallbackFunctions()
+            self._callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(
+                lambda env, name, status, category, text: self.said.append((status, text.decode())))
+            self.slave.instantiate(callbacks=self._callbacks)
+        else:
+            self.slave.instantiate(logMessage=lambda env, status, category, text: self.said.append(
+                (status, text.decode())))
+
+    def begin(self, start: float = 0.0) -> Driven:
+        """Through initialisation."""
+        if self.version == 2:
+            self.slave.setupExperiment(startTime=start)
+            self.slave.enterInitializationMode()
+        else:
+            self.slave.enterInitializationMode(startTime=start)
+        self.slave.exitInitializationMode()
+        self.time = start
+        return self
+
+    def put(self, values: dict[str, float]) -> None:
+        """Set variables in one call."""
+        references = [self.references[name] for name in values]
+        (self.slave.setReal if self.version == 2 else self.slave.setFloat64)(references, list(values.values()))
+
+    def get(self, *names: str) -> list[float]:
+        """Values of variables."""
+        references = [self.references[name] for name in names]
+        return list((self.slave.getReal if self.version == 2 else self.slave.getFloat64)(references))
+
+    @property
+    def stick_slip_state(self) -> int:
+        """The one whole number."""
+        get = self.slave.getInteger if self.version == 2 else self.slave.getInt32
+        return int(get([self.references["stick_slip_state"]])[0])
+
+    def go(self, ticks: int = 1) -> None:
+        """One communication step."""
+        self.slave.doStep(currentCommunicationPoint=self.time, communicationStepSize=ticks * self.step)
+        self.time += ticks * self.step
+
+    def close(self) -> None:
+        """Free the instance, and unload the library."""
+        self.slave.freeInstance()

@@ -1,0 +1,305 @@
+"""Others take the FMU: FMPy validates, simulates and compiles it, libcosim runs it, and the C of the tests links it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fmpy", reason="FMPy is not installed")
+
+import fmpy
+from fmpy.validation import validate_fmu
+from fmus import Driven, needs_compiler, written
+
+from tcc_sim.fmu.export import compiler, export, fmu_of
+from tcc_sim.scene import bundled_scenes, load_scene
+from tcc_sim.solvers.fixed_step import Stepper
+
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
+SCENES = [name for name in bundled_scenes() if load_scene(name).system.friction.law == "smoothed"]
+HARMONICS = {"engine.harmonic_amplitudes": [60.0, 20.0], "engine.harmonic_phases": [0.3, 1.0]}
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", [*SCENES, "harmonics"])
+def test_its_description_is_valid_and_says_what_the_keys_say(name: str, version: int, tmp_path: Path) -> None:
+    scene = load_scene("fig02").with_values(HARMONICS) if name == "harmonics" else load_scene(name)
+    export(scene, tmp_path / "a.fmu", version, sources_only=True)
+    assert validate_fmu(str(tmp_path / "a.fmu")) == []
+    described = fmpy.read_model_description(str(tmp_path / "a.fmu"))
+    assert described.coSimulation.modelIdentifier == f"tcc_sim_{scene.name}"
+    assert described.fmiVersion == f"{version}.0"
+    rows = {row.name: row for row in described.modelVariables}
+    units = {unit.name: unit.baseUnit for unit in described.unitDefinitions}
+    stiffness = rows["driveline.stiffness"]
+    assert (stiffness.causality, stiffness.variability, float(stiffness.start), float(stiffness.max)) == (
+        "parameter", "fixed", 3000.0, 1e8)
+    assert (stiffness.declaredType.name, stiffness.declaredType.unit) == ("Stiffness", "N.m/rad")
+    base = units["N.m/rad"]
+    assert (base.kg, base.m, base.s, base.rad) == (1, 2, -2, -1)
+    assert rows["friction.static_coefficient"].variability == "tunable"
+    assert {row for row in rows if rows[row].causality == "input"} == {
+        "commands": {"engine_torque", "actuation_pressure"}, "controlled": {"actuation_pressure"}}.get(name, set())
+    if name == "controlled":
+        assert (float(rows["actuation_pressure"].start), rows["actuation_pressure"].min) == (100e3, "0.0")
+    if name == "harmonics":
+        assert float(rows["engine.harmonic_phases[2]"].start) == 1.0
+    outputs = {row for row in rows if rows[row].causality == "output"}
+    assert outputs == {"slip_speed", "friction_torque", "stick_slip_state", "flywheel_angle", "flywheel_speed",
+                       "plate_angle", "plate_speed", "applied_engine_torque", "applied_pressure", "shaft_torque"}
+
+
+def solved(seconds: float) -> np.ndarray:
+    """Slip speeds of fig02 by the node's solver."""
+    stepper, found = Stepper(load_scene("fig02").system, 1e-3), []
+    for _ in range(round(seconds * 1e3)):
+        stepper.advance()
+        found.append(stepper.state[0])
+    return np.array(found)
+
+
+@needs_compiler
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="there is no CMake")
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_compiles_it_from_its_sources_to_the_same_bits(version: int, tmp_path: Path) -> None:
+    from fmpy.build import build_platform_binary
+
+    export(load_scene("fig02"), tmp_path / "a.fmu", version, sources_only=True)
+    unpacked = fmpy.extract(str(tmp_path / "a.fmu"), unzipdir=str(tmp_path / "unpacked"))
+    build_platform_binary(unpacked)
+    result = fmpy.simulate_fmu(unpacked, stop_time=0.5, output_interval=1e-3, output=["slip_speed"])
+    assert result["slip_speed"][1:].tobytes() == solved(0.5).tobytes()
+
+
+@needs_compiler
+def test_libcosim_runs_it_to_the_same_bits(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("libcosimpy", reason="libcosim is not installed")
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    export(load_scene("fig02"), tmp_path / "a.fmu")
+    execution = CosimExecution.from_step_size(step_size=1e6)
+    place = execution.add_local_slave(CosimLocalSlave(fmu_path=str(tmp_path / "a.fmu"), instance_name="plant"))
+    observer = CosimObserver.create_last_value()
+    execution.add_observer(observer)
+    assert execution.step(step_count=400)
+    values = observer.last_real_values(slave_index=place, variable_references=[1])
+    assert values == [solved(0.4)[-1]]
+    assert "[error]" not in capfd.readouterr().err
+
+
+@needs_compiler
+@pytest.mark.parametrize("standard", ["c99", "gnu17"])
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["fig02", "commands", "controlled"])
+def test_it_compiles_without_a_warning_and_as_the_headers_of_the_standard_declare_it(
+        name: str, version: int, standard: str, tmp_path: Path) -> None:
+    sources = unpacked_sources(name, version, tmp_path)
+    for headers in ((), (f"-I{HEADERS}", "-include", f"fmi{version}Functions.h")):
+        compile_c([f"-std={standard}", *WARNINGS, *headers, "-c", f"{sources}/fmi{version}.c", "-o", "/dev/null"])
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_several_may_be_linked_into_one_program(version: int, tmp_path: Path) -> None:
+    for prefix, name in (("a_", "fig02"), ("b_", "commands")):
+        sources = unpacked_sources(name, version, tmp_path / prefix)
+        compile_c(["-std=c99", "-c", f"-DFMI{version}_FUNCTION_PREFIX={prefix}", f"{sources}/fmi{version}.c", "-o",
+                   f"{tmp_path}/{prefix}.o"])
+    (tmp_path / "main.c").write_text(f"void *a_fmi{version}GetVersion(void), *b_fmi{version}GetVersion(void);\n"
+                                     f"int main(void) {{ return !a_fmi{version}GetVersion() || "
+                                     f"!b_fmi{version}GetVersion(); }}\n")
+    compile_c([*(f"{tmp_path}/{part}" for part in ("main.c", "a_.o", "b_.o")), "-o", f"{tmp_path}/both", "-lm"])
+    subprocess.run([tmp_path / "both"], check=True)
+
+
+@needs_compiler
+def test_what_rounds_otherwise_is_refused_by_the_compiler(tmp_path: Path) -> None:
+    sources = unpacked_sources("fig02", 2, tmp_path)
+    with pytest.raises(AssertionError, match="-ffast-math changes the results of this model; compile it without"):
+        compile_c(["-ffast-math", "-c", f"{sources}/fmi2.c", "-o", "/dev/null"])
+
+
+def unpacked_sources(name: str, version: int, folder: Path) -> Path:
+    fmu = fmu_of(load_scene(name), version)
+    for path, text in fmu.files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text)
+    return folder / "sources"
+
+
+def compile_c(words: list[str], command: str | None = None) -> None:
+    ended = subprocess.run([command or str(compiler()), *words], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+
+
+class Linked:
+    """The tests' own importer, linked with an FMU."""
+
+    def __init__(self, folder: Path, name: str, *options: str, command: str | None = None) -> None:
+        sources = unpacked_sources(name, 2, folder)
+        shutil.copy(Path(__file__).parent / "importer.c", folder)
+        shutil.copytree(HEADERS, folder / "headers")
+        compile_c([*WARNINGS, *options, "-c", str(sources / "fmi2.c"), "-o",
+                   str(folder / "model.o")], command)
+        compile_c([*WARNINGS, *options, f"-I{folder / 'headers'}", str(folder / "importer.c"), str(folder / "model.o"),
+                   "-o", str(folder / "importer"), "-lm"], command)
+        described = fmpy.read_model_description(str(folder))
+        self._references = {row.name: row.valueReference for row in described.modelVariables}
+        self._words = [str(folder / "importer"), described.guid, "0.001"]
+
+    def run(self, script: str) -> list[str]:
+        """What it says to the lines of a script, names in the place of references."""
+        lines = [" ".join(str(self._references.get(word, word)) for word in line.split())
+                 for line in script.strip().splitlines()]
+        ended = subprocess.run(self._words, input="\n".join(lines) + "\n", capture_output=True, text=True, check=False)
+        assert (ended.returncode, ended.stderr) == (0, "")
+        return ended.stdout.splitlines()
+
+
+WRONG = """
+step 1
+get slip_speed
+begin
+set pressure.mean nan
+set pressure.mean -1
+set pressure.mean 1e8
+set driveline.stiffness 4000
+set slip_speed 1
+set 999 1
+set stick_slip_state 1
+setinteger stick_slip_state
+get 999
+get stick_slip_state
+getinteger slip_speed
+step 10
+part 0 0.00105
+part 0 nan
+part 0 0
+part 0 -0.001
+part 0 1e300
+elsewhere 0 0.5
+elsewhere 0 nan
+set friction.kinetic_coefficient 0.31
+step 1
+set friction.kinetic_coefficient 0.24
+restorenothing
+save
+serialise 1
+serialise
+damage
+deserialise
+getinteger stick_slip_state
+time
+step 1
+get slip_speed
+begin
+terminate
+step 1
+set pressure.mean 1e5
+terminate
+reset
+begin
+step 11
+get slip_speed
+save
+free
+"""
+"""Everything that is wrong, the same run beside it: ticks 1 to 11, before and after a reset."""
+
+
+@needs_compiler
+def test_wrong_calls_are_refused_with_a_sentence_and_change_nothing_and_no_sanitizer_says_a_word(
+        tmp_path: Path) -> None:
+    linked = Linked(tmp_path, "fig02", "-std=c99", "-g", "-O1", "-fsanitize=address,undefined",
+                    "-fno-sanitize-recover=all")
+    said = linked.run(WRONG)
+    statuses = [int(line[2:]) for line in said if line.startswith("= ")]
+    expected = [3, 0, 0, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3, 3, 0, 2, 2, 2, 2, 2, 3, 3, 0, 2, 0, 3, 0, 3, 0, 0, 3, 0, 0, 0,
+                0, 3, 0, 3, 3, 3, 0, 0, 0, 0, 0, 0]
+    assert statuses == expected
+    assert sum(line.startswith("one ") for line in said) == sum(status > 0 for status in expected)
+    sentences = "\n".join(said)
+    for sentence in ("other 3 logStatusError: the GUID is not that of this FMU",
+                     "one 3 logStatusError: a step needs a simulation that runs",
+                     "one 2 logStatusDiscard: pressure.mean is -1; it must be 0 to 1e+07",
+                     "one 3 logStatusError: driveline.stiffness is fixed; it can be set until the simulation runs",
+                     "one 3 logStatusError: slip_speed is calculated and cannot be set",
+                     "one 3 logStatusError: stick_slip_state has another type",
+                     "the communication step is 0.00105", "it must be a whole number of ticks of 0.001 s",
+                     "the communication point is 0.5 s; the step before ended at 0.01",
+                     "friction.kinetic_coefficient is 0.31; it must be one twentieth of friction.static_coefficient",
+                     "that is no state of this FMU, or it is damaged"):
+        assert sentence in sentences
+    found = [float.fromhex(line) for line in said if line.startswith(("0x", "-0x"))]
+    expected_slip = solved(0.011)[-1]
+    assert found == [0.0, 10 * 0.001, expected_slip, expected_slip]
+
+
+@needs_compiler
+def test_products_are_not_fused_where_the_processor_could(tmp_path: Path) -> None:
+    if "fma" not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("this processor has no fused products")
+    linked = Linked(tmp_path, "fig02", "-std=gnu17", "-O3", "-mfma", "-march=native")
+    *_, value, status = linked.run("begin\nstep 400\nget slip_speed")
+    assert (float.fromhex(value), status) == (solved(0.4)[-1], "= 0")
+
+
+def test_another_c_library_gives_the_same_to_rounding(tmp_path: Path) -> None:
+    if shutil.which("musl-gcc") is None:
+        pytest.skip("musl is not installed")
+    linked = Linked(tmp_path, "fig02", "-std=c99", "-O2", "-static", command="musl-gcc")
+    values = linked.run("begin\n" + "step 50\nget slip_speed\n" * 40)
+    found = np.array([float.fromhex(line) for line in values if line.startswith(("0x", "-0x"))])
+    assert np.abs(found - solved(2.0)[49::50]).max() < 1e-10
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_kept_state_goes_on_to_the_last_bit_in_another_instance_too(version: int, tmp_path: Path) -> None:
+    unpacked = written(tmp_path, load_scene("commands"), version)
+    driven = Driven(unpacked).begin()
+    driven.put({"engine_torque": 250.0, "actuation_pressure": 1.5e5, "friction.kinetic_coefficient": 0.28})
+    driven.go(120)
+    kept = driven.slave.getFMUState()
+    serialise = driven.slave.serializeFMUstate if version == 2 else driven.slave.serializeFMUState
+    data, time = serialise(kept), driven.time
+    driven.go(80)
+    names = [name for name, row in driven.references.items() if name not in ("stick_slip_state", "time")]
+    expected = driven.get(*names)
+    driven.slave.setFMUState(kept)
+    driven.time = time
+    for _ in range(80):
+        driven.go()
+    assert driven.get(*names) == expected
+    other = Driven(unpacked).begin()
+    other.slave.setFMUState((other.slave.deSerializeFMUstate if version == 2 else
+                             other.slave.deserializeFMUState)(data))
+    other.time = time
+    other.go(80)
+    assert other.get(*names) == expected
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_start_elsewhere_shifts_the_time_and_fixed_values_hold_from_the_start(version: int, tmp_path: Path) -> None:
+    unpacked = written(tmp_path, load_scene("fig02"), version, 5e-4)
+    driven = Driven(unpacked)
+    driven.put({"driveline.stiffness": 2500.0, "initial.slip_speed": 120.0})
+    driven.begin(start=3.0)
+    assert driven.get("slip_speed") == [120.0]
+    driven.go(250)
+    stepper = Stepper(load_scene("fig02").with_values({
+        "driveline.stiffness": 2500.0, "initial.slip_speed": 120.0}).system, 5e-4)
+    for _ in range(250):
+        stepper.advance()
+    assert driven.get("slip_speed") == [stepper.state[0]]
+    if version == 3:
+        assert driven.get("time") == [3.125]
+    assert not driven.said

@@ -1,0 +1,85 @@
+"""What the page on FMUs shows runs, and the command says what it wrote or what is wrong."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.fmu.c_types import DOUBLE, Refused, Static
+from tcc_sim.fmu.export import compiler
+from tcc_sim.fmu.printer import Library
+
+PAGE = Path(__file__).resolve().parents[2] / ".github" / "fmu.md"
+
+
+@pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
+def test_the_closed_loop_of_the_page_holds_its_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                      capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("fmpy", reason="FMPy is not installed")
+    monkeypatch.chdir(tmp_path)
+    assert main(["fmu", "controlled"]) == 0
+    assert "tcc_sim_controlled.fmu: FMI 2.0 for co-simulation, sources in C99 and a binary" in capsys.readouterr().out
+    code, = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
+    exec(compile(code, str(PAGE), "exec"), {})
+    mean, = re.findall(r"mean slip speed of the last second: ([0-9.]+) rad/s", capsys.readouterr().out)
+    assert float(mean) == pytest.approx(20.0, abs=0.5)
+
+
+def test_the_command_writes_sources_alone_the_same_each_time_and_never_over_a_file(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("a.fmu", "b.fmu"):
+        assert main(["fmu", "commands", "--fmi", "3", "--step", "0.0005", "--sources-only", "--set",
+                     "friction.decay=3", "--out", str(tmp_path / name)]) == 0
+    assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.fmu") as file:
+        names = set(file.namelist())
+        text = file.read("sources/tcc_variables.h").decode()
+    assert "#define TCC_STEP 0.0005" in text
+    assert '"friction.decay", TCC_FIXED, TCC_REAL, 3.0, 0.0, 1000.0' in text
+    assert {"modelDescription.xml", "sources/buildDescription.xml", "sources/fmi3.c", "sources/tcc_kernel.h",
+            "sources/tcc_model.h", "sources/tcc_variables.h"} <= names
+    assert not any(name.startswith("binaries") for name in names)
+    capsys.readouterr()
+    assert main(["fmu", "commands", "--out", str(tmp_path / "a.fmu")]) == 2
+    assert "a.fmu exists; it is not overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "sentence"), [
+    (["fig02", "--set", "friction.law=set_valued"], "friction.law is set_valued; the real-time solver needs smoothed"),
+    (["fig02", "--step", "2"], "'2' must be a number from 5e-05 to 1 s"),
+    (["fig02", "--step", "1", "--set", "pressure.mean=1e7"], "sub-steps; fixed_step allows at most 20000"),
+    (["fig02", "--fmi", "1"], "invalid choice: 1"), (["fig2"], "did you mean fig02?")])
+def test_what_cannot_be_written_is_one_line_and_no_file(words: list[str], sentence: str, tmp_path: Path,
+                                                        capsys: pytest.CaptureFixture[str],
+                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["fmu", *words]) == 2
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_the_printer_does_not_know_it_refuses_and_names() -> None:
+    def third(x: float) -> float:
+        return x ** 3
+
+    def listed(x: float) -> float:
+        return sum([x, x])
+
+    def swapped(x: float, y: float) -> float:
+        x, y = y, x
+        return x / y
+
+    for source in (third, listed):
+        with pytest.raises(Refused, match=source.__name__):
+            Library().function(source, (DOUBLE,))
+    with pytest.raises(Refused, match="swapped"):
+        Library().function(swapped, (DOUBLE, Static(None)))
+    library = Library()
+    assert library.function(swapped, (DOUBLE, DOUBLE)) == ("tcc_swapped", DOUBLE)
+    assert "part_1 = y;\n    part_2 = x;\n    x = part_1;\n    y = part_2;\n    return (x / y);" in library.text()

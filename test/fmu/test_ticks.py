@@ -1,0 +1,91 @@
+"""The FMU's ticks are the node's, bit by bit, with inputs and parameters that change on the way."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fmpy", reason="FMPy is not installed")
+
+from fmus import Driven, needs_compiler, written
+
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.plant.driveline import Plant
+from tcc_sim.scene import Scene, bundled_scenes, load_scene
+
+pytestmark = needs_compiler
+TICKS = int(os.environ.get("TCC_SIM_FMU_TICKS", "1000"))
+"""Ticks of every scene; 100 000 were compared when this was written."""
+NAMES = ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "flywheel_speed", "applied_engine_torque",
+         "friction_torque", "applied_pressure")
+FIELDS = ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "flywheel_speed", "engine_torque",
+          "friction_torque", "applied_pressure")
+SCENES = [name for name in bundled_scenes() if load_scene(name).system.friction.law == "smoothed"]
+OTHERS = {
+    "harmonics": ("fig02", {"engine.harmonic_amplitudes": [60.0, 0.0, 20.0],
+                            "engine.harmonic_phases": [0.3, 0.0, 1.0]}),
+    "sharp": ("fig02", {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}),
+    "clamped": ("fig02", {"pressure.mean": 1e5, "pressure.amplitude": 2e5, "pressure.frequency_ratio": 0.7}),
+    "one_input": ("controlled", {"pressure.fallback": "harmonic", "pressure.amplitude": 2e4})}
+
+
+def lockstep(name: str, values: dict[str, object] | None = None) -> Scene:
+    return load_scene(name).with_values({**(values or {}), "pacing": "lockstep"})
+
+
+def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
+    """A change of some live keys, which keep their order of size."""
+    live = [key for key, quantity in QUANTITIES.items() if quantity.live]
+    base = {key: float(scene.value(key)) for key in live}  # type: ignore[arg-type]
+    changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
+    if draw.random() < 0.3:
+        changed |= {"engine.torque_amplitude": 0.0, "pressure.amplitude": float(draw.choice([0.0, 4e4]))}
+    static, kinetic = (changed.get(f"friction.{name}_coefficient", base[f"friction.{name}_coefficient"])
+                       for name in ("static", "kinetic"))
+    return {**changed, "friction.static_coefficient": static, "friction.kinetic_coefficient": min(kinetic, static)}
+
+
+def differing(scene: Scene, unpacked: Path, ticks: int, change_every: int) -> int:
+    """Ticks after which any output of the FMU has other bits than the node's plant."""
+    plant, driven, draw = Plant(scene), Driven(unpacked).begin(), np.random.default_rng(7)
+    inputs = {name: scene.value(key) for name, key in (("engine_torque", "engine.mean_torque"),
+                                                       ("actuation_pressure", "pressure.mean"))
+              if name in driven.references}
+    plant.hold(inputs.get("engine_torque"), inputs.get("actuation_pressure"))
+    names, count, current = [*NAMES], 0, scene
+    references = [driven.references[name] for name in names]
+    get = driven.slave.getReal if driven.version == 2 else driven.slave.getFloat64
+    for tick in range(ticks):
+        if inputs and tick % 50 == 49:
+            fresh = {"engine_torque": float(draw.uniform(-200.0, 600.0)),
+                     "actuation_pressure": float(draw.uniform(0.0, 3e5))}
+            inputs = {name: fresh[name] for name in inputs}
+            driven.put(inputs)
+            plant.hold(inputs.get("engine_torque"), inputs.get("actuation_pressure"))
+        if tick % change_every == change_every - 1:
+            changes = drawn(draw, scene)
+            current = current.with_values(changes)
+            driven.put(changes)
+            plant.use(current)
+        driven.go()
+        plant.stepper.advance()
+        reading = plant.reading()
+        expected = [getattr(reading, name) for name in FIELDS]
+        count += np.array(get(references)).tobytes() != np.array(expected).tobytes()
+        count += driven.stick_slip_state != reading.stick_slip_state
+    shaft, angle, speed = driven.get("shaft_torque", "plate_angle", "plate_speed")
+    assert shaft == 0.6 * speed + 3000.0 * angle
+    driven.close()
+    return count
+
+
+@pytest.mark.parametrize(("name", "version"), [*((name, 2 + place % 2) for place, name in enumerate(SCENES)),
+                                               *((name, 3 - place % 2) for place, name in enumerate(OTHERS))])
+def test_no_bit_differs_from_the_node_with_inputs_and_changes_on_the_way(name: str, version: int,
+                                                                         tmp_path: Path) -> None:
+    base, values = OTHERS.get(name, (name, {}))
+    scene = lockstep(base, values)
+    assert differing(scene, written(tmp_path, scene, version), TICKS, TICKS // 5) == 0
