@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tcc_sim.basins.rows import basins
     from tcc_sim.continuation.motions import continuation
+    from tcc_sim.estimation.linearise import linearise
     from tcc_sim.model.parameters import System
     from tcc_sim.plant.closed_loop import closed_loop
     from tcc_sim.replay.replay import replay as analyse
@@ -31,11 +32,12 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.sweeps.simulation",
            "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep", "analyse": "tcc_sim.replay.replay",
            "continuation": "tcc_sim.continuation.motions", "basins": "tcc_sim.basins.rows",
-           "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop"}
+           "linearise": "tcc_sim.estimation.linearise", "plot": "tcc_sim.views.plots",
+           "closed_loop": "tcc_sim.plant.closed_loop"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "load_scene", "plot", "simulate", "solve", "sweep", "sweep_grid"]
+           "linearise", "load_scene", "plot", "simulate", "solve", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

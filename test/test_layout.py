@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solvers", "plant", "recording", "analysis",
-         "sweeps", "continuation", "basins", "output", "fmu", "views", "nodes", "replay", "paper", "benchmarks", "cli",
-         "__main__"]
+         "sweeps", "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "replay", "paper",
+         "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes"]
@@ -26,7 +26,7 @@ DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories",
             "benchmarks.stability_drawing"]
 ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
-    "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "benchmarks"],
+    "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks"],
     "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["scene", "recording", "messages", "output.provenance"],

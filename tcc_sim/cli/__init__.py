@@ -25,6 +25,7 @@ VERBS: dict[str, str] = {
     "sweep": "solve a scene at many values of one key",
     "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
     "basins": "find attractors and their basins in a plane of two initial conditions",
+    "linearise": "give the transfer function from pressure or engine torque about a settled motion",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
     "motions": "write the page on periodic motions: branches, charts of two keys and a basin",

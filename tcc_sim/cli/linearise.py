@@ -1,0 +1,110 @@
+"""`tcc-sim linearise`: the transfer function from pressure or engine torque, about a settled motion."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import InputError, counted
+from tcc_sim.output.terminal import say
+
+if TYPE_CHECKING:
+    from tcc_sim.estimation.linearise import Linearisation
+
+INPUTS, OUTPUTS = ("actuation_pressure", "engine_torque"), ("slip_speed", "friction_torque", "shaft_torque")
+SHOWN = 7
+"""Frequencies that are printed."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is linearised, about which motion, and where the results go."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--input", choices=INPUTS, default=INPUTS[0], help=f"what is changed (default {INPUTS[0]})")
+    parser.add_argument("--output", choices=OUTPUTS, default=OUTPUTS[0], help=f"what answers (default {OUTPUTS[0]})")
+    parser.add_argument("--slip", metavar="V", type=float,
+                        help="mean slip speed, rad/s; the pressure that gives it is found (default: the scene's "
+                        "pressure)")
+    parser.add_argument("--frequencies", metavar="START:STOP:COUNT",
+                        help="rad/s, evenly in logarithm (default: 60 from 2 to the slipping mode)")
+    parser.add_argument("--check", metavar="N", type=int, default=0,
+                        help="find the response by simulation at N of the frequencies too")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
+    parser.add_argument("--out", metavar="FILE", type=Path, help="the arrays: .npz")
+    add_plot(parser)
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check everything, linearise, write what was asked for, and print the result."""
+    from tcc_sim.estimation.linearise import linearise
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.sweeps.progress import progress_bar
+
+    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    frequencies = None if arguments.frequencies is None else _spaced(arguments.frequencies)
+    if arguments.json not in (None, STANDARD_OUTPUT):
+        new_file(arguments.json, arguments.force)
+    if arguments.out is not None:
+        if arguments.out.suffix != ".npz":
+            raise InputError(f"--out is {arguments.out}; its name must end in .npz")
+        new_file(arguments.out, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
+    with progress_bar("point", arguments.check or None) as bar:
+        found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
+                          frequencies=frequencies, check=arguments.check, tick=bar.update)
+    if arguments.out is not None:
+        with draft(arguments.out) as part, open(part, "wb") as file:
+            np.savez(file, **found.arrays())  # type: ignore[arg-type]
+    if arguments.plot is not None:
+        from tcc_sim.views.bode import bode
+        from tcc_sim.views.style import width_of
+
+        with draft(arguments.plot) as part:
+            bode(part, found, scene.name, width_of(arguments.width))
+    if arguments.json is not None:
+        write_json(arguments.json, document("linearise", found.as_json(), scene, arguments.words))
+    if arguments.json != STANDARD_OUTPUT:
+        _print(found)
+    return 0
+
+
+def _print(found: Linearisation) -> None:
+    """The motion, and the response at some frequencies."""
+    if found.kind == "periodic":
+        kind = f"a periodic motion of {counted(found.period, 'engine cycle')}"
+    else:
+        kind = f"constant {found.kind}"
+    say(f"{found.output} by {found.input} about {kind}: mean slip {found.mean_slip:.6g} rad/s, pressure "
+        f"{found.pressure:.8g} Pa, engine torque {found.engine_torque:.6g} N m")
+    words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in found.multipliers)
+    say(f"multipliers {words}")
+    for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):
+        say(f"{found.frequencies[k]:10.4g} rad/s  {_decibels(found.gain[k])}  {math.degrees(found.phase[k]):8.2f} deg")
+    for point in found.checked:
+        say(f"simulated at {point.frequency:.4g} rad/s  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg")
+
+
+def _decibels(gain: float) -> str:
+    """A gain in dB, re the SI units of output over input."""
+    return f"{20.0 * math.log10(gain):9.3f} dB" if gain > 0.0 else "      -inf dB"
+
+
+def _spaced(text: str) -> list[float]:
+    """The frequencies of START:STOP:COUNT, evenly in logarithm."""
+    wrong = InputError(f"--frequencies is {text!r}; it must be START:STOP:COUNT, rad/s above 0 and a whole number")
+    try:
+        start, stop, count = text.split(":")
+        low, high, number = float(start), float(stop), int(count)
+    except ValueError:
+        raise wrong from None
+    if not (0.0 < low < math.inf and 0.0 < high < math.inf and 1 <= number <= 100_000):
+        raise wrong
+    return [float(w) for w in np.geomspace(low, high, number)]

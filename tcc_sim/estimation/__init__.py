@@ -1,0 +1,1 @@
+"""From a model to a controller and from a measurement to a model: linearisation and identification."""

@@ -1,0 +1,278 @@
+"""`tcc-sim linearise`: the transfer function from an input of the clutch to what it does, about a settled motion.
+
+About a constant motion: continuous matrices of (2a), (2b) with friction's slope (20b). About a periodic motion the
+plant is linear with periodic coefficients, and its frequency response is the harmonic transfer function (N. M. Wereley,
+Analysis and Control of Linear Periodically Time Varying Systems, MIT 1991): the response at the frequency of the input,
+others being left out. It comes from the exact derivatives of the parts of the motion. The matrices are then those of
+the cycle-rate model, x[k+1] = A x[k] + B u[k], whose output is the mean over the cycle; it holds well below half the
+cycles' rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError, counted
+from tcc_sim.estimation.operating_point import Constant, Periodic, Settings, mean_rows, settle, whole
+from tcc_sim.model.parameters import System
+from tcc_sim.scene import Scene, load_scene
+from tcc_sim.trajectory import Floats
+
+Complex = NDArray[np.complex128]
+
+INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
+OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
+"""What may be asked for, with its unit."""
+LOW, COUNT = 2.0, 60
+"""Frequencies that are given unless others are asked for: from LOW rad/s to the slipping mode, evenly in logarithm."""
+MOST_FREQUENCIES = 100_000
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A point of the frequency response found by simulation."""
+
+    frequency: float
+    gain: float
+    phase: float
+
+
+@dataclass(frozen=True, repr=False)
+class Linearisation:
+    """What a small change of an input does about a settled motion.
+
+    input, output : names of INPUTS and OUTPUTS
+    kind : slip or stick (a constant motion), or periodic
+    mean_slip : rad/s
+    pressure, engine_torque : means, Pa and N m
+    period : engine cycles, 1 for a constant motion
+    multipliers : (n,) of the motion over its period
+    a, b, c, d : (n, n), (n, 1), (1, n), (1, 1) matrices; continuous where `dt` is 0, else those of the cycle-rate model
+    states : names of the states
+    dt : s
+    frequencies : (m,) rad/s
+    response : (m,) output over input at each frequency
+    checked : points found by simulation
+    """
+
+    input: str
+    output: str
+    kind: str
+    mean_slip: float
+    pressure: float
+    engine_torque: float
+    period: int
+    multipliers: Complex
+    a: Floats
+    b: Floats
+    c: Floats
+    d: Floats
+    states: tuple[str, ...]
+    dt: float
+    frequencies: Floats
+    response: Complex
+    checked: tuple[Simulated, ...] = ()
+
+    def __repr__(self) -> str:
+        return (f"<Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
+                f"pressure {self.pressure:.6g} Pa, {counted(len(self.frequencies), 'point')}>")
+
+    @property
+    def gain(self) -> Floats:
+        """(m,) output's amplitude over the input's, in their SI units."""
+        return np.abs(self.response)
+
+    @property
+    def phase(self) -> Floats:
+        """(m,) rad, by which the output leads, without jumps of 2 pi."""
+        return np.unwrap(np.angle(self.response))
+
+    def columns(self) -> dict[str, Floats]:
+        """The frequency response as a table, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
+        return {"frequency": self.frequencies, "gain": self.gain, "phase": self.phase}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays of `--out`: A, B, C, D and dt as ``control.ss`` and ``scipy.signal.StateSpace`` take them."""
+        return {"A": self.a, "B": self.b, "C": self.c, "D": self.d, "dt": np.array(self.dt),
+                "frequencies": self.frequencies, "gain": self.gain, "phase": self.phase,
+                "multipliers": self.multipliers}
+
+    def as_json(self) -> dict[str, Any]:
+        """The JSON values of `linearise --json`."""
+        return {
+            "input": self.input, "output": self.output, "kind": self.kind,
+            "operating_point": {"mean_slip": self.mean_slip, "pressure": self.pressure,
+                                "engine_torque": self.engine_torque, "period": self.period},
+            "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "states": list(self.states),
+            "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(), "dt": self.dt,
+            "frequencies": self.frequencies.tolist(), "gain": self.gain.tolist(), "phase": self.phase.tolist(),
+            "checked": [{"frequency": p.frequency, "gain": p.gain, "phase": p.phase} for p in self.checked]}
+
+
+def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure", output: str = "slip_speed",
+              slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0,
+              tick: Callable[[], None] | None = None) -> Linearisation:
+    """The transfer function from an input to an output about a settled motion.
+
+    Parameters
+    ----------
+    scene : scene, system, or the name or file of a scene
+    input, output : names of INPUTS and OUTPUTS
+    slip : mean slip speed, rad/s, for which the pressure is found; None takes the scene's pressure
+    frequencies : rad/s, above 0; by default 60 from 2 rad/s to sqrt(K23/I2), evenly in logarithm
+    check : number of the frequencies at which the response is found by simulation too
+    tick : called after every simulated point
+
+    Raises
+    ------
+    InputError
+        A name, frequency or slip speed that is not allowed, or a scene that settles in no periodic motion.
+    NumericalFailure
+        Newton's method does not close the motion.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> found = tcc_sim.linearise("controlled", slip=20.0, frequencies=[10.0])
+    >>> found
+    <Linearisation of slip_speed by actuation_pressure: periodic, mean slip 20 rad/s, pressure 92592.6 Pa, 1 point>
+    >>> round(float(found.gain[0]), 8)   # mu_k A R/(I1 omega), the integrator
+    0.0010728
+    """
+    for name, asked_for, known in (("input", input, INPUTS), ("output", output, OUTPUTS)):
+        if asked_for not in known:
+            raise InputError(f"{name} is {asked_for!r}; it must be {' or '.join(known)}")
+    loaded = load_scene(scene) if isinstance(scene, str) else scene
+    system = loaded if isinstance(loaded, System) else loaded.system
+    asked = _frequencies(system, frequencies)
+    if not 0 <= check <= len(asked):
+        raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")
+    motion = settle(system, slip, Settings())
+    found = _about_constant(motion, input, output, asked) if isinstance(motion, Constant) \
+        else _about_periodic(motion, input, output, asked)
+    if check == 0:
+        return found
+    from tcc_sim.estimation.lock_in import simulated
+
+    places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int))
+    points = []
+    for place in places:
+        omega = float(asked[place])
+        value = simulated(motion, input, output, omega)
+        turns = np.round((found.phase[place] - np.angle(value)) / (2.0 * math.pi))
+        points.append(Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns)))
+        if tick is not None:
+            tick()
+    return Linearisation(**{**found.__dict__, "checked": tuple(points)})
+
+
+def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
+    """The frequencies, checked."""
+    if asked is None:
+        return np.geomspace(LOW, max(system.natural_frequency, 2.0 * LOW), COUNT)
+    out = np.asarray(asked, dtype=np.float64).ravel()
+    if not 1 <= len(out) <= MOST_FREQUENCIES:
+        raise InputError(f"there are {len(out)} frequencies; 1 to {MOST_FREQUENCIES} are allowed")
+    for value in out:
+        if not 1e-6 <= value <= 1e6:
+            raise InputError(f"a frequency is {value:g} rad/s; it must be 1e-06 to 1e+06 rad/s")
+    return out
+
+
+def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) -> Linearisation:
+    """(2a), (2b) with Tf = Tf0 + slope dv + by_pressure dP; the set-valued law in stick has one oscillator."""
+    s, d = motion.system, motion.system.driveline
+    i1, i2, c23, k23 = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+    pressure = inputs == "actuation_pressure"
+    if math.isinf(motion.slope):
+        whole_inertia = i1 + i2
+        a = np.array([[0.0, 1.0], [-k23 / whole_inertia, -c23 / whole_inertia]])
+        b = np.array([[0.0], [0.0 if pressure else 1.0 / whole_inertia]])
+        rows = {"slip_speed": ([0.0, 0.0], 0.0), "shaft_torque": ([k23, c23], 0.0),
+                "friction_torque": ([i1 * k23 / whole_inertia, i1 * c23 / whole_inertia],
+                                    0.0 if pressure else i2 / whole_inertia)}
+        states: tuple[str, ...] = ("plate_angle", "plate_speed")
+    else:
+        beta, slope = 1.0 / i1 + 1.0 / i2, motion.slope
+        torque = motion.by_pressure if pressure else 0.0
+        a = np.array([[-beta * slope, k23 / i2, c23 / i2], [0.0, 0.0, 1.0], [slope / i2, -k23 / i2, -c23 / i2]])
+        b = np.array([[-beta * torque + (0.0 if pressure else 1.0 / i1)], [0.0], [torque / i2]])
+        rows = {"slip_speed": ([1.0, 0.0, 0.0], 0.0), "shaft_torque": ([0.0, k23, c23], 0.0),
+                "friction_torque": ([slope, 0.0, 0.0], torque)}
+        states = ("slip_speed", "plate_angle", "plate_speed")
+    row, through = rows[output]
+    c, feed = np.array([row]), np.array([[through]])
+    response = np.array([(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + feed)[0, 0] for w in omegas])
+    stick = math.isinf(motion.slope) or _stuck(motion)
+    return Linearisation(inputs, output, "stick" if stick else "slip", motion.slip_speed, s.pressure.mean,
+                         s.engine.mean_torque, 1, np.exp(np.linalg.eigvals(a) * s.cycle).astype(np.complex128), a, b, c,
+                         feed, states, 0.0, omegas, response)
+
+
+def _stuck(motion: Constant) -> bool:
+    """Whether a constant motion of the smoothed law is creep in its layer."""
+    from tcc_sim.solvers.terms import stick_speed_of, terms_of
+
+    return abs(motion.slip_speed) <= stick_speed_of(terms_of(motion.system))
+
+
+def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Linearisation:
+    """The harmonic transfer function and the cycle-rate model."""
+    s, column = motion.system, list(INPUTS).index(inputs)
+    a, b = whole(motion)
+    c, d = _cycle_rows(motion, output)
+    return Linearisation(inputs, output, "periodic", motion.mean_slip, s.pressure.mean, s.engine.mean_torque,
+                         motion.period, np.linalg.eigvals(a).astype(np.complex128), a, b[:, [column]], c,
+                         d[:, [column]], ("slip_speed", "plate_angle", "plate_speed"), motion.seconds, omegas,
+                         harmonic_transfer(motion, inputs, output, omegas))
+
+
+def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
+    """How the output's mean over the period follows from the state at its start and from the inputs."""
+    d, (by_state, by_input) = motion.system.driveline, mean_rows(motion)
+    if output == "slip_speed":
+        return by_state[[0]], by_input[[0]]
+    c = d.stiffness * by_state[[1]] + d.damping * by_state[[2]]
+    through = d.stiffness * by_input[[1]] + d.damping * by_input[[2]]
+    if output == "friction_torque":   # (2b): Tf = I2 theta2'' + C23 theta2' + K23 theta2
+        end_state, end_input = whole(motion)
+        c = c + d.plate_inertia * (end_state[[2]] - np.eye(3)[[2]]) / motion.seconds
+        through = through + d.plate_inertia * end_input[[2]] / motion.seconds
+    return c, through
+
+
+def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
+    """H0(i omega): the output's component at omega for an input exp(i omega t), others being left out.
+
+    Over each part the input is held at its value in the middle. The disturbed motion repeats but for exp(i omega t), so
+    that its start follows from one linear equation; the component at omega is a mean over the period.
+    """
+    parts, column, d = motion.parts, list(INPUTS).index(inputs), motion.system.driveline
+    h = motion.seconds / len(parts)
+    maps = np.array([p.by_state for p in parts])
+    forces = np.array([p.by_input[:, column] for p in parts])
+    omega = omegas[:, None]
+    whole_map, response = np.eye(3), np.zeros((len(omegas), 3), complex)
+    for i in range(len(parts)):
+        whole_map = maps[i] @ whole_map
+        response = response @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
+    turned = np.exp(1j * omegas * motion.seconds)[:, None, None] * np.eye(3) - whole_map
+    state = np.linalg.solve(turned, response[:, :, None])[:, :, 0]
+    component = np.zeros((len(omegas), 3), np.complex128)
+    for i in range(len(parts)):
+        after = state @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
+        component += 0.5 * (state * np.exp(-1j * omega * i * h) + after * np.exp(-1j * omega * (i + 1) * h))
+        state = after
+    component /= len(parts)
+    if output == "slip_speed":
+        return component[:, 0]
+    shaft = component @ (0.0, d.stiffness, d.damping)
+    if output == "friction_torque":   # (2b)
+        shaft = shaft + d.plate_inertia * 1j * omegas * component[:, 2]
+    return np.asarray(shaft, np.complex128)

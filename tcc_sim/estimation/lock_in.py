@@ -1,0 +1,111 @@
+"""A point of the frequency response by simulation: a small sine on the input, and the output's part at its frequency.
+
+The real-time solver holds the input over each tick at its value in the tick's middle. Beside the sine the output holds
+the periodic motion, side bands of it, and a slow drift where the plant is an integrator; one least-squares fit tells
+them apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.operating_point import Constant, Periodic
+from tcc_sim.model import equations
+from tcc_sim.solvers.fixed_step import Stepper
+from tcc_sim.solvers.terms import Terms, holding, terms_of
+from tcc_sim.trajectory import Floats
+
+AMPLITUDE = 2e-3
+"""Of the sine, relative to the mean of the input."""
+RATE = 4000.0
+"""Ticks a second; more where the sine or the engine needs them."""
+TICKS_PER_CYCLE = 64
+SETTLING, PERIODS, LONGEST = 12, 4, 2_000_000
+"""Engine cycles before the fit, least periods of the sine in it, and most ticks."""
+ORDERS, BANDS = 12, 4
+"""Multiples of the motion's frequency that are fitted, and those with side bands."""
+
+
+def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: float) -> complex:
+    """Output over input at `omega`, rad/s, about a motion.
+
+    Raises
+    ------
+    InputError
+        The set-valued law, which the real-time solver has not, an input whose mean is 0, or a frequency so low that the
+        simulation would take more than 2 million ticks.
+    """
+    system = motion.system
+    if system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {system.friction.law}; the response can be simulated for smoothed only")
+    pressure = inputs == "actuation_pressure"
+    mean = system.pressure.mean if pressure else system.engine.mean_torque
+    if mean == 0.0:
+        raise InputError(f"the mean of {inputs} is 0; a response about it cannot be simulated with a small sine")
+    cycle = system.cycle if isinstance(motion, Periodic) else 2.0 * math.pi / omega
+    step = min(1.0 / RATE, cycle / TICKS_PER_CYCLE, 2.0 * math.pi / (omega * TICKS_PER_CYCLE))
+    before = SETTLING * cycle
+    length = math.ceil(max(PERIODS * 2.0 * math.pi / omega, 24.0 * cycle) / step)
+    if length > LONGEST:
+        raise InputError(f"a response at {omega:g} rad/s takes {length} ticks to simulate; at most {LONGEST} are "
+                         "allowed")
+    skipped = math.ceil(before / step)
+    height = AMPLITUDE * abs(mean)
+    states = _driven(motion, pressure, (height, omega), step, skipped + length)[skipped:]
+    times = np.arange(skipped + 1.0, skipped + length + 1.0) * step
+    base = 2.0 * math.pi / (motion.period * system.cycle) if isinstance(motion, Periodic) else None
+    slip, angle, speed = _fitted(times, states, omega, base) / height
+    d = system.driveline
+    if output == "slip_speed":
+        return complex(slip)
+    shaft = d.stiffness * angle + d.damping * speed
+    return complex(shaft if output == "shaft_torque" else shaft + d.plate_inertia * 1j * omega * speed)   # (2b)
+
+
+def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, float], step: float, ticks: int) -> Floats:
+    """The state at the end of every tick, (ticks, 3)."""
+    system = motion.system
+    terms, stepper, out = terms_of(system), Stepper(system, step), np.empty((ticks, 3))
+    stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else _still(motion)
+    height, omega = sine
+    for k in range(ticks):
+        middle = (k + 0.5) * step
+        more = height * math.sin(omega * middle)
+        stepper.use(_held(system.torque_per_pressure, terms, pressure, middle, more))
+        stepper.advance()
+        out[k] = stepper.state[:3]
+    return out
+
+
+def _still(motion: Constant) -> tuple[float, float, float]:
+    """The state of a constant motion: the spring carries the mean torque."""
+    return motion.slip_speed, motion.system.engine.mean_torque / motion.system.driveline.stiffness, 0.0
+
+
+def _held(torque_per_pressure: float, terms: Terms, pressure: bool, middle: float, more: float) -> Terms:
+    """The terms of a tick with the input held that the sine is on, at the tick's middle."""
+    if pressure:
+        load = equations.saturation_torque(middle, terms.mean_load, terms.pulsation)
+        return holding(terms, None, max(0.0, float(load) + torque_per_pressure * more))
+    torque = equations.engine_torque(middle, terms.mean_torque, terms.torque, terms.harmonics)
+    return holding(terms, float(torque) + more, None)
+
+
+def _fitted(times: Floats, states: Floats, omega: float, base: float | None) -> NDArray[np.complex128]:
+    """The complex amplitudes at `omega` of the (n, 3) states: Re is in phase with a sine, Im leads by a quarter."""
+    columns = [np.sin(omega * times), np.cos(omega * times), np.ones_like(times), times - times.mean()]
+    if base is not None:
+        others = [n * base for n in range(1, ORDERS + 1)]
+        others += [abs(n * base + side * omega) for n in range(1, BANDS + 1) for side in (-1.0, 1.0)]
+        apart = 2.0 * math.pi / (times[-1] - times[0])
+        kept: list[float] = []
+        for value in others:
+            if value > apart and all(abs(value - k) > apart for k in (omega, *kept)):
+                kept.append(value)
+        columns += [f(value * times) for value in kept for f in (np.sin, np.cos)]
+    found = np.linalg.lstsq(np.column_stack(columns), states, rcond=None)[0]
+    return np.asarray(found[0] + 1j * found[1])

@@ -1,0 +1,296 @@
+"""The settled motion about which a driveline is linearised: constant, or periodic with the engine.
+
+Both friction laws. A periodic motion is cut into parts, each with its exact derivatives by its start and by an input
+(`solvers.*.stroboscopic`); what a small change of the input does to the whole motion is the product of its parts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model import friction
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.event_driven import stroboscopic as set_valued
+from tcc_sim.solvers.smoothed import stroboscopic as smoothed
+from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats
+
+PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
+"""Scene keys whose change is that of the actuation pressure and of the engine torque."""
+SCALES = np.array([10.0, 0.1, 10.0])
+"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a motion is found.
+
+    parts : of an engine cycle; even, for Simpson's rule. An input is held over each, which costs (omega h)^2/24
+    rtol : of the engine
+    closed : largest residual of a periodic motion, in natural sizes
+    iterations : most of Newton's method
+    cycles : engine cycles solved from the initial state where no slip speed is asked for
+    longest : largest period in engine cycles that is looked for
+    """
+
+    parts: int = 256
+    rtol: float = 1e-10
+    closed: float = 1e-8
+    iterations: int = 40
+    cycles: int = 400
+    longest: int = 16
+
+
+class Part(NamedTuple):
+    """A part of a periodic motion.
+
+    state : (3,) slip speed, plate angle, plate speed at its start
+    by_state : (3, 3) derivative of the state at its end by that at its start
+    by_input : (3, 2) derivative by the mean pressure (Pa) and the mean engine torque (N m), held over the part
+    """
+
+    state: Floats
+    by_state: Floats
+    by_input: Floats
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A motion that does not change: constant slip, or stick.
+
+    slip_speed : rad/s
+    slope : dTf/dv there, N m s/rad; infinite where the set-valued law sticks
+    by_pressure : dTf/dP at constant slip speed, N m/Pa
+    """
+
+    system: System
+    slip_speed: float
+    slope: float
+    by_pressure: float
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """A motion that repeats with the engine.
+
+    period : engine cycles
+    parts : in order, over the whole period
+    mean_slip : rad/s
+    stick : whether some part of it is in stick
+    """
+
+    system: System
+    period: int
+    parts: list[Part]
+    mean_slip: float
+    stick: bool
+
+    @property
+    def seconds(self) -> float:
+        """Its length, s."""
+        return self.period * self.system.cycle
+
+
+def settle(system: System, slip: float | None, settings: Settings) -> Constant | Periodic:
+    """The motion that the scene settles in, or the one whose slip speed has the mean `slip`.
+
+    Parameters
+    ----------
+    slip : rad/s; the mean pressure that gives it is found by Newton's method. None keeps the scene's pressure.
+
+    Raises
+    ------
+    InputError
+        The excitation does not repeat, the slip runs away, or no pressure gives this slip speed.
+    NumericalFailure
+        Newton's method does not close the motion.
+    """
+    if common_cycles(system) == 0:
+        raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; a motion that settles "
+                         "needs a ratio of whole numbers up to 1000")
+    if slip is not None and (not math.isfinite(slip) or slip == 0.0):
+        raise InputError(f"the mean slip speed is {slip:g} rad/s; it must be a number that is not 0")
+    if excitation_frequency(terms_of(system)) == 0.0:
+        return _constant(system, slip)
+    if slip is None:
+        period, state = _settled(system, settings)
+        return _closed(system, period, state, None, settings)
+    pressure = abs(system.engine.mean_torque) / system.torque_per_pressure
+    if pressure == 0.0:
+        raise InputError("engine.mean_torque is 0 N m; no pressure then holds a mean slip speed")
+    begun = replace(system, {PRESSURE: min(pressure, 1e7)})
+    start = np.array([slip, system.engine.mean_torque / system.driveline.stiffness, 0.0])
+    return _closed(begun, common_cycles(system), start, slip, settings)
+
+
+def _constant(system: System, slip: float | None) -> Constant:
+    """Without excitation: slip at which friction carries the mean torque, or stick."""
+    terms, torque = terms_of(system), system.engine.mean_torque
+    if slip is not None:
+        coefficient, _ = _law(terms, slip)
+        if coefficient * torque <= 0.0:
+            raise InputError(f"a slip speed of {slip:g} rad/s needs an engine torque in its direction; "
+                             f"engine.mean_torque is {torque:g} N m")
+        system = replace(system, {PRESSURE: torque / (coefficient * system.torque_per_pressure)})
+        terms = terms_of(system)
+        return _at(system, terms, slip)
+    if abs(torque) > system.friction_ratio * terms.mean_load:
+        raise InputError(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
+                         f"{system.friction_ratio * terms.mean_load:g} N m; give --slip or another pressure")
+    if terms.smoothing is None:
+        return Constant(system, 0.0, math.inf, 0.0)
+    run = solve(system, cycles=400, rtol=1e-10, samples_per_cycle=0).raise_for_status()
+    v = run.final.slip_speed
+    if abs(v) > stick_speed_of(terms):
+        return _at(system, terms, v)
+    for _ in range(60):   # Friction rises in the layer, so Newton's method from its middle converges.
+        coefficient, slope = _law(terms, v)
+        step = (torque - coefficient * terms.mean_load) / (slope * terms.mean_load)
+        v += step
+        if abs(step) <= 1e-15 * max(abs(v), 1e-12):
+            break
+    return _at(system, terms, v)
+
+
+def _at(system: System, terms: Terms, v: float) -> Constant:
+    """Constant slip at `v`."""
+    coefficient, slope = _law(terms, v)
+    return Constant(system, v, slope * terms.mean_load, coefficient * system.torque_per_pressure)
+
+
+def _law(terms: Terms, v: float) -> tuple[float, float]:
+    """Friction over mu_k N R at a slip speed, and its slope, s/rad."""
+    if terms.smoothing is not None:
+        coefficient, slope = friction.smoothed_and_slope(v, terms.smoothing, terms.stribeck)
+        return float(coefficient), float(slope)
+    sign = math.copysign(1.0, v)
+    excess, decay = terms.stribeck or (0.0, 0.0)
+    falling = excess * math.exp(-decay * abs(v))
+    return sign * (1.0 + falling), -decay * falling
+
+
+def _settled(system: System, settings: Settings) -> tuple[int, Floats]:
+    """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
+    from tcc_sim.analysis.summary import summarise
+
+    run = solve(system, cycles=settings.cycles, rtol=1e-9, samples_per_cycle=0).raise_for_status()
+    found = summarise(run, discard=settings.cycles // 2)
+    state = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
+    if found.period == 0:
+        if found.stick_fraction == 0.0 and abs(system.engine.mean_torque) > system.saturation_mean:
+            raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
+                             f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
+                             "pressure")
+        raise InputError(f"the scene settles in no motion of a period up to {settings.longest} engine cycles within "
+                         f"{settings.cycles}; there is nothing to linearise about")
+    return found.period, state
+
+
+def _closed(system: System, period: int, state: Floats, slip: float | None, settings: Settings) -> Periodic:
+    """The periodic motion near `state`, by Newton's method on the section, with the pressure as an unknown for `slip`.
+
+    The equations are the motion's return after `period` cycles and, with `slip`, its mean slip speed. A family of
+    motions (slip with mu_k = mu_s and Tm = Tsm) is met by the shortest step.
+    """
+    pressure, least, damping = system.pressure.mean, math.inf, 1.0
+    size, step = _pressure_size(system), np.zeros(4)
+    for _ in range(settings.iterations):
+        trial, load = state + damping * step[:3], pressure + damping * float(step[3])
+        try:
+            if not 0.0 < load <= 1e7:
+                raise NumericalFailure("the pressure is out of its range")
+            motion = _parts(replace(system, {PRESSURE: load}), period, trial, settings)
+            parts, end, weights = motion
+            carried = _carried(parts)
+            residual = np.append((end - trial) / SCALES, 0.0)
+            if slip is not None:
+                residual[3] = (float(weights @ [p.state[0] for p in parts]) - slip) / SCALES[0]
+            norm = float(np.abs(residual).max())
+        except NumericalFailure:
+            norm = math.inf
+        if norm < settings.closed:
+            mean = float(weights @ [p.state[0] for p in parts])
+            stuck = stick_speed_of(terms_of(system))
+            stick = any(abs(p.state[0]) <= stuck for p in parts)
+            return Periodic(replace(system, {PRESSURE: load}), period, parts, mean, stick)
+        if norm >= least:
+            damping *= 0.5
+            if damping < 1e-4:
+                break
+            continue
+        state, pressure, least, damping = trial, load, norm, 1.0
+        jacobian = np.zeros((4, 4))
+        jacobian[:3, :3] = (carried.by_state[-1] - np.eye(3)) / SCALES[:, None]
+        jacobian[:3, 3] = carried.by_input[-1][:, 0] / SCALES
+        if slip is not None:
+            jacobian[3, :3] = weights @ carried.by_state[:-1, 0] / SCALES[0]
+            jacobian[3, 3] = weights @ carried.by_input[:-1, 0, 0] / SCALES[0]
+        sizes = np.append(SCALES, size)
+        rows = 4 if slip is not None else 3
+        step = np.zeros(4)
+        step[:rows] = np.linalg.lstsq(-(jacobian * sizes)[:rows, :rows], residual[:rows], rcond=1e-9)[0] * sizes[:rows]
+    wanted = "" if slip is None else f" with a mean slip speed of {slip:g} rad/s"
+    raise NumericalFailure(f"no motion of period {period}{wanted} was found: the best one misses its start by "
+                           f"{least:.1e} in natural sizes")
+
+
+def _pressure_size(system: System) -> float:
+    """A natural size of the pressure, Pa."""
+    return max(abs(system.engine.mean_torque) / system.torque_per_pressure, 1e3)
+
+
+class Carried(NamedTuple):
+    """Derivatives of the states between the parts from the start of the motion on, (n + 1, 3, 3) and (n + 1, 3, 2)."""
+
+    by_state: Floats
+    by_input: Floats
+
+
+def _carried(parts: list[Part]) -> Carried:
+    """Derivatives of every part's start, and of the end, by the start of the motion and by the inputs."""
+    by_state, by_input = [np.eye(3)], [np.zeros((3, 2))]
+    for part in parts:
+        by_state.append(part.by_state @ by_state[-1])
+        by_input.append(part.by_state @ by_input[-1] + part.by_input)
+    return Carried(np.array(by_state), np.array(by_input))
+
+
+def _parts(system: System, period: int, state: Floats, settings: Settings) -> tuple[list[Part], Floats, Floats]:
+    """The parts from `state` on, the state at their end, and Simpson's weights of their starts."""
+    engine = set_valued if system.friction.law == "set_valued" else smoothed
+    prepared = engine.Prepared(system, (PRESSURE, TORQUE), settings.rtol)
+    parts, count = [], settings.parts
+    for cycle in range(period):
+        for i in range(count):
+            found = prepared.over(state, cycle + i / count, cycle + (i + 1) / count)
+            if not np.isfinite(found.state).all():
+                raise NumericalFailure("the state is not finite")
+            parts.append(Part(state, found.derivative, found.by_parameter))
+            state = found.state
+    weights = np.where(np.arange(len(parts)) % 2 == 1, 4.0, 2.0) / (3.0 * len(parts))
+    return parts, state, weights
+
+
+def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
+    """The mean slip speed's and plate's derivatives over the period: (3, 3) by the start's state, (3, 2) by the inputs.
+
+    Rows: slip speed, plate angle, plate speed.
+    """
+    carried = _carried(motion.parts)
+    n = len(motion.parts)
+    weights = np.where(np.arange(n + 1) % 2 == 1, 4.0, 2.0) / (3.0 * n)
+    weights[0] = weights[-1] = 1.0 / (3.0 * n)
+    return np.tensordot(weights, carried.by_state, 1), np.tensordot(weights, carried.by_input, 1)
+
+
+def whole(motion: Periodic) -> tuple[Floats, Floats]:
+    """Derivative of the state after the period by that before, (3, 3), and by the inputs, (3, 2)."""
+    carried = _carried(motion.parts)
+    return carried.by_state[-1], carried.by_input[-1]

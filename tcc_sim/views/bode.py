@@ -1,0 +1,54 @@
+"""The frequency response of `linearise` as a Bode picture: gain and phase, with the points found by simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.views import style
+
+UNITS = {"actuation_pressure": "Pa", "engine_torque": "N m", "slip_speed": "rad/s", "friction_torque": "N m",
+         "shaft_torque": "N m"}
+
+
+def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw a `Linearisation`.
+
+    Parameters
+    ----------
+    path : png, svg or pdf file
+    found : what `linearise` gives
+    title : name of the scene
+    width : inch
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    """
+    with style.figure(width, 0.62 * width) as drawn:
+        gain, phase = drawn.subplots(2, 1, sharex=True)
+        inside = found.gain > 0.0
+        gain.semilogx(found.frequencies[inside], 20.0 * np.log10(found.gain[inside]), label=_name(found))
+        phase.semilogx(found.frequencies, np.degrees(found.phase))
+        if found.checked:
+            omega = [p.frequency for p in found.checked]
+            marks = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
+                     "markersize": 5.0}
+            gain.plot(omega, [20.0 * np.log10(p.gain) for p in found.checked], label="simulated", **marks)
+            phase.plot(omega, [np.degrees(p.phase) for p in found.checked], **marks)
+        gain.set_ylabel(f"gain (dB re 1 ({UNITS[found.output]})/({UNITS[found.input]}))")
+        phase.set_ylabel("phase (degrees)")
+        phase.set_xlabel("angular frequency (rad/s)")
+        words = f"{found.output.replace('_', ' ')} by {found.input.replace('_', ' ')}"
+        words += f", mean slip {found.mean_slip:.4g} rad/s"
+        gain.set_title(f"{title}: {words}" if title else words)
+        gain.legend(loc="best")
+        return style.save(drawn, path)
+
+
+def _name(found: Any) -> str:
+    """What the curve is."""
+    return "harmonic transfer function" if found.kind == "periodic" else f"linear model about constant {found.kind}"

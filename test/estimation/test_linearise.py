@@ -1,0 +1,177 @@
+"""Transfer functions beside closed forms, SciPy and simulated responses, and the margins of the slip controller."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from documents import valid
+from scipy.integrate import solve_ivp
+from scipy.signal import StateSpace
+
+import tcc_sim
+from tcc_sim import cli
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, linearise
+from tcc_sim.estimation.lock_in import simulated
+from tcc_sim.estimation.operating_point import Settings, settle
+from tcc_sim.plant.driveline import Reading
+from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
+from tcc_sim.scene import load_scene
+
+CONTROLLED = load_scene("controlled")
+CONSTANT = {"engine.torque_amplitude": 0.0}
+
+
+def apart(one: complex, other: complex) -> np.ndarray:
+    """By how much two responses differ, dB and degrees."""
+    ratio = one / other
+    return np.abs([20.0 * math.log10(abs(ratio)), math.degrees(np.angle(ratio))])
+
+
+def slip_rates(x: np.ndarray, pressure: float, torque: float) -> tuple[float, float, float, float, float]:
+    """Rates of `controlled` by (2a), (2b), (7), and its friction and shaft torque."""
+    law = (1.0 + (0.3 / 0.27 - 1.0) * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0])
+    friction, spring = law * 0.27 * 0.08 * 0.1 * pressure, 3000.0 * x[1] + 0.6 * x[2]
+    plate = (friction - spring) / 0.02
+    return (torque - friction) / 0.2 - plate, x[2], plate, friction, spring
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("inputs", INPUTS)
+def test_constant_slip_is_the_linear_model_of_the_equations(inputs: str, output: str) -> None:
+    """Differences of the equations, written out here."""
+    v, which = 0.8, list(INPUTS).index(inputs)
+    found = linearise(CONTROLLED.with_values(CONSTANT), slip=v, input=inputs, output=output, frequencies=[3.0, 400.0])
+    assert (found.kind, found.dt) == ("slip", 0.0)
+
+    def motion(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        *rates, friction, spring = slip_rates(x, *u)
+        return np.array([*rates, {"slip_speed": x[0], "friction_torque": friction, "shaft_torque": spring}[output]])
+
+    x, u = np.array([v, 200.0 / 3000.0, 0.0]), np.array([found.pressure, 200.0])
+    assert np.abs(motion(x, u)[:3]).max() < 1e-8
+    rows = np.array([(motion(x + h, u) - motion(x - h, u)) / 2e-6 for h in 1e-6 * np.eye(3)]).T
+    step = np.diag([1.0, 1e-3])[which]
+    by_input = (motion(x, u + step) - motion(x, u - step)) / (2.0 * step[which])
+    assert found.a == pytest.approx(rows[:3], rel=1e-5, abs=1e-4)
+    assert found.b[:, 0] == pytest.approx(by_input[:3], rel=1e-5, abs=1e-9)
+    assert found.c[0] == pytest.approx(rows[3], rel=1e-5, abs=1e-5)
+    assert found.d[0, 0] == pytest.approx(by_input[3], rel=1e-5, abs=1e-9)
+    s = 1j * found.frequencies[:, None, None]
+    bode = (found.c @ np.linalg.solve(s * np.eye(3) - found.a, found.b) + found.d)[:, 0, 0]
+    assert found.response == pytest.approx(bode, rel=1e-9, abs=1e-12 * np.abs(bode).max())
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_constant_stick_is_one_oscillator(law: str) -> None:
+    scene = CONTROLLED.with_values(CONSTANT | {"friction.law": law, "pressure.mean": 2e5, "friction.smoothing": 1e5})
+    found = linearise(scene, input="engine_torque", output="shaft_torque", frequencies=[1.0, 50.0, 116.0, 300.0])
+    omega = found.frequencies
+    stuck = (3000.0 + 0.6j * omega) / (3000.0 - 0.22 * omega**2 + 0.6j * omega)
+    assert found.kind == "stick"
+    assert found.response == pytest.approx(stuck, rel=1e-9 if law == "set_valued" else 1e-4)
+
+
+def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
+    """mu_k = mu_s and a pulsating torque: slip is linear, whatever the motion does."""
+    scene = CONTROLLED.with_values({"friction.kinetic_coefficient": 0.3})
+    omegas = np.array([2.0, 30.0, 150.0, 380.0])
+    found = linearise(scene, slip=30.0, frequencies=omegas)
+    gain, s = 0.3 * 0.08 * 0.1, 1j * omegas
+    exact = -gain * (1.0 / (0.2 * s) + s / (0.02 * s**2 + 0.6 * s + 3000.0))
+    assert found.kind == "periodic"
+    assert found.response == pytest.approx(exact, rel=2e-3)
+    assert found.mean_slip == pytest.approx(30.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("slip", [20.0])
+def test_periodic_motions_answer_as_simulated_ones(slip: float) -> None:
+    """In slip, and with stick in every cycle, where a linear model about the mean is 20 dB and 80 degrees off."""
+    found = linearise(CONTROLLED, slip=slip, frequencies=[4.0, 25.0, 60.0, 110.0, 387.0], check=5)
+    for point, response in zip(found.checked, found.response):
+        assert np.all(apart(response, point.gain * np.exp(1j * point.phase)) < (0.3, 2.0)), point
+
+
+def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
+    """SciPy's Radau with the sine on the pressure, about constant slip."""
+    motion = settle(CONTROLLED.with_values(CONSTANT).system, 20.0, Settings())
+    omega, height, mean = 40.0, 2e-3, motion.system.pressure.mean
+    found = simulated(motion, "actuation_pressure", "slip_speed", omega)
+
+    def rates(t: float, x: np.ndarray) -> tuple[float, ...]:
+        return slip_rates(x, mean * (1.0 + height * math.sin(omega * t)), 200.0)[:3]
+
+    t = np.linspace(1.0, 1.0 + 10.0 * 2.0 * math.pi / omega, 2000)
+    run = solve_ivp(rates, (0.0, t[-1]), [20.0, 200.0 / 3000.0, 0.0], "Radau", t, rtol=1e-9, atol=1e-11)
+    columns = np.column_stack([np.sin(omega * t), np.cos(omega * t), np.ones_like(t), t])
+    in_phase, ahead = np.linalg.lstsq(columns, run.y[0], rcond=None)[0][:2]
+    assert found == pytest.approx(complex(in_phase, ahead) / (height * mean), rel=1e-3)
+
+
+class Raised:
+    """The slip controller with its gains raised."""
+
+    def __init__(self, factor: float) -> None:
+        self.controller = SlipController(Tuning())
+        self.controller.proportional *= factor
+        self.controller.integral *= factor
+
+    def __call__(self, reading: Reading) -> float:
+        return self.controller.update(reading.slip_speed, reading.engine_torque)
+
+
+def test_the_margin_of_the_slip_controller_is_found_in_lock_step() -> None:
+    tuning, omegas = Tuning(), np.linspace(5.0, 900.0, 20_000)
+    plant = linearise(CONTROLLED, slip=tuning.target, frequencies=omegas).response
+    law, s, length = SlipController(tuning), 1j * omegas, tuning.cycle_steps
+    late = np.exp(-s * tuning.step)
+    whole = math.floor(length)
+    mean = ((1.0 - late**whole) / (1.0 - late) + (length - whole) * late**whole) / length
+    held = (1.0 - late) / (s * tuning.step)
+    gains = law.proportional + law.integral * tuning.step * late / (1.0 - late)
+    loop = -plant * mean * held * gains / tuning.torque_per_pressure
+    # Where the phase passes -180 degrees the imaginary part changes its sign, with a real part below 0: the least
+    # margin is that of the slipping mode, not that of the integrator.
+    turns = np.flatnonzero((loop.imag[:-1] * loop.imag[1:] <= 0.0) & (loop.real[1:] < 0.0))
+    margin = float(np.min(1.0 / np.abs(loop[turns])))
+    assert 2.5 < margin < 4.0
+    assert 390.0 < omegas[turns[np.argmax(np.abs(loop[turns]))]] < 420.0
+
+    def swing(factor: float) -> float:
+        """Peak to peak of the cycle means at the end, rad/s."""
+        run = tcc_sim.closed_loop("controlled", Raised(factor), seconds=10.0)
+        means = CycleMean(tuning.cycle_steps)
+        return float(np.ptp([means.update(v) for v in run.slip_speed][-1000:]))
+
+    assert swing(0.93 * margin) < 0.1
+    assert swing(1.07 * margin) > 1.0
+
+
+def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:
+    for changes, slip, words in (({}, 0.0, "not 0"), ({"pressure.mean": 5e4}, None, "runs away"),
+                                 ({"engine.mean_torque": 0.0}, 5.0, "no pressure"),
+                                 (CONSTANT | {"pressure.mean": 5e4}, None, "runs away"), (CONSTANT, -5.0, "direction")):
+        with pytest.raises(InputError, match=words):
+            linearise(CONTROLLED.with_values(changes), slip=slip)
+    with pytest.raises(InputError, match="smoothed only"):
+        linearise(CONTROLLED.with_values(CONSTANT | {"friction.law": "set_valued"}), slip=5.0, check=1)
+
+
+def test_the_command_writes_what_control_tools_take(tmp_path, capsys) -> None:
+    pytest.importorskip("matplotlib")
+    names = {suffix: tmp_path / f"found{suffix}" for suffix in (".json", ".npz", ".png")}
+    words = ["linearise", "controlled", "--slip", "20", "--frequencies", "2:300:5", "--check", "1", "--json",
+             str(names[".json"]), "--out", str(names[".npz"]), "--plot", str(names[".png"])]
+    assert cli.main(words) == 0
+    assert "periodic motion of 1 engine cycle" in capsys.readouterr().out
+    found = valid("linearise", json.loads(names[".json"].read_text()))
+    with np.load(names[".npz"]) as arrays:
+        model = StateSpace(arrays["A"], arrays["B"], arrays["C"], arrays["D"], dt=float(arrays["dt"]))
+        assert model.A.tolist() == found["A"]
+    assert found["frequencies"][0] == pytest.approx(2.0)
+    assert len(found["checked"]) == 1
+    assert cli.main(words) == 2
+    assert cli.main(["linearise", "controlled", "--frequencies", "2:0:5"]) == 2
