@@ -1,8 +1,8 @@
 """A point of the frequency response by simulation: a small sine on the input, and the output's part at its frequency.
 
-The real-time solver holds the input over each tick at its value in the tick's middle. Beside the sine the output holds
-the periodic motion, side bands of it, and a slow drift where the plant is an integrator; one least-squares fit tells
-them apart.
+The real-time solver holds the input over each tick at its value in the tick's middle. What the sine does is the
+difference from the same run without it: the answer at its frequency, side bands of the periodic motion, and a slow drift
+where the plant is an integrator. One least-squares fit tells them apart.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ RATE = 4000.0
 TICKS_PER_CYCLE = 64
 SETTLING, PERIODS, LONGEST = 12, 4, 2_000_000
 """Engine cycles before the fit, least periods of the sine in it, and most ticks."""
-ORDERS, BANDS = 12, 4
-"""Multiples of the motion's frequency that are fitted, and those with side bands."""
+BANDS = 12
+"""Multiples of the motion's frequency whose side bands are fitted."""
 
 
 def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: float) -> complex:
@@ -55,7 +55,8 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
                          "allowed")
     skipped = math.ceil(before / step)
     height = AMPLITUDE * abs(mean)
-    states = _driven(motion, pressure, (height, omega), step, skipped + length)[skipped:]
+    driven, free = (_driven(motion, pressure, (each, omega), step, skipped + length) for each in (height, 0.0))
+    states = (driven - free)[skipped:]
     times = np.arange(skipped + 1.0, skipped + length + 1.0) * step
     base = 2.0 * math.pi / (motion.period * system.cycle) if isinstance(motion, Periodic) else None
     slip, angle, speed = _fitted(times, states, omega, base) / height
@@ -99,8 +100,7 @@ def _fitted(times: Floats, states: Floats, omega: float, base: float | None) -> 
     """The complex amplitudes at `omega` of the (n, 3) states: Re is in phase with a sine, Im leads by a quarter."""
     columns = [np.sin(omega * times), np.cos(omega * times), np.ones_like(times), times - times.mean()]
     if base is not None:
-        others = [n * base for n in range(1, ORDERS + 1)]
-        others += [abs(n * base + side * omega) for n in range(1, BANDS + 1) for side in (-1.0, 1.0)]
+        others = [abs(n * base + side * omega) for n in range(1, BANDS + 1) for side in (-1.0, 1.0)]
         apart = 2.0 * math.pi / (times[-1] - times[0])
         kept: list[float] = []
         for value in others:

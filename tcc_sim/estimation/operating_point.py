@@ -40,7 +40,7 @@ class Settings:
     longest : largest period in engine cycles that is looked for
     """
 
-    parts: int = 256
+    parts: int = 512
     rtol: float = 1e-10
     closed: float = 1e-8
     iterations: int = 40

@@ -87,7 +87,7 @@ def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
     assert found.mean_slip == pytest.approx(30.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("slip", [20.0])
+@pytest.mark.parametrize("slip", [20.0, 6.0])
 def test_periodic_motions_answer_as_simulated_ones(slip: float) -> None:
     """In slip, and with stick in every cycle, where a linear model about the mean is 20 dB and 80 degrees off."""
     found = linearise(CONTROLLED, slip=slip, frequencies=[4.0, 25.0, 60.0, 110.0, 387.0], check=5)
