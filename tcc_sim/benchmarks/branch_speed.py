@@ -8,6 +8,7 @@ that is added (its demo `frc`). The time of AUTO is that of its compiled program
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import shutil
@@ -22,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tcc_sim.continuation.branch import first_point, follow
+from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import Plan, check
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.walk import Course
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -97,12 +98,13 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     """This package's branch, and the system that starts on its first motion."""
     static = system.friction.static_coefficient
     map_ = check(system, Plan(KEY, low, high, period=period))
-    shooting, z = start_orbit(map_, system, ParameterRange(low, high), system.friction.kinetic_coefficient, period)
-    first, course = first_point(shooting, z), Course(KEY, most=MOST)
+    span = ParameterRange(low, high, name=KEY)
+    shooting, z = start_orbit(map_, system, span, system.friction.kinetic_coefficient, period)
+    first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
     seconds = np.inf
     for _ in range(REPEATS):
         began = time.thread_time()
-        branch = follow(first, course, "start", 0)
+        branch = branch_through(first)
         seconds = min(seconds, time.thread_time() - began)
     found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
     v, angle, speed = map(float, shooting.nodes(z)[0])

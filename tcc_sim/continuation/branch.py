@@ -1,75 +1,192 @@
-"""A branch of periodic orbits: followed both ways within a range, with its bifurcations, and why it ends.
-"""
+"""A branch of periodic orbits: followed both ways within a range, with its bifurcations, and why it ends."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
-from tcc_sim.continuation.palc import null_direction, solution_at
+import numpy as np
+
+from tcc_sim.continuation.follow import follow
+from tcc_sim.continuation.newton import Orbit
+from tcc_sim.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at, turned, with_branch
-from tcc_sim.continuation.walk import Course, Walk
+from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at, turned
+from tcc_sim.continuation.stopping import End, StopReason
+
+Tick = Callable[[ContinuationPoint], None]
+"""Called with every point."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a branch was begun: at a motion of the scene itself (start), a bifurcation, or an attractor.
+
+    kind : start, attractor, or the kind of the bifurcation
+    value : of the parameter there
+    branch, attractor : number of the branch of that bifurcation, or of the attractor
+    """
+
+    kind: str = "start"
+    value: float | None = None
+    branch: int | None = None
+    attractor: int | None = None
+
+    def as_json(self) -> Any:
+        """As `origin` of `continue --json`."""
+        if self.kind == "start":
+            return self.kind
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+START = Origin()
 
 
 @dataclass
 class Branch:
     """One branch in order along it.
 
-    origin : "start", or the kind and value of the bifurcation it was switched at
-    ended : two sentences, one for each end
+    ended : its two ends
     """
 
     period: int
-    origin: Any
+    origin: Origin
     points: list[ContinuationPoint]
-    ended: tuple[str, str]
+    ended: tuple[End, End]
     closed: bool = False
     bifurcations: list[Bifurcation] = field(default_factory=list)
+
+    def change_of_stability(self, after: int) -> Bifurcation | None:
+        """The bifurcation at which motions become stable or unstable between the point of this number and the next."""
+        return next((f for f in self.bifurcations if f.after == after and f.changes_stability), None)
 
     def as_json(self) -> dict[str, Any]:
         """As an entry of `branches`."""
         rows = [s.orbit.as_json() for s in self.points]
         columns = {name: [row[name] for row in rows] for name in rows[0]}
-        return {"period": self.period, "origin": self.origin, **columns, "ended": list(self.ended),
-                "closed": self.closed}
+        return {"period": self.period, "origin": self.origin.as_json(), **columns,
+                "ended": [str(end) for end in self.ended], "closed": self.closed}
 
 
-def follow(first: ContinuationPoint, course: Course, origin: Any, number: int, *, both: bool = True, began: str = "",
-           keep: list[Branch] | None = None) -> Branch:
+class _Way:
+    """One direction of a branch, as it is followed."""
+
+    def __init__(self, first: ContinuationPoint) -> None:
+        self.points, self.found = [first], list[Bifurcation]()
+        self.end = End(StopReason.INTERRUPTED, first.shooting.ranges[0].name, first.value)
+
+    def run(self, tick: Tick | None) -> None:
+        """Collect the stream of points."""
+        stream = follow(self.points[0])
+        while True:
+            try:
+                step = next(stream)
+            except StopIteration as stopped:
+                self.end = stopped.value
+                self._end_is_no_bifurcation()
+                return
+            if step.again:
+                self.points[-1] = step.point
+                continue
+            self.found += [replace(f, after=len(self.points) - 1) for f in step.special]
+            self.points.append(step.point)
+            self.end = replace(self.end, value=step.point.value)
+            if tick is not None:
+                tick(step.point)
+
+    def _end_is_no_bifurcation(self) -> None:
+        """Where the branch ends in a doubling of shorter motions it passes into its own shift: the multiplier of 1 that
+        it has there is no fold and no branch point.
+        """
+        span, near = self.points[-1].shooting.ranges[0], self.points[-1].shooting.settings.same_end
+        while self.end.reason is StopReason.DOUBLING and self.found and (
+                self.found[-1].kind in ("branch_point", "fold")
+                and abs(span.scaled(self.found[-1].value) - span.scaled(self.end.value)) < near):
+            self.found.pop()
+
+
+def branch_through(first: ContinuationPoint, origin: Origin = START, number: int = 0, *, both: bool = True,
+                   began: End | None = None, tick: Tick | None = None, keep: list[Branch] | None = None) -> Branch:
     """The branch through `first`, both ways, or only along its tangent.
 
-    began : the sentence for the end it starts at, where only one way is followed
+    began : the end it starts at, where only one way is followed
     keep : takes the branch, what there is of it after Ctrl-C too
     """
-    branch = Branch(first.orbit.period, origin, [first], (began, ""))
-    walks: list[Walk] = []
+    branch = Branch(first.orbit.period, origin, [first], (began or _Way(first).end,) * 2)
+    ways: list[_Way] = []
     try:
         for sign in (1.0, -1.0) if both else (1.0,):
-            walks.append(Walk(course, [first if sign > 0.0 else turned(first)]))
-            if walks[-1].run().closed:
+            ways.append(_Way(first if sign > 0.0 else turned(first)))
+            ways[-1].run(tick)
+            if ways[-1].end.reason is StopReason.CLOSED:
                 break
     finally:
-        forward = walks[0]
-        backward = walks[1] if len(walks) > 1 else None
-        behind = [] if backward is None else [turned(s) for s in backward.points[:0:-1]]
-        branch.points = behind + forward.points
-        branch.bifurcations = [with_branch(f, number) for w in (backward, forward) if w is not None
-                               for f in (w.bifurcations[::-1] if w is backward else w.bifurcations)]
-        branch.closed = forward.closed
-        ahead = forward.sentence
+        ahead, behind = ways[0], ways[1] if len(ways) > 1 else None
+        nodes = [] if behind is None else [turned(s) for s in behind.points[:0:-1]]
+        branch.points = nodes + ahead.points
+        if behind is not None:
+            branch.bifurcations = [replace(f, branch=number, after=len(nodes) - 1 - f.after)
+                                   for f in reversed(behind.found)]
+        branch.bifurcations += [replace(f, branch=number, after=len(nodes) + f.after) for f in ahead.found]
+        branch.bifurcations = _with_changes_of_stability(branch)
+        branch.closed = ahead.end.reason is StopReason.CLOSED
+        start = ahead.end if branch.closed else behind.end if behind is not None else began or ahead.end
+        branch.ended = start, ahead.end
         if keep is not None:
             keep.append(branch)
-        behind_it = backward.sentence if backward is not None else began
-        branch.ended = (ahead if forward.closed else behind_it or ahead, ahead)
     return branch
 
 
+def _with_changes_of_stability(branch: Branch) -> list[Bifurcation]:
+    """Its bifurcations, of which one, the nearest to the stable point, parts a stable point from an unstable one."""
+    out = list(branch.bifurcations)
+    for k, (a, b) in enumerate(pairwise(branch.points)):
+        between = [n for n, f in enumerate(out) if f.after == k]
+        if between and a.orbit.stable != b.orbit.stable:
+            n = between[0] if a.orbit.stable else between[-1]
+            out[n] = replace(out[n], changes_stability=True)
+    return out
+
+
 def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
-    """The point of a solution that no walk has led to; its tangent points to growing parameters."""
+    """The point of a solution to which nothing has led; its tangent points to growing parameters."""
     found = shooting.linearise(z)
     tangent = null_direction(found)
     if tangent[shooting.size] < 0.0:
         tangent = -tangent
     return point_at(shooting, solution_at(z, found, tangent))
+
+
+def orbits_at(branch: Branch, value: float) -> list[Orbit]:
+    """The orbits of a branch at exactly this value of its parameter, one for every crossing."""
+    out: list[Orbit] = []
+    for a, b in pairwise(branch.points):
+        if a.value == value:
+            out.append(a.orbit)
+        elif (a.value - value) * (b.value - value) < 0.0:
+            orbit = _crossing(a, b, value)
+            if orbit is not None:
+                out.append(orbit)
+    if branch.points[-1].value == value and not branch.closed:
+        out.append(branch.points[-1].orbit)
+    return out
+
+
+def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit | None:
+    """The orbit at `value` between two points of the same equations."""
+    if a.shooting != b.shooting:
+        return None
+    at, size = a.shooting.ranges[0].scaled(value), a.shooting.size
+    near = Bracket(a, b).locate(lambda s: float(s.solution.z[size]) - at)
+    if near is None:
+        return None
+    row, guess = np.zeros(size + 1), near.solution.z.copy()
+    row[size], guess[size] = 1.0, at
+    found = corrector(a.shooting, guess, row)
+    if found is None:
+        return near.orbit
+    orbit = point_at(a.shooting, solution_at(found.z, found.found, near.solution.tangent)).orbit
+    return replace(orbit, values=(value,))

@@ -1,24 +1,20 @@
-"""From a period doubling onto the branch of twice the period, and orbits at given values of the parameter."""
+"""From period doublings onto the branches of twice the period."""
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from tcc_sim.continuation.branch import Branch, follow
-from tcc_sim.continuation.newton import Orbit, minimal_period
+from tcc_sim.continuation.branch import Branch, Origin, Tick, branch_through
+from tcc_sim.continuation.newton import minimal_period
+from tcc_sim.continuation.on_branch import passes_through
 from tcc_sim.continuation.palc import corrector, solution_at
 from tcc_sim.continuation.problem import FAILURES
 from tcc_sim.continuation.shooting import Shooting, product_of
-from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at
-from tcc_sim.continuation.walk import Course
-
-AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
-"""Distances from the doubling, in natural sizes, at which its branch is looked for; next to a canard, where the map
-bends within 1e-5, only the smallest are on it."""
-MERGED = 1e-5
-"""Distance of two doublings, relative to the range, that one doubled branch joins."""
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
+from tcc_sim.continuation.stopping import End, StopReason
 
 
 def doubled(found: Bifurcation) -> ContinuationPoint | None:
@@ -38,14 +34,14 @@ def doubled(found: Bifurcation) -> ContinuationPoint | None:
         along.append(block @ along[-1])
     x, directions, segments = point.orbit.nodes, np.array(along), single.segments
     if len(segments) == 1:
-        shooting = Shooting.single(of, 2 * single.period, *single.ranges)
+        shooting = Shooting.single(of, 2 * single.period, *single.ranges, settings=single.settings)
     else:
-        shooting = Shooting(of, 2 * single.period, single.ranges, segments + segments)
+        shooting = replace(single, period=2 * single.period, segments=segments + segments)
         x, directions = np.vstack([x, x]), np.vstack([directions, -directions])
     start = shooting.unknowns(x, point.orbit.values)
     direction, row = np.zeros(len(start)), np.zeros(len(start))
     direction[:-1], row[:len(phi)] = directions.ravel(), phi
-    for amplitude in AMPLITUDES:
+    for amplitude in single.settings.amplitudes:
         for sign in (1.0, -1.0):
             got = corrector(shooting, start + sign * amplitude * direction, row)
             if got is None or not 0.0 <= got.z[-1] <= 1.0:
@@ -62,59 +58,31 @@ def doubled(found: Bifurcation) -> ContinuationPoint | None:
     return None
 
 
-def switch(branches: list[Branch], course: Course, depth: int) -> None:
-    """Append the doubled branches of every period doubling, and theirs, down to `depth`."""
-    generation = list(enumerate(branches))
+def switch(branches: list[Branch], depth: int, longest: int | None = None, most: int | None = None,
+           tick: Tick | None = None) -> None:
+    """Append the doubled branch of every period doubling in which none of the others ends, and theirs, to `depth`.
+
+    longest, most : period followed, in cycles, and branches, where they are bounded
+    """
+    first = 0
     for _ in range(depth):
-        following: list[tuple[int, Branch]] = []
+        generation, first = list(enumerate(branches))[first:], len(branches)
         for number, parent in generation:
-            reached: list[float] = []
-            for found in [f for f in parent.bifurcations if f.kind == "period_doubling"]:
-                span = found.point.shooting.ranges[0]
-                if any(abs(span.scaled(found.value) - r) < MERGED for r in reached):
+            for found in parent.bifurcations:
+                if found.kind != "period_doubling" or (longest is not None and 2 * parent.period > longest):
                     continue
-                first = doubled(found)
-                if first is None:
+                if (most is not None and len(branches) >= most) or _ends_in(found, branches):
                     continue
-                origin = {"kind": found.kind, "value": found.value, "branch": number}
-                child = follow(first, course, origin, len(branches), both=False,
-                               began=f"began in the period doubling at {course.name} = {found.value:.9g}",
-                               keep=branches)
-                reached += [span.scaled(s.value) for s in child.points[-1:]]
-                following.append((len(branches) - 1, child))
-        generation = following
+                start = doubled(found)
+                if start is not None and not any(passes_through(branch, start) for branch in branches):
+                    began = End(StopReason.BEGAN, start.shooting.ranges[0].name, found.value)
+                    origin = Origin(found.kind, found.value, number)
+                    branch_through(start, origin, len(branches), both=False, began=began, tick=tick, keep=branches)
 
 
-def orbits_at(branch: Branch, value: float) -> list[Orbit]:
-    """The orbits of a branch at exactly this value of its parameter, one for every crossing."""
-    out: list[Orbit] = []
-    points = branch.points
-    for a, b in pairwise(points):
-        if a.value == value:
-            out.append(a.orbit)
-        elif (a.value - value) * (b.value - value) < 0.0:
-            orbit = _crossing(a, b, value)
-            if orbit is not None:
-                out.append(orbit)
-    if points[-1].value == value and not branch.closed:
-        out.append(points[-1].orbit)
-    return out
-
-
-def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit | None:
-    """The orbit at `value` between two points of the same equations."""
-    if a.shooting != b.shooting:
-        return None
-    bracket = Bracket(a, b)
-    at = a.shooting.ranges[0].scaled(value)
-    size = a.shooting.size
-    near = bracket.locate(lambda s: float(s.solution.z[size]) - at)
-    if near is None:
-        return None
-    row, guess = np.zeros(size + 1), near.solution.z.copy()
-    row[size], guess[size] = 1.0, at
-    found = corrector(a.shooting, guess, row)
-    if found is None:
-        return near.orbit
-    orbit = point_at(a.shooting, solution_at(found.z, found.found, near.solution.tangent)).orbit
-    return Orbit(orbit.period, (value,), orbit.nodes, orbit.multipliers, orbit.seen, orbit.residual)
+def _ends_in(found: Bifurcation, branches: Sequence[Branch]) -> bool:
+    """Whether a branch of twice the period begins or ends in a doubling."""
+    shooting = found.point.shooting
+    span = shooting.ranges[0]
+    return any(abs(span.scaled(found.value) - span.scaled(end.value)) < shooting.settings.merged
+               for b in branches if b.period == 2 * shooting.period for end in (b.points[0], b.points[-1]))

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tcc_sim.continuation.newton import LARGEST_LEFT, multipliers_of
+from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.palc import (
     Equations,
     Solution,
@@ -25,6 +25,7 @@ from tcc_sim.continuation.palc import (
     solution_at,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Linearised, ParameterRange, Shooting, product_of
 from tcc_sim.continuation.special_points import Bifurcation
 
@@ -83,7 +84,7 @@ class Defining:
     exact: ClassVar[bool] = False
 
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
-        self.kind, self.shooting = kind, shooting
+        self.kind, self.shooting, self.settings = kind, shooting, shooting.settings
         self.b = self.c = np.empty(0)
         self._known: tuple[Floats, float, Floats] | None = None
         self.border(shooting.linearise(z))
@@ -155,7 +156,7 @@ def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
             z = z + step
             if float(np.abs(step).max()) < CLOSE:
                 left = float(np.abs(shooting.linearise(z).residual).max())
-                return z if left <= LARGEST_LEFT else None
+                return z if left <= shooting.settings.residual else None
     except FAILURES:
         return None
     return None
@@ -168,7 +169,7 @@ class Border:
     exact: ClassVar[bool] = True
 
     def __init__(self, margin: Callable[[float, float], float], ranges: tuple[ParameterRange, ParameterRange]) -> None:
-        self.margin, self.ranges = margin, ranges
+        self.margin, self.ranges, self.settings = margin, ranges, DEFAULTS
 
     def linearise(self, z: Floats) -> Linearised:
         """The margin and its derivatives by central differences."""

@@ -1,40 +1,53 @@
-"""What lies between two neighbouring points of a branch: bifurcations, the collapse to a shorter period, the way back.
+"""What lies between two neighbouring points of a branch: special points, its end at a doubling, its first point again.
+
+Told from two points alone; who follows the branch is none of its affair.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from tcc_sim.continuation.codim2 import locate
-from tcc_sim.continuation.newton import SAME, shifts
+from tcc_sim.continuation.newton import shifts
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.sliding_location import sliding_bifurcation
-from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at, smooth_bifurcations
+from tcc_sim.continuation.special_points import (
+    Bifurcation,
+    Bracket,
+    ContinuationPoint,
+    point_at,
+    smooth_bifurcations,
+)
+
+MOST_BORDERS = 6
+"""Changes of the event sequence that are looked for in one step."""
 
 
-def between(a: ContinuationPoint, b: ContinuationPoint, by_amplitude: bool = True) -> list[Bifurcation]:
+def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation]:
     """The bifurcations between two neighbouring points, in order."""
     if a.shooting is not b.shooting and a.shooting != b.shooting:
         return []
-    bracket = Bracket(a, b, by_amplitude)
+    bracket = Bracket(a, b, b.by_amplitude)
     if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(bracket)
     out: list[Bifurcation] = []
-    for _ in range(6):
+    for _ in range(MOST_BORDERS):
         left, right, found = sliding_bifurcation(bracket)
-        out += smooth_bifurcations(Bracket(bracket.a, left, by_amplitude))
+        out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
         if found is not None:
             out.append(found)
-        bracket = Bracket(right, b, by_amplitude)
+        bracket = Bracket(right, b, b.by_amplitude)
         if not differ(right.orbit.seen.events, b.orbit.seen.events):
             break
     return out + smooth_bifurcations(bracket)
 
 
-def collapse(here: ContinuationPoint, new: ContinuationPoint) -> ContinuationPoint | None:
+def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> ContinuationPoint | None:
     """The point between two at which the orbit is one of a shorter period; None where there is none.
 
     What tells the halves of the orbit apart changes its sign there. It is a period doubling of the shorter motions, and
@@ -45,57 +58,60 @@ def collapse(here: ContinuationPoint, new: ContinuationPoint) -> ContinuationPoi
     for shorter in range(of.forcing_period, period, of.forcing_period):
         if period % shorter:
             continue
-        ways = []
-        for point in (here, new):
-            x, values = point.orbit.section, point.orbit.values
-            ways.append((of.evaluate(x, values, 0, shorter).value - x) / of.scales)
-        one, two = ways
+        one, two = ((of.evaluate(p.orbit.section, p.orbit.values, 0, shorter).value - p.orbit.section) / of.scales
+                    for p in (here, new))
         if float(one @ two) < -0.8 * float(np.linalg.norm(one) * np.linalg.norm(two)):
-            simple = Shooting.single(of, shorter, *shooting.ranges)
-            middle = here.orbit.section + 0.5 * one * of.scales
-            z = locate("period_doubling", simple, simple.unknowns(middle[None], here.orbit.values))
-            if z is None or not np.abs(z - simple.unknowns(middle[None], here.orbit.values)).max() < 0.1:
+            simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
+            near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
+            z = locate("period_doubling", simple, near)
+            if z is None or not np.abs(z - near).max() < 0.1:
                 return here
-            whole = Shooting.single(of, period, *shooting.ranges)
-            along = here.solution.tangent
-            tangent = np.concatenate([along[:of.dimension], along[shooting.size:]])
+            whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
+            tangent = _of_single_shooting(here, here.solution.tangent)
             return point_at(whole, solution_at(z, whole.linearise(z), tangent))
     return None
 
 
-def returning(first: ContinuationPoint) -> list[tuple[Floats, Floats]]:
-    """Unknowns and tangent, of single shooting, at which a closed branch comes back, for every shift of its orbit."""
-    of, size = first.shooting.map, first.shooting.size
-    n, scales = of.dimension, of.scales
-    z, t = first.solution.z, first.solution.tangent
-    x, values = first.shooting.nodes(z)[0], first.shooting.values(z)
-    out = [(np.concatenate([z[:n], z[size:]]), np.concatenate([t[:n], t[size:]]))]
-    width = np.array([w.width(float(u)) for w, u in zip(first.shooting.ranges, z[size:])])
-    for k, point in enumerate(shifts(of, x, values, first.shooting.period)[1:], 1):
-        image = of.evaluate(x, values, 0, k * of.forcing_period)
-        along = (image.jacobian @ (t[:n] * scales) + image.by_parameter @ (width * t[size:])) / scales
-        tangent = np.concatenate([along, t[size:]])
-        out.append((np.concatenate([point / scales, z[size:]]), tangent / float(np.linalg.norm(tangent))))
-    return out
+def _of_single_shooting(point: ContinuationPoint, vector: Floats) -> Floats:
+    """The part of a vector of unknowns that single shooting has: the first node and the parameters."""
+    return np.concatenate([vector[:point.shooting.map.dimension], vector[point.shooting.size:]])
 
 
-def returned(ends: list[tuple[Floats, Floats]], first: ContinuationPoint, here: ContinuationPoint,
-             new: ContinuationPoint) -> bool:
-    """Whether the step from `here` to `new` passes the first point (or the same orbit some cycles later).
+@dataclass
+class ClosedBranch:
+    """Tells whether a branch comes back to its first point, or to the same orbit some cycles later.
 
-    `ends` is what `returning` gives for the first point of the branch, `first`.
+    ends : unknowns and tangent of single shooting there, for every shift of the first orbit
     """
-    n, size = new.shooting.map.dimension, new.shooting.size
-    for z, tangent in ends:
-        p, q = (np.concatenate([s.solution.z[:n], s.solution.z[size:]]) for s in (here, new))
-        ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
-        if behind < 0.0 <= ahead:
-            step = q - p
-            part = -behind / (ahead - behind)
-            if np.linalg.norm(p + part * step - z) <= 0.2 * np.linalg.norm(step) and float(step @ tangent) > 0.0:
-                middle = Bracket(here, new).at(part)
-                if middle is not None:
-                    at = np.concatenate([middle.solution.z[:n], middle.solution.z[size:]])
-                    if np.linalg.norm(at - z) <= max(0.02 * float(np.linalg.norm(step)), SAME):
-                        return True
-    return False
+
+    first: ContinuationPoint
+    ends: list[tuple[Floats, Floats]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        shooting, solution = self.first.shooting, self.first.solution
+        of, size = shooting.map, shooting.size
+        n, scales, z, t = of.dimension, of.scales, solution.z, solution.tangent
+        x, values = shooting.nodes(z)[0], shooting.values(z)
+        self.ends = [(_of_single_shooting(self.first, z), _of_single_shooting(self.first, t))]
+        width = np.array([w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])])
+        for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
+            image = of.evaluate(x, values, 0, k * of.forcing_period)
+            along = (image.jacobian @ (t[:n] * scales) + image.by_parameter @ (width * t[size:])) / scales
+            tangent = np.concatenate([along, t[size:]])
+            self.ends.append((np.concatenate([shifted / scales, z[size:]]), tangent / float(np.linalg.norm(tangent))))
+
+    def between(self, here: ContinuationPoint, new: ContinuationPoint) -> bool:
+        """Whether the step from `here` to `new` passes the first point."""
+        p, q = (_of_single_shooting(s, s.solution.z) for s in (here, new))
+        for z, tangent in self.ends:
+            ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
+            step, part = q - p, -behind / max(ahead - behind, 1e-300)
+            length = float(np.linalg.norm(step))
+            if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0
+                    and np.linalg.norm(p + part * step - z) <= 0.2 * length):
+                continue
+            middle = Bracket(here, new).at(part)
+            if middle is not None and np.linalg.norm(_of_single_shooting(middle, middle.solution.z) - z) <= max(
+                    0.02 * length, self.first.shooting.settings.same):
+                return True
+        return False

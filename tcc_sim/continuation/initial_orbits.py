@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
-from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import SettledMotion, holds, point_of
+from tcc_sim.continuation.branch import Branch, Origin
+from tcc_sim.continuation.diagram import point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import find_orbit
+from tcc_sim.continuation.on_branch import SettledMotion, passes_through
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import ContinuationPoint
@@ -97,7 +98,7 @@ def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int
 
 
 def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], period: int | None,
-           known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, dict[str, Any]]]:
+           known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, Origin]]:
     """First points of branches at seeds that lie on none of those `known` by then, each with its origin.
 
     Raises
@@ -116,8 +117,8 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
             continue
         refuse_family(first, map_.system_at((seed.value,)))
         met = True
-        if not any(holds(branch, first) for branch in known):
-            yield first, {"kind": "attractor", "value": seed.value, "attractor": number}
+        if not any(passes_through(branch, first) for branch in known):
+            yield first, Origin("attractor", seed.value, attractor=number)
     if not met:
         raise NumericalFailure(f"no motion{'' if period is None else f' of period {period}'} was found near any of the "
                                f"{len(seeds)} seeds")

@@ -9,7 +9,8 @@ from itertools import pairwise
 from typing import Any
 
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import BESIDE, SAME, Place, SettledMotion, place_of, size_of
+from tcc_sim.continuation.diagram import amplitude_of
+from tcc_sim.continuation.on_branch import Place, SettledMotion, pieces_at, place_of
 from tcc_sim.continuation.special_points import Bifurcation
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
@@ -62,7 +63,7 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
     direction : up or down where every motion goes on from its neighbour below or above: the end of that one is the
         cause then
     """
-    size = size_of(seen)
+    size = amplitude_of(seen)
     width = abs(seen[-1].value - seen[0].value) if seen else 0.0
     out = []
     for a, b in pairwise(seen):
@@ -85,7 +86,9 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
         branch = branches[place.branch]
         last, reached = _walk(branch, place, goal)
         same = other is not None and other.branch == place.branch and abs(last - other.after) <= 1
-        if reached and (same or (other is not None and _passes(branch, last, seen, size, base))):
+        if reached and (same or (other is not None and seen.has_period(branch.period, base)
+                                     and any(p.after == last and math.isfinite(p.holds(seen, size))
+                                             for p in pieces_at(branch, seen.value)))):
             return STEEP, None
         if not reached:
             found = nearest_bifurcation(branch, last, size, width)
@@ -96,17 +99,6 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
         best = max(ends, key=lambda end: (end[0], -abs(end[1].value - middle)))[1]
         return best.kind, best
     return (BASIN, None) if here is not None and there is not None else (unplaced, None)
-
-
-def _passes(branch: Branch, point: int, seen: SettledMotion, size: float, base: int) -> bool:
-    """Whether the piece of a branch behind one of its points passes through a motion: branches may overlap."""
-    points = branch.points[point:point + 2]
-    if len(points) < 2 or math.lcm(seen.period, base) != branch.period:
-        return False
-    (a, low), (b, high) = ((s.value, s.orbit.seen.largest) for s in points)
-    part = (seen.value - a) / (b - a) if b != a else 0.5
-    away = abs(low + part * (high - low) - seen.amplitude)
-    return 0.0 <= part <= 1.0 and away <= SAME * size + BESIDE * abs(high - low)
 
 
 def _walk(branch: Branch, place: Place, goal: float) -> tuple[int, bool]:

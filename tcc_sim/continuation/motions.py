@@ -7,15 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from tcc_sim.continuation.branch import Branch, first_point, follow
-from tcc_sim.continuation.branch_switching import orbits_at, switch
+from tcc_sim.continuation.branch import Branch, branch_through, first_point, orbits_at
+from tcc_sim.continuation.branch_switching import switch
 from tcc_sim.continuation.codim2 import KINDS, Curve, bifurcation_curve, border_curve
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
-from tcc_sim.continuation.walk import Course
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
@@ -127,7 +126,7 @@ def continuation(scene: Scene | System, over: str, start: float, stop: float, **
     >>> from tcc_sim import load_scene
     >>> scene = load_scene("stick").with_values({"friction.law": "set_valued"})
     >>> found = continuation(scene, "engine.mean_torque", 295.0, 305.0, at=(301.5,))
-    >>> [(branch.period, branch.origin) for branch in found.branches], found.at[0]["stable"]
+    >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
     ([(1, 'start')], True)
     """
     names = {item.name for item in fields(Plan)} - {"over", "low", "high"}
@@ -186,22 +185,21 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[ContinuationPoi
     """
     map_ = check(system, plan)
     out = into if into is not None else Motions(plan, system.friction.law)
-    span = ParameterRange(plan.low, plan.high)
-    course = Course(plan.over, tick=tick)
+    span = ParameterRange(plan.low, plan.high, name=plan.over)
     if plan.seeds:
         for first, origin in seeded(map_, span, plan.seeds, plan.period, out.branches):
-            follow(first, course, origin, len(out.branches), keep=out.branches)
+            branch_through(first, origin, len(out.branches), tick=tick, keep=out.branches)
     else:
         start = min(max(_present(system, plan.over), plan.low), plan.high)
         shooting, z = start_orbit(map_, replace(system, {plan.over: start}), span, start, plan.period)
         first = first_point(shooting, z)
         refuse_family(first, map_.system_at((start,)))
-        follow(first, course, "start", 0, keep=out.branches)
+        branch_through(first, tick=tick, keep=out.branches)
     if plan.switch:
-        switch(out.branches, course, plan.switch)
+        switch(out.branches, plan.switch, tick=tick)
     for value in plan.at:
         for number, branch in enumerate(out.branches):
-            out.at += [{"branch": number, "period": branch.period, "origin": branch.origin, **orbit.as_json()}
+            out.at += [{"branch": number, "period": branch.period, "origin": branch.origin.as_json(), **orbit.as_json()}
                        for orbit in orbits_at(branch, value)]
     if plan.second is not None:
         _curves(system, plan, span, out)

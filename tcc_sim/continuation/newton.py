@@ -15,22 +15,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 
 from tcc_sim.continuation.problem import FAILURES, Floats, Observation, ParameterMap, Values
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Linearised, Shooting, product_of
 
-TOLERANCE = 1e-10
-"""Last Newton step, in natural sizes, at which an orbit counts as found."""
-LARGEST_LEFT = 5e-9
-"""Residual, in natural sizes, above which nothing counts as an orbit, however short the last step was: where the
-Jacobian is singular (a runaway is one), the shortest step may be none at all."""
-ROUNDING = 1e-12
-"""Residual, in natural sizes, below which no further Newton step is worth taking."""
-ITERATIONS = 25
-SAME = 1e-6
-"""Distance, in natural sizes, below which two orbits are the same."""
-NEUTRAL = 1e-9
-"""Distance of a multiplier from the unit circle that may be one of rounding: what is no further is neither stable nor
-is it a change of sign of a test function."""
-LARGEST_STEP = 2.0
 LOST = 1e-8
 """Reciprocal of a multiplier that the pencil has lost digits of; the product gives it, as it is the largest there."""
 
@@ -63,7 +50,7 @@ class Orbit:
     @property
     def stable(self) -> bool:
         """Whether every multiplier lies inside the unit circle by more than rounding."""
-        return bool(abs(self.multipliers[0]) < 1.0 - NEUTRAL)
+        return bool(abs(self.multipliers[0]) < 1.0 - DEFAULTS.neutral)
 
     def as_json(self) -> dict[str, Any]:
         """The orbit as JSON values, with the names that `continue --json` gives its columns."""
@@ -111,15 +98,15 @@ def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
                  float(np.abs(found.residual).max()))
 
 
-def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iterations: int = ITERATIONS) -> Floats | None:
+def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Floats | None:
     """A solution near `z` at its parameters, none of the `known` ones; None where there is none to be found.
 
     `z` and `known` are scaled unknowns; the parameters of `z` stay. Steps are halved until the residual falls.
     """
-    z, size = z.copy(), shooting.size
+    z, size, settings = z.copy(), shooting.size, shooting.settings
     try:
         found = shooting.linearise(z)
-        for _ in range(iterations):
+        for _ in range(settings.newton_iterations):
             step = _newton_step(found.jacobian[:, :size], found.residual)
             turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
@@ -128,10 +115,10 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = (), iteratio
             if not np.isfinite(length):
                 return None
             left = float(np.abs(found.residual).max())
-            if left < ROUNDING or (length < TOLERANCE and left <= LARGEST_LEFT):
+            if left < settings.newton_rounding or (length < settings.newton_tolerance and left <= settings.residual):
                 z[:size] += step
-                return z if all(np.abs(z[:size] - k[:size]).max() > SAME for k in known) else None
-            step *= min(1.0, LARGEST_STEP / length)
+                return z if all(np.abs(z[:size] - k[:size]).max() > settings.same for k in known) else None
+            step *= min(1.0, settings.newton_step / length)
             before = _weight(z, known, size) * float(np.linalg.norm(found.residual))
             for part in (1.0, 0.5, 0.25, 0.1, 0.03):
                 trial = z.copy()
@@ -184,7 +171,7 @@ def shifts(of: ParameterMap, x: Floats, values: Values, period: int) -> list[Flo
     return points
 
 
-def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = SAME) -> int:
+def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = DEFAULTS.same) -> int:
     """The smallest number of cycles after which a closed orbit of `period` cycles repeats, to `same` natural sizes."""
     points = shifts(of, x, values, period)
     for k in range(1, len(points)):

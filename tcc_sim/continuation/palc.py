@@ -16,24 +16,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from tcc_sim.continuation.newton import LARGEST_LEFT
 from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised
-
-TOLERANCE = 1e-9
-ITERATIONS = 8
-SQUARED = 1e-5
-"""A Newton step below this leaves an error of its square; the residual before it then decides too."""
-SLOWEST = 0.7
-"""Share of the step before above which Newton's method is given up: a shorter step of the walk costs less."""
-GROWN, NOTHING = 10.0, 1e-12
-"""Growth of a residual by the last Newton step above which that step has led elsewhere, and a residual that is none."""
-CONTRACTION = 0.15
-"""Share of Newton's first step that the second one is aimed to be: four of them then reach rounding."""
-MORE_REFUSED = 1.2
-"""Growth of the step's length at most after a longer one was refused."""
-NODES = 3
-"""Points before the last one from which the next is predicted."""
 
 
 class Equations(Protocol):
@@ -43,6 +28,10 @@ class Equations(Protocol):
 
     rounding: ClassVar[float]
     exact: ClassVar[bool]
+
+    @property
+    def settings(self) -> Settings:
+        """Tolerances of the corrector."""
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and Jacobian."""
@@ -84,17 +73,16 @@ FLAT = AmplitudeRow(np.empty(0), np.empty(0))
 
 
 def corrector(equations: Equations, guess: Floats, row: Floats, plane: AmplitudeRow = FLAT,
-              tolerance: float = TOLERANCE,
-            start: Floats | None = None) -> Corrected | None:
+              start: Floats | None = None) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
     It starts at the guess where nothing else is given. None where it does not converge.
     """
     z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
-    contraction = 0.0
+    contraction, settings = 0.0, equations.settings
     size, by_amplitude = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
-    for _ in range(ITERATIONS):
+    for _ in range(settings.correct_iterations):
         try:
             found = equations.linearise(z)
             matrix[:-1], matrix[-1] = found.jacobian, row
@@ -114,11 +102,12 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
         if not length < 10.0:
             return None
         z = z + step
-        if (length <= tolerance and left <= LARGEST_LEFT) or (length <= SQUARED and left <= equations.rounding):
+        if (length <= settings.correct_tolerance and left <= settings.residual) or (
+                length <= settings.squared and left <= equations.rounding):
             tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
             slopes = found.amplitude_gradient @ tangent if by_amplitude else plane.weights
             return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), slopes, contraction)
-        if length > (SLOWEST if length > SQUARED else 1.0) * last:
+        if length > (settings.slowest if length > settings.squared else 1.0) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
         last = length
@@ -138,7 +127,8 @@ def astray_beyond(equations: Equations, here: Solution, new: Solution) -> bool:
         left = float(np.abs(equations.linearise(new.z).residual).max())
     except FAILURES:
         return True
-    return left > GROWN * max(float(np.abs(new.found.residual).max()), NOTHING)
+    settings = equations.settings
+    return left > settings.grown * max(float(np.abs(new.found.residual).max()), settings.nothing)
 
 
 def tangent_of(found: Linearised, along: Floats) -> Floats:
@@ -161,35 +151,37 @@ def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
     return Solution(z, tangent, found, float(np.sign(np.linalg.det(np.vstack([found.jacobian, tangent])))))
 
 
+MORE_REFUSED = 1.2
+"""Growth of the step's length at most after a longer one was refused."""
+
+
 @dataclass
 class StepSize:
-    """The step length of a walk and what bounds it; lengths are in natural sizes.
+    """Step-size control; lengths are in natural sizes.
 
-    wanted : distance between predictor and corrector that is aimed at
-    farthest : the same, relative to the step, above which a step is refused
-    turn : smallest cosine between neighbouring tangents
+    length : of the next step
+    smallest, largest : its bounds
     tried : steps tried until now
     """
 
-    length: float = 0.01
-    smallest: float = 1e-9
-    largest: float = 0.1
-    wanted: float = 2e-3
-    farthest: float = 0.3
-    turn: float = 0.9
-    branching: float = 1e-4
-    """A change of the determinant's sign is believed in steps this short."""
+    settings: Settings = DEFAULTS
+    length: float = 0.0
+    smallest: float = 0.0
     tried: int = 0
+
+    def __post_init__(self) -> None:
+        self.length = self.length or self.settings.first_step
+        self.smallest = self.smallest or self.settings.smallest_step
 
     def after(self, found: Corrected, refused: bool) -> float:
         """The next length after a step; the corrector's way goes as the third power of the length.
 
         refused : whether a longer one has just been, which the next one is not to be then
         """
-        ways = (found.distance / self.wanted, found.contraction / CONTRACTION)
+        ways = (found.distance / self.settings.wanted, found.contraction / self.settings.contraction)
         factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
         most = MORE_REFUSED if refused else 2.0
-        return min(self.length * min(max(float(factor), 0.5), most), self.largest)
+        return min(self.length * min(max(float(factor), 0.5), most), self.settings.largest_step)
 
 
 def next_solution(equations: Equations, here: Solution, before: Sequence[Solution], step_size: StepSize,
@@ -202,7 +194,7 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
     used = by_amplitude and len(here.found.amplitudes) > 0
     slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
     reach = float(np.sqrt(1.0 + slopes @ slopes))
-    known, refused = behind(here, before, slopes), False
+    known, refused, settings = behind(here, before, slopes, step_size.settings.nodes), False, step_size.settings
     if not equations.exact and len(known) > 3:
         del known[1]
     while step_size.length >= step_size.smallest:
@@ -214,10 +206,10 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
             along = float(found.tangent @ here.tangent + found.slopes @ slopes)
             tangent = found.tangent if along > 0.0 else -found.tangent
             new = solution_at(found.z, found.found, tangent)
-            turned = abs(along) < step_size.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
-            jumped = new.sign != here.sign and step_size.length > step_size.branching
-            astray = beside(here, new, len(slopes) > 0) < step_size.turn
-            if found.distance <= step_size.farthest * step_size.length and not (turned or jumped or astray
+            turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
+            jumped = new.sign != here.sign and step_size.length > settings.branching
+            astray = beside(here, new, len(slopes) > 0) < settings.turn
+            if found.distance <= settings.farthest * step_size.length and not (turned or jumped or astray
                                                                           or astray_beyond(equations, here, new)):
                 step_size.length = step_size.after(found, refused)
                 return new
@@ -238,14 +230,14 @@ def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
     return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
-def behind(here: Solution, before: Sequence[Solution], slopes: Floats) -> list[tuple[float, Floats]]:
+def behind(here: Solution, before: Sequence[Solution], slopes: Floats, count: int) -> list[tuple[float, Floats]]:
     """Nodes of the predictor: how far each is along the tangent, and its unknowns and amplitudes from those of `here`.
 
     The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.
     """
     size, used = len(here.z), len(slopes)
     nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, slopes]) / (1.0 + slopes @ slopes))]
-    for point in before[:-NODES - 1:-1]:
+    for point in before[:-count - 1:-1]:
         if len(point.z) != size or (used and len(point.found.amplitudes) != used):
             break
         away = np.concatenate([point.z - here.z, point.found.amplitudes[:used] - here.found.amplitudes[:used]])

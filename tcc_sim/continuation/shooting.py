@@ -7,7 +7,7 @@ Problems, SIAM 1995, Section 4.3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 from typing import ClassVar, NamedTuple
@@ -16,24 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.continuation.problem import Floats, Image, Observation, ParameterMap, Values
+from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.errors import InputError
-
-GROWTH = 1e2
-"""Growth over a segment, in natural sizes, above which it is cut: what a step of the solver leaves, some 1e-13, stays
-below 1e-10 in the residual."""
-PARTS = 16
-"""Parts of a cycle, or of a part, in which the growth is looked at."""
-FINEST = PARTS**-3.0
-"""Shortest part, in cycles."""
 
 
 @dataclass(frozen=True)
 class ParameterRange:
-    """The range of one free parameter; `inverse` takes the reciprocal as coordinate, 0 at infinity and 1 at `low`."""
+    """The range of one free parameter, with its name for sentences; `inverse` takes the reciprocal as coordinate, 0 at
+    infinity and 1 at `low`.
+    """
 
     low: float
     high: float
     inverse: bool = False
+    name: str = "parameter"
 
     def value(self, scaled: float) -> float:
         """The parameter at 0 (low) to 1 (high)."""
@@ -77,12 +73,13 @@ class Shooting:
     period: int
     ranges: tuple[ParameterRange, ...]
     segments: tuple[float, ...]
+    settings: Settings = DEFAULTS
 
     rounding: ClassVar[float] = 1e-10
     exact: ClassVar[bool] = True
 
     @staticmethod
-    def single(of: ParameterMap, period: int, *ranges: ParameterRange) -> Shooting:
+    def single(of: ParameterMap, period: int, *ranges: ParameterRange, settings: Settings = DEFAULTS) -> Shooting:
         """One segment over the whole period.
 
         Raises
@@ -93,7 +90,7 @@ class Shooting:
         if period < 1 or period % of.forcing_period:
             raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after "
                              "which the excitation repeats")
-        return Shooting(of, period, ranges, (period,))
+        return Shooting(of, period, ranges, (period,), settings)
 
     @property
     def size(self) -> int:
@@ -160,27 +157,27 @@ class Shooting:
                 pieces, at = self._pieces(at, values, first, length)
                 parts += pieces
                 first += length
-        lengths, nodes = greedy(parts)
+        lengths, nodes = greedy(parts, self.settings.growth)
         if not self.map.divisible:
             lengths = [round(length) for length in lengths]
-        finer = Shooting(self.map, self.period, self.ranges, tuple(lengths))
+        finer = replace(self, segments=tuple(lengths))
         return finer, finer.unknowns(np.array(nodes), values)
 
     def _pieces(self, x: Floats, values: Values, first: float,
                 length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
         """Length, start and scaled derivative of pieces over each of which the growth is bounded; and the end."""
-        scales = self.map.scales
+        scales, parts = self.map.scales, self.settings.parts
         whole: Image = self.map.evaluate(x, values, first if self.map.divisible else round(first),
                                          length if self.map.divisible else round(length))
         block = whole.jacobian * scales / scales[:, None]
-        if not self.map.divisible or length <= 1.5 * FINEST:
+        if not self.map.divisible or length <= 1.5 * self.settings.finest:
             return [(length, x, block)], whole.value
-        if length <= 1.0 / PARTS and float(np.abs(block).max()) < GROWTH**0.5:
+        if length <= 1.0 / parts and float(np.abs(block).max()) < self.settings.growth**0.5:
             return [(length, x, block)], whole.value
         out: list[tuple[float, Floats, Floats]] = []
-        begin, end, step = first, first + length, 1.0 / PARTS
+        begin, end, step = first, first + length, 1.0 / parts
         while step >= length:
-            step /= PARTS
+            step /= parts
         while begin < end:
             following = min((np.floor(begin / step + 1e-9) + 1.0) * step, end)
             pieces, x = self._pieces(x, values, begin, following - begin)
@@ -205,7 +202,7 @@ def places(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp], tupl
     return rows, columns, (own.ravel(), np.roll(own, -1, axis=0).ravel())
 
 
-def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list[Floats]]:
+def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:
     """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its
     pieces to its end stays within bounds.
     """
@@ -214,7 +211,7 @@ def greedy(parts: list[tuple[float, Floats, Floats]]) -> tuple[list[float], list
     ahead: list[Floats] = []
     for length, node, block in parts:
         grown = [block @ a for a in ahead] + [block]
-        if not ahead or max(float(np.abs(g).max()) for g in grown) > GROWTH:
+        if not ahead or max(float(np.abs(g).max()) for g in grown) > growth:
             lengths.append(length)
             nodes.append(node)
             ahead = [block]

@@ -16,7 +16,7 @@ from tcc_sim.continuation.palc import solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Floats, Margins
 from tcc_sim.continuation.shooting import Linearised, Shooting
 from tcc_sim.continuation.sliding import differ, kind_of_change, margin_of, margin_residual, ring
-from tcc_sim.continuation.special_points import WORST, Bifurcation, Bracket, ContinuationPoint, point_at
+from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at
 
 NAMES = ("grazing", "arrival", "stick")
 HALVINGS, MORE_HALVINGS = 24, 20
@@ -25,8 +25,6 @@ CLOSED = 1e-11
 """Residual of the orbit itself, in natural sizes, at which it counts as closed."""
 LEFT_OVER = 0.1
 """Share of the margin that a Newton step leaves."""
-CLOSE = 1e-12
-"""Margin, relative to its natural size, at which a border counts as found."""
 FINEST = 1e-12
 """Distance from the border, in natural sizes, below which it is not resolved where the margin changes very fast (on a
 canard: slip that follows the falling branch of friction); that distance is the residual then."""
@@ -73,7 +71,7 @@ def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, Continuati
             best = left, right, Bifurcation(kind, at, residual)
     assert best is not None
     # Slip that begins at phase 0 itself, to rounding, changes the sequence too, and nothing vanishes there.
-    return best if best[2].residual < WORST else (best[0], best[1], None)
+    return best if best[2].residual < bracket.a.shooting.settings.spurious else (best[0], best[1], None)
 
 
 def observed(point: ContinuationPoint) -> ContinuationPoint:
@@ -121,20 +119,20 @@ def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
         return None
     # The margin that is to vanish belongs to the side without the event that it would make.
     start, at = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1].margins, name))))
-    shooting, z = start.shooting, start.solution.z
+    shooting, z, settings = start.shooting, start.solution.z, start.shooting.settings
     apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
     one_sided = name != "arrival"
     try:
         found = shooting.linearise(z)
         for _ in range(ITERATIONS):
             value = float(getattr(at.margins, name))
-            if abs(value) <= CLOSE and float(np.abs(found.residual).max()) <= CLOSED:
+            if abs(value) <= settings.border and float(np.abs(found.residual).max()) <= CLOSED:
                 return located(kind, start, z, found, abs(value))
-            keep = LEFT_OVER if one_sided and abs(value) > CLOSE else 0.0
+            keep = LEFT_OVER if one_sided and abs(value) > settings.border else 0.0
             step = np.linalg.solve(np.vstack([found.jacobian, at.gradients[name]]),
                                    np.append(-found.residual, (keep - 1.0) * value))
             distance = float(np.linalg.norm(step))
-            if distance <= FINEST and abs(value) > CLOSE:
+            if distance <= FINEST and abs(value) > settings.border:
                 return located(kind, start, z, found, distance)
             for part in (1.0, 0.5, 0.25, 0.1, 0.03):
                 trial = z + part * step
@@ -142,7 +140,7 @@ def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
                 if one_sided and found.seen is not None and differ(found.seen.events, start.orbit.seen.events):
                     continue
                 at = nearest(shooting, trial)
-                if name in at.gradients and abs(getattr(at.margins, name)) <= 2.0 * abs(value) + CLOSE:
+                if name in at.gradients and abs(getattr(at.margins, name)) <= 2.0 * abs(value) + settings.border:
                     z = trial
                     break
             else:

@@ -14,25 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.continuation.newton import NEUTRAL, Orbit, orbit_at
+from tcc_sim.continuation.newton import Orbit, orbit_at
 from tcc_sim.continuation.palc import FLAT, AmplitudeRow, Solution, corrector, solution_at
 from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.errors import NumericalFailure
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Kinds that are no change of the event sequence."""
-ROOT_TOLERANCE = 1e-13
-"""Width of the bracket, relative to the step, at which a root counts as found."""
-ENOUGH = 1e-11
-"""Residual at which a root counts as found, however wide the bracket is."""
 FORWARD = 0.1
 """Least cosine between tangent and chord with which the tangents at its ends tell where the branch runs."""
 NOISE, IDLE = 1e-6, 2
 """Part of the larger end value below which a test may be rounding, and evaluations in a row that then may fail to halve
 the least one before the root counts as found: to narrow the bracket further would be to ask the rounding."""
-WORST = 1e-2
-"""Residual above which a change of sign is one of rounding, not of a bifurcation."""
 COMPLEX = 1e-6
 """Argument above which a pair of multipliers is complex and not real."""
 
@@ -44,6 +39,8 @@ class ContinuationPoint:
     solution: Solution
     orbit: Orbit
     shooting: Shooting
+    by_amplitude: bool = True
+    """Whether the amplitudes were coordinates of the arclength on the way to it."""
 
     @property
     def slope(self) -> float:
@@ -69,14 +66,16 @@ class Bifurcation:
     residual : for a smooth one the distance of the multiplier from where it must be, or the scaled test function; for a
         change of the event sequence the margin that vanishes; never below the residual of the orbit itself
     branch : index of the branch it lies on
-    limit : value in the limit of set-valued friction; None for one of the smoothing, or where it was not asked for
+    after : number of the point of that branch before it
+    changes_stability : whether motions are stable on one side of it
     """
 
     kind: str
     point: ContinuationPoint
     residual: float
     branch: int = 0
-    limit: float | None = None
+    after: int = 0
+    changes_stability: bool = False
 
     @property
     def value(self) -> float:
@@ -88,12 +87,13 @@ class Bifurcation:
         orbit = self.point.orbit.as_json()
         names = ("value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "multipliers")
         return {"kind": self.kind, **{n: orbit[n] for n in names}, "residual": self.residual, "branch": self.branch,
-                "period": self.point.orbit.period}
+                "after": self.after,
+                "changes_stability": self.changes_stability, "period": self.point.orbit.period}
 
 
-def point_at(shooting: Shooting, solution: Solution) -> ContinuationPoint:
-    """The point of a point."""
-    return ContinuationPoint(solution, orbit_at(shooting, solution.z, solution.found), shooting)
+def point_at(shooting: Shooting, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
+    """The continuation point of a solution."""
+    return ContinuationPoint(solution, orbit_at(shooting, solution.z, solution.found), shooting, by_amplitude)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Bracket:
     """Whether the amplitudes are coordinates of the arclength, as they were on the way from a to b."""
 
     kept: dict[float, ContinuationPoint] = field(default_factory=dict, compare=False, repr=False)
-    """Stations solved for already, by their part of the chord."""
+    """Points solved for already, by their part of the chord."""
 
     def at(self, part: float) -> ContinuationPoint | None:
         """The point at `part` (0 to 1) of the chord; None where the corrector fails."""
@@ -152,13 +152,13 @@ class Bracket:
         """The point where `test` changes sign; None where it does not or the branch is lost on the way, with the
         amplitudes as coordinates and without them.
 
-        residual : of what is looked for; where it is ENOUGH nothing better is
+        residual : of what is looked for; where it is small enough nothing better is
         """
         def value(part: float) -> float:
             point = self.at(part)
             if point is None:
                 raise NumericalFailure("the branch is lost between two of its points")
-            return 0.0 if residual is not None and residual(point) <= ENOUGH else test(point)
+            return 0.0 if residual is not None and residual(point) <= self.a.shooting.settings.enough else test(point)
 
         try:
             return self.at(chandrupatla(value, 0.0, 1.0))
@@ -174,7 +174,7 @@ def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
     return s * s * (1.0 + 2.0 * t) * p + t * s * s * dp + t * t * (3.0 - 2.0 * t) * q - t * t * s * dq
 
 
-def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = ROOT_TOLERANCE) -> float:
+def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = DEFAULTS.root) -> float:
     """A root of `f` between `a` and `b`, where its signs differ; the argument at which it was found to be least.
 
     It ends where the bracket is as narrow as `tolerance`, or where `f` is no more than its own rounding.
@@ -227,7 +227,7 @@ def torus(m: NDArray[np.complex128]) -> float:
 
 def _opposite(one: float, two: float, factors: Sequence[float]) -> bool:
     """Whether a test function has changed its sign, and not by rounding: of its factors, one may be none."""
-    return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * float(np.prod(factors))
+    return one * two < 0.0 and max(abs(one), abs(two)) > DEFAULTS.neutral * float(np.prod(factors))
 
 
 def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
@@ -252,7 +252,7 @@ def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
         if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
             continue
         left = max(residual(point), point.orbit.residual)
-        if left < WORST:
+        if left < a.shooting.settings.spurious:
             out.append(Bifurcation(kind, point, left))
     along = bracket.b.solution.z - bracket.a.solution.z
     return sorted(out, key=lambda f: float(along @ f.point.solution.z))
@@ -295,8 +295,3 @@ def _from_circle(point: ContinuationPoint) -> float:
     pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > COMPLEX
              and abs(np.angle(x)) < np.pi - COMPLEX]
     return float(min(pairs, default=np.inf))
-
-
-def with_branch(found: Bifurcation, branch: int) -> Bifurcation:
-    """The same bifurcation on the branch of that number."""
-    return replace(found, branch=branch)

@@ -11,9 +11,11 @@ import numpy as np
 
 from tcc_sim.continuation.branch import Branch
 from tcc_sim.continuation.branch_switching import doubled
-from tcc_sim.continuation.diagram import MET, SAME, SettledMotion
 from tcc_sim.continuation.jumps import nearest_bifurcation
+from tcc_sim.continuation.on_branch import SettledMotion
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
+from tcc_sim.continuation.stopping import StopReason
 
 ALIKE = 1e-3
 """Difference of the largest sizes, relative to themselves, up to which two segments are one followed twice."""
@@ -22,7 +24,7 @@ NARROW = 1e-3
 
 
 @dataclass(frozen=True)
-class End:
+class SegmentEnd:
     """Where a segment ends.
 
     value : of the parameter
@@ -53,8 +55,8 @@ class StableSegment:
     """
 
     period: int
-    low: End
-    high: End
+    low: SegmentEnd
+    high: SegmentEnd
     values: tuple[float, ...]
     amplitudes: tuple[float, ...]
     branch: int = 0
@@ -116,47 +118,33 @@ def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
 
 
 def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
-         unit: float) -> End:
+         unit: float) -> SegmentEnd:
     """What ends a segment at one of its points, towards the neighbour `beyond`."""
     at, width = branch.points[point], span[1] - span[0]
     size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
     inner = 0 <= point + beyond < len(branch.points)
-    found = _between(branch, at, branch.points[point + beyond]) if inner else None
+    found = branch.change_of_stability(min(point, point + beyond)) if inner else None
     # Where doubled motions end a multiplier is 1, more or less: that point may count as stable or not.
     last = point + beyond if inner else point
     if found is None and last in (0, len(branch.points) - 1):
         begun = _doubling_of(branches, branch, last, width)
         if begun is not None:
-            return End(begun.value / unit, begun.kind, begun.residual)
+            return SegmentEnd(begun.value / unit, begun.kind, begun.residual)
     if not inner and min(at.value - span[0], span[1] - at.value) <= 1e-9 * width:
-        return End(at.value / unit)
+        return SegmentEnd(at.value / unit)
     found = found or nearest_bifurcation(branch, point, size, width)
-    return End(at.value / unit) if found is None else End(found.value / unit, found.kind, found.residual, _jumps(found))
+    return SegmentEnd(at.value / unit) if found is None else SegmentEnd(found.value / unit, found.kind, found.residual,
+                                                                        _jumps(found))
 
 
 def _doubling_of(branches: Sequence[Branch], branch: Branch, point: int, width: float) -> Bifurcation | None:
     """The doubling of motions of half the period in which a branch begins or ends; None where it is none."""
-    at = branch.points[point].value
-    if point == 0 and isinstance(branch.origin, dict):
-        at = branch.origin["value"]
-    return next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
-                 if f.kind == "period_doubling" and abs(f.value - at) <= MET * width), None)
-
-
-def _between(branch: Branch, stable: ContinuationPoint, other: ContinuationPoint) -> Bifurcation | None:
-    """The bifurcation nearest to the stable one of two neighbouring points, on the chord between them."""
-    chord = other.solution.z - stable.solution.z if stable.shooting == other.shooting else None
-    if chord is None:
+    end = branch.ended[0] if point == 0 else branch.ended[1]
+    if end.reason not in (StopReason.BEGAN, StopReason.DOUBLING):
         return None
-    length, parts = float(np.linalg.norm(chord)), {}
-    for found in branch.bifurcations:
-        if found.point.shooting != stable.shooting or length == 0.0:
-            continue
-        away = found.point.solution.z - stable.solution.z
-        part = float(away @ chord) / length**2
-        if 0.0 <= part <= 1.0 and np.linalg.norm(away - part * chord) <= length:
-            parts[part] = found
-    return parts[min(parts)] if parts else None
+    near = branch.points[0].shooting.settings.merged * width
+    return next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
+                 if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
 
 
 def _jumps(found: Bifurcation) -> bool:
@@ -170,6 +158,6 @@ def _jumps(found: Bifurcation) -> bool:
 def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
     """The number of the segment that a motion of a sweep is on, by its period and largest size; None for none."""
     away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among)
-            if seen.period and s.period == math.lcm(seen.period, base)}
-    near = {k: a for k, a in away.items() if a <= 2.0 * SAME * size}
+            if seen.has_period(s.period, base)}
+    near = {k: a for k, a in away.items() if a <= 2.0 * DEFAULTS.alike * size}
     return min(near, key=lambda k: near[k]) if near else None

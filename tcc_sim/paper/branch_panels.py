@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.views import style
-from tcc_sim.views.branch_diagram import MARKS
+from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
 
 Data = dict[str, Any]
 CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
@@ -20,7 +20,6 @@ UNNAMED = ("aperiodic", "not_followed")
 """Causes that the JSON and the pages name alone: there may be dozens of them."""
 UNSEEN = ("steep",)
 """Causes that nothing shows: one motion goes on."""
-UNSTABLE = (0, (3, 1.5))
 NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
 COLOURS = {("period_doubling", 1): style.BLUE, ("period_doubling", 2): style.SKY, ("fold", 1): style.RED,
@@ -33,18 +32,10 @@ GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to
 def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
     """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
     periods = sorted({b["period"] for b in curve["branches"]})
-    for branch in curve["branches"]:
-        x, height = np.array(branch["value"]) / unit, np.array(branch["max_slip_speed"])
-        stable = np.array(branch["stable"], dtype=bool)
-        rank = periods.index(branch["period"])
-        for part, dashes, width in ((stable, "-", 1.1), (~stable, UNSTABLE, 0.7)):
-            shown = part[:-1] & part[1:] if dashes == "-" else part[:-1] | part[1:]
-            keep = np.zeros(len(part), dtype=bool)
-            keep[:-1] |= shown
-            keep[1:] |= shown
-            # Pieces between two points that are drawn must not be joined across one that is not.
-            y = np.where(keep, height, np.nan)
-            axis.plot(x, y, linestyle=dashes, linewidth=width + 0.35 * min(rank, 3), color=colour, zorder=2.5)
+    for number, branch in enumerate(curve["branches"]):
+        thicker = 0.35 * min(periods.index(branch["period"]), 3)
+        for (x, y), dashes, width in zip(stable_and_unstable(curve, number), ("-", UNSTABLE), (1.1, 0.7)):
+            axis.plot(x / unit, y, linestyle=dashes, linewidth=width + thicker, color=colour, zorder=2.5)
     for found in curve["bifurcations"]:
         axis.plot([found["value"] / unit], [found["max_slip_speed"]], linestyle="none", marker=MARKS[found["kind"]][0],
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)

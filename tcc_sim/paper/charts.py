@@ -7,12 +7,14 @@ already is not followed again.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.continuation.codim2 import Curve, bifurcation_curve, border_curve
+from tcc_sim.continuation.diagram import SWEPT
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import ParameterRange
@@ -28,6 +30,7 @@ from tcc_sim.sweeps.sweep import sweep_grid
 
 FOLLOWED = ("fold", "period_doubling")
 LONGEST = 2
+FEW = replace(SWEPT, longest_period=LONGEST)
 """Longest period, in those of the excitation, whose bifurcations are followed."""
 ENDING = 1.001
 """Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
@@ -65,7 +68,7 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
-        for branch in surveyed(sweep.curve, seen_in(sweep), options.progress, LONGEST):
+        for branch in surveyed(sweep.curve, seen_in(sweep), options.progress, FEW):
             for found in branch.bifurcations:
                 curve = _followed(found, both, ranges, float(cut) * units[1], curves)
                 if curve is not None:

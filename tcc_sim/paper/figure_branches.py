@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.continuation.diagram import SettledMotion, left_out, point_of
+from tcc_sim.continuation.diagram import left_out, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.jumps import jumps_of
+from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.model.parameters import System

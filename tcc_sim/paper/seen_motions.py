@@ -12,9 +12,11 @@ import numpy as np
 
 from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import LONGEST, SAME, SettledMotion, bifurcation_diagram, point_of, state_at_phase_0
+from tcc_sim.continuation.diagram import SWEPT, bifurcation_diagram, point_of, state_at_phase_0
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import shifts
+from tcc_sim.continuation.on_branch import SettledMotion
+from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
@@ -102,22 +104,21 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
     amplitudes = {s.value: s.amplitude for s in seen if s.period}
     shown = ((r["max_slip_speed"], amplitudes.get(v)) for v,
              r in zip(sweep.curve.values, sweep.records) if r is not None)
-    return sum(h is not None and top is not None and top > (1.0 + SAME) * h for top, h in shown)
+    return sum(h is not None and top is not None and top > (1.0 + DEFAULTS.alike) * h for top, h in shown)
 
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
-             longest: int = LONGEST) -> list[Branch]:
+             settings: Settings = SWEPT) -> list[Branch]:
     """The branches through motions along a curve, over the range of its values.
 
     Parameters
     ----------
     progress : show a count of points on a terminal
-    longest : period followed, in periods of the excitation
     """
     of = DrivelineMap(curve.system, (curve.key,))
     with counted(progress) as tick:
-        return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values)), curve.key, seen, tick,
-                      longest=longest)
+        return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,
+                                   settings)
 
 
 @contextmanager

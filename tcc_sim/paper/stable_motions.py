@@ -6,6 +6,7 @@ whatever was started from, but a motion that no sweep came to stays unknown.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import halton
 from tcc_sim.basins.driveline import DrivelineMotion
-from tcc_sim.continuation.diagram import SettledMotion, bifurcation_diagram, point_of, size_of
+from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.stable_segments import End, StableSegment, segment_of, stable_segments
+from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
@@ -33,10 +35,8 @@ from tcc_sim.sweeps.sweep import Curve, workers
 SMOOTHING = "friction.smoothing"
 NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}
 """What the parameter of a claim is called."""
-LONGEST = 2
-"""Longest period, in those of the excitation, whose branches are followed."""
-POINTS, BRANCHES = 60, 4
-"""Points of a branch in one direction, and branches, over one part of an axis."""
+FEW = dataclasses.replace(SWEPT, longest_period=2, max_points=60, max_branches=4)
+"""Branches over one part of an axis."""
 SEEDS = 24
 LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
 """Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
@@ -71,7 +71,7 @@ class StableMotions(Evidence):
         """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
         among, sweep = self.stretches([row], axis, over=over)[0], self.curves([row], axis, over=over)[0]
         unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
-        base, size = common_cycles(sweep.curve.system), size_of(seen)
+        base, size = common_cycles(sweep.curve.system), amplitude_of(seen)
         at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
@@ -82,7 +82,7 @@ class StableMotions(Evidence):
                  "high": end_as_json(s.high), "from_start": [float(x) for x, found in zip(axis, on) if found == k]}
                 for k, s in enumerate(self.stretches([row], axis, over=over)[0])]
 
-    def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[End]:
+    def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[SegmentEnd]:
         """Where a stable motion ends in a jump, whatever was started from, in order."""
         among = self.stretches([row], axis, over=over)[0]
         found = {end.value: end for s in among for end in (s.low, s.high) if end.jumps}
@@ -129,13 +129,12 @@ class StableMotions(Evidence):
 def _followed(curve: Curve, seen: Sequence[SettledMotion]) -> list[StableSegment]:
     """The stable stretches of the branches through motions along a curve; what a worker does."""
     low, high = min(curve.values), max(curve.values)
-    branches = bifurcation_diagram(DrivelineMap(curve.system, (curve.key,)), ParameterRange(low, high), curve.key,
-                                   seen, longest=LONGEST,
-                      points=POINTS, branches=BRANCHES)
+    branches = bifurcation_diagram(DrivelineMap(curve.system, (curve.key,)), ParameterRange(low, high, name=curve.key),
+                                   seen, settings=FEW)
     return stable_segments(branches, low, high, UNITS.get(curve.key, 1.0))
 
 
-def end_as_json(end: End) -> dict[str, Any]:
+def end_as_json(end: SegmentEnd) -> dict[str, Any]:
     """The end of a stretch; without a kind it is where the motion was followed to."""
     return {"value": end.value, "kind": end.kind or None, "residual": end.residual if end.kind else None,
             "jumps": end.jumps}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,8 @@ MARKS = {"fold": ("o", "fold"), "period_doubling": ("s", "period doubling"), "ne
          "crossing_sliding": ("<", "crossing-sliding"), "switching_sliding": (">", "switching-sliding"),
          "adding_sliding": ("v", "adding-sliding"), "stick_border": ("P", "stick border")}
 """Marker and name of every kind."""
+UNSTABLE = (0, (3, 1.5))
+"""Dashes of unstable motions."""
 
 
 def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "", width: float = style.PAGE) -> Path:
@@ -46,24 +50,41 @@ def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "", width:
         return style.save(drawn, path)
 
 
+def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
+    """Polylines of a branch, its stable parts and its unstable ones: values of the key and largest slip speeds,
+    NaN between two parts. Each part reaches to the bifurcation that ends it, not to the next point.
+
+    Parameters
+    ----------
+    found : `branches` and `bifurcations` as `continue --json` has them
+    number : of the branch
+    """
+    branch = found["branches"][number]
+    nodes = list(zip(branch["value"], branch["max_slip_speed"]))
+    parts: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
+    for k, (a, b) in enumerate(pairwise(branch["stable"])):
+        between = [f for f in found["bifurcations"] if (f["branch"], f.get("after")) == (number, k)]
+        changes = [n for n, f in enumerate(between) if f["changes_stability"]]
+        corners = [nodes[k], *((f["value"], f["max_slip_speed"]) for f in between), nodes[k + 1]]
+        for n, (start, end) in enumerate(pairwise(corners)):
+            stable = (a and b) if not changes else a if n <= changes[0] else b
+            line = parts[bool(stable)]
+            line += [end] if line and line[-1] == start else [(math.nan, math.nan), start, end]
+    lines = (np.array(parts[stable], dtype=np.float64).reshape(-1, 2) for stable in (True, False))
+    return [(xy[:, 0], xy[:, 1]) for xy in lines]
+
+
 def _branches(axis: Any, found: Mapping[str, Any]) -> None:
     """Lines of the branches and marks of their bifurcations."""
     periods = sorted({b["period"] for b in found["branches"]})
     named: set[str] = set()
-    for branch in found["branches"]:
+    for number, branch in enumerate(found["branches"]):
         colour = style.CYCLE[periods.index(branch["period"]) % len(style.CYCLE)]
-        value, height = np.array(branch["value"]), np.array(branch["max_slip_speed"])
-        stable = np.array(branch["stable"], dtype=bool)
-        for wanted, dashes, word in ((True, "-", "stable"), (False, (0, (3, 1.5)), "unstable")):
-            part = stable == wanted
-            # A piece between two points is drawn as its first point is.
-            keep = part | np.concatenate([[False], part[:-1]])
-            if not part.any():
-                continue
-            name = f"period {branch['period']}, {word}"
-            axis.plot(value, np.where(keep, height, np.nan), linestyle=dashes, color=colour,
-                      label=None if name in named else name)
-            named.add(name)
+        for (x, y), dashes, word in zip(stable_and_unstable(found, number), ("-", UNSTABLE), ("stable", "unstable")):
+            if len(x):
+                name = f"period {branch['period']}, {word}"
+                axis.plot(x, y, linestyle=dashes, color=colour, label=None if name in named else name)
+                named.add(name)
     for item in found["bifurcations"]:
         marker, name = MARKS[item["kind"]]
         axis.plot([item["value"]], [item["max_slip_speed"]], linestyle="none", marker=marker, color=style.INK,

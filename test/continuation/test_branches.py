@@ -2,31 +2,31 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
-from tcc_sim.continuation import walk
-from tcc_sim.continuation.branch import Branch, first_point, follow
-from tcc_sim.continuation.branch_switching import orbits_at, switch
+from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
+from tcc_sim.continuation.branch_switching import switch
 from tcc_sim.continuation.codim2 import bialternate, bifurcation_curve
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.palc import predictor
+from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.continuation.special_points import Bifurcation
-from tcc_sim.continuation.walk import Course
-
-COURSE = Course("p")
+from tcc_sim.continuation.stopping import StopReason
 
 
 def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float],
-              period: int = 1) -> Branch:
-    shooting = Shooting.single(TextbookMap(step, dimension), period, ParameterRange(low, high))
+              period: int = 1, settings: Settings = DEFAULTS) -> Branch:
+    shooting = Shooting.single(TextbookMap(step, dimension), period, ParameterRange(low, high, name="p"),
+                               settings=settings)
     z = find_orbit(shooting, (value,), [np.array(guess)])
     assert z is not None
-    return follow(first_point(shooting, z), COURSE, "start", 0)
+    return branch_through(first_point(shooting, z))
 
 
 def kinds(branch: Branch) -> list[str]:
@@ -40,6 +40,10 @@ def of_kind(branch: Branch, kind: str) -> Bifurcation:
 def test_fold_and_doubling_of_the_henon_map() -> None:
     branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
     assert sorted(kinds(branch)) == ["fold", "period_doubling"]
+    for f in branch.bifurcations:
+        assert f.changes_stability
+        first, second = (branch.points[k].orbit.section[0] for k in (f.after, f.after + 1))
+        assert min(first, second) < f.point.orbit.section[0] < max(first, second)
     assert of_kind(branch, "fold").value == pytest.approx(-0.1225, abs=1e-10)
     assert of_kind(branch, "period_doubling").value == pytest.approx(0.3675, abs=1e-10)
     assert all(f.residual < 1e-8 for f in branch.bifurcations)
@@ -95,7 +99,7 @@ def test_the_branch_point_of_a_pitchfork(guess: float) -> None:
 def test_a_closed_branch_is_recognised() -> None:
     branch = branch_of(isola, 1, -2.0, 2.0, 0.0, [-1.0])
     assert branch.closed
-    assert branch.ended[0].startswith("closed")
+    assert str(branch.ended[0]).startswith("closed")
     assert sorted(f.value for f in branch.bifurcations) == pytest.approx([-1.0, 1.0], abs=1e-10)
 
 
@@ -113,23 +117,23 @@ def test_a_branch_does_not_jump_to_a_neighbour() -> None:
 
 def test_a_doubled_branch_does_not_go_over_to_the_simple_one() -> None:
     branch = branch_of(logistic, 1, 2.5, 3.5, 3.206, [0.5], 2)
-    assert branch.ended[0].startswith("ended in a period doubling of motions of a shorter period at p = 3")
+    assert str(branch.ended[0]).startswith("ended in a period doubling of motions of a shorter period at p = 3")
     assert min(s.value for s in branch.points) == pytest.approx(3.0, abs=1e-9)
 
 
 def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None:
     branches = [branch_of(logistic, 1, 2.5, 3.56, 2.7, [0.6])]
-    switch(branches, COURSE, 3)
+    switch(branches, 3)
     found = [of_kind(b, "period_doubling").value for b in branches[:3]]
     assert found == pytest.approx([3.0, 1.0 + math.sqrt(6.0), 3.544090359552], abs=1e-8)
     assert [b.period for b in branches] == [1, 2, 4, 8]
-    assert branches[1].origin == {"kind": "period_doubling", "value": branches[0].bifurcations[0].value, "branch": 0}
-    assert branches[1].ended[0].startswith("began in the period doubling")
+    assert branches[1].origin == Origin("period_doubling", branches[0].bifurcations[0].value, 0)
+    assert branches[1].ended[0].reason is StopReason.BEGAN
 
 
 def test_a_doubled_branch_ends_where_its_period_halves() -> None:
     branch = branch_of(logistic, 1, 2.5, 3.9, 3.2, [0.5], 2)
-    assert any("shorter period" in sentence for sentence in branch.ended)
+    assert any(end.reason is StopReason.DOUBLING for end in branch.ended)
     assert kinds(branch) == ["period_doubling"]
     assert min(s.value for s in branch.points) == pytest.approx(3.0, abs=1e-9)
 
@@ -229,17 +233,16 @@ def test_a_bifurcation_takes_few_evaluations() -> None:
     counts = []
     for detect in (True, False):
         of.evaluations = 0
-        branch = follow(first_point(shooting, z), Course("p", detect=detect), "start", 0)
+        branch = branch_through(first_point(replace(shooting, settings=Settings(detect=detect)), z))
         counts.append(of.evaluations)
     assert counts[0] - counts[1] <= 2 * 20
     assert len(branch.points) > 10
 
 
-def test_a_branch_without_progress_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(walk, "MOST_TRIES", 5)
-    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
+def test_a_branch_without_progress_is_given_up() -> None:
+    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1], settings=Settings(max_tries=5))
     assert len(branch.points) <= 13
-    assert all(sentence.startswith("given up after 6 steps tried at p = ") for sentence in branch.ended)
+    assert all(str(end).startswith("given up after 6 steps tried at p = ") for end in branch.ended)
 
 
 def test_a_branch_that_meets_no_residual_says_so() -> None:
@@ -248,8 +251,8 @@ def test_a_branch_that_meets_no_residual_says_so() -> None:
                                                                             * x), np.array([[0.5]]), np.array([[0.5]])
 
     branch = branch_of(torn, 1, 0.0, 1.0, 0.2, [0.2])
-    assert re.match(r"no further point was found beyond p = (0\.5|0\.4999999\d*): ", branch.ended[1])
-    assert branch.ended[1].endswith("met a residual of 5e-09")
+    assert re.match(r"no further point was found beyond p = (0\.5|0\.4999999\d*): ", str(branch.ended[1]))
+    assert str(branch.ended[1]).endswith("met a residual of 5e-09")
 
 
 def test_ctrl_c_keeps_the_branch() -> None:
@@ -264,6 +267,6 @@ def test_ctrl_c_keeps_the_branch() -> None:
     z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
     kept: list[Branch] = []
     with pytest.raises(KeyboardInterrupt):
-        follow(first_point(shooting, z), Course("p", tick=tick), "start", 0, keep=kept)
-    assert len(kept[0].points) == 6
-    assert "interrupted" in kept[0].ended[1]
+        branch_through(first_point(shooting, z), tick=tick, keep=kept)
+    assert len(kept[0].points) == 7
+    assert kept[0].ended[1].reason is StopReason.INTERRUPTED

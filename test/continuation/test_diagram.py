@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, logistic
 
-from tcc_sim.continuation import diagram as surveys
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import SettledMotion, bifurcation_diagram, left_out, place_of, size_of
+from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, left_out
 from tcc_sim.continuation.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of
+from tcc_sim.continuation.on_branch import SettledMotion, place_of
 from tcc_sim.continuation.shooting import ParameterRange
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
@@ -44,8 +44,8 @@ def period(points) -> int:
     return next((n for n in range(1, 17) if abs(points[-1] - points[-1 - n]) < 1e-9), 0)
 
 
-def surveyed(step: Step, seen: list[SettledMotion], low: float, high: float) -> list[Branch]:
-    return bifurcation_diagram(TextbookMap(step, 1), ParameterRange(low, high), "p", seen)
+def surveyed(step: Step, seen: list[SettledMotion], low: float, high: float, settings=SWEPT) -> list[Branch]:
+    return bifurcation_diagram(TextbookMap(step, 1), ParameterRange(low, high, name="p"), seen, settings=settings)
 
 
 @pytest.mark.parametrize("up", [True, False])
@@ -55,7 +55,7 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
     seen = seen if up else seen[::-1]
     # Sizes are |x|, alike on both branches: what tells them apart is made of x itself.
     seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
-    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0), "p", seen)
+    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen)
     assert len(branches) == 1
     jump, = jumps_of(seen, branches, 0.2)
     assert jump.cause == "fold"
@@ -66,12 +66,12 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
 def test_a_motion_between_the_last_point_and_the_fold_lies_on_the_branch() -> None:
     seen = swept(hysteresis, np.linspace(-1.0, 1.0, 41), -1.3, hand_over=True)
     seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
-    branch, = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0), "p", seen)
+    branch, = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen)
     last = max(s.value for s in branch.points if s.orbit.section[0] < 0.0)
     p = 0.5 * (last + FOLD)
     x = float(np.roots([1.0, 0.0, -1.0, -p]).real.min())
     assert last < p < FOLD
-    assert place_of(SettledMotion(p, np.array([x]), 0, 1, x + 2.0), [branch], size_of(seen)) is not None
+    assert place_of(SettledMotion(p, np.array([x]), 0, 1, x + 2.0), [branch], amplitude_of(seen)) is not None
 
 
 class Lifted(TextbookMap):
@@ -86,7 +86,7 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
     values = np.linspace(-0.3, 0.3, 21)
     seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
             for s in swept(hysteresis, values, 0.05, cycles=400)]
-    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3), "p", seen)
+    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3, name="p"), seen)
     assert len(branches) == 2
     jump, = jumps_of(seen, branches, 0.2)
     assert (jump.cause, jump.found) == (BASIN, None)
@@ -98,7 +98,7 @@ def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str
     # p + x - x^3 = 0: the lower motion ends at p = 2/3^1.5, the upper one at -2/3^1.5.
     seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
             for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in swept(hysteresis, np.array([p]), p, cycles=400)]
-    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.6, 0.6), "p", seen)
+    branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.6, 0.6, name="p"), seen)
     jump, = jumps_of(seen, branches, 0.2, direction=direction)
     assert (jump.cause, jump.value) == ("fold", pytest.approx(side * 2.0 / 3.0**1.5, abs=1e-9))
 
@@ -139,13 +139,13 @@ def test_a_motion_on_two_branches_that_overlap_makes_no_jump() -> None:
     assert {jump.cause for jump in jumps_of(seen, halves, 0.1)} == {STEEP}
 
 
-def test_what_is_not_followed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_followed_is_told() -> None:
     seen = swept(logistic, np.linspace(2.52, 3.4, 11), 0.3, cycles=3000, period_of=period)
     assert left_out(seen, surveyed(logistic, seen, 2.5, 3.5)) == []
-    monkeypatch.setattr(surveys, "MOST_BRANCHES", 1)
-    monkeypatch.setattr(surveys, "MOST_POINTS", 2)
-    branches = surveyed(logistic, seen, 2.5, 3.5)
-    missing, stopped = left_out(seen, branches, longest=2)[0], left_out(seen, branches)[-1]
+    few = replace(SWEPT, max_branches=1, max_points=2)
+    branches = surveyed(logistic, seen, 2.5, 3.5, few)
+    missing = left_out(seen, branches, settings=replace(few, longest_period=2))[0]
+    stopped = left_out(seen, branches, settings=few)[-1]
     assert missing.endswith("of 11 motions lie on no branch: 1 branches are followed")
     assert stopped == "1 of 1 branches go on: 2 points are followed either way"
     far = SettledMotion(4.0, np.array([0.5]), 10, 1, 5.0)

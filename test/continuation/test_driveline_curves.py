@@ -1,15 +1,16 @@
 """A closed branch of a scene, curves in two parameters against bifurcations found anew, and a doubling by a canard."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from tcc_sim.continuation.branch import Branch, first_point, follow
-from tcc_sim.continuation.branch_switching import orbits_at
+from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import Plan, continue_motions
 from tcc_sim.continuation.newton import newton
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.walk import Course
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -39,7 +40,7 @@ def followed(system: System, over: str, span: ParameterRange, section: np.ndarra
     shooting = Shooting.single(DrivelineMap(system, (over,)), period, span)
     z = newton(shooting, shooting.unknowns(section[None], (getattr(*_place(system, over)),)))
     assert z is not None
-    return follow(first_point(shooting, z), Course(over, most=60), "start", 0, both=both)
+    return branch_through(first_point(dataclasses.replace(shooting, settings=Settings(max_points=60)), z), both=both)
 
 
 def _place(system: System, key: str) -> tuple[object, str]:
@@ -97,7 +98,7 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     parent, child = found.branches
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
     assert doubling.value / 0.3 == pytest.approx(0.66798763, abs=1e-8)
-    assert (child.period, child.origin) == (4, {"kind": "period_doubling", "value": doubling.value, "branch": 0})
+    assert (child.period, child.origin) == (4, Origin("period_doubling", doubling.value, 0))
     first = child.points[0].orbit
     assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)
     # Beside the doubling a multiplier of the doubled motion is 1 and the other one the square of that of the saddle.

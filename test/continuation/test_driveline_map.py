@@ -1,17 +1,19 @@
 """Scenes as maps: pure stick in closed form, its border, derivatives, what is refused, and known bifurcations."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from tcc_sim.continuation.branch import first_point, follow
+from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import Plan, check, continue_motions
 from tcc_sim.continuation.newton import newton, orbit_at
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.walk import Course
+from tcc_sim.continuation.stopping import StopReason
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
@@ -71,7 +73,7 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
     system, span = coexistence("smoothed", 0.85), ParameterRange(0.3 * 0.6, 0.3)
     map_ = DrivelineMap(system, (MU_K,))
     shooting, z = start_orbit(map_, system, span, 0.3 * 0.85, 2)
-    branch = follow(first_point(shooting, z), Course(MU_K, most=45), "start", 0)
+    branch = branch_through(first_point(dataclasses.replace(shooting, settings=Settings(max_points=45)), z))
     folds = [f for f in branch.bifurcations if f.kind == "fold"]
     for ratio in (0.667985, 0.918464):
         (item,) = [f for f in folds if abs(f.value / 0.3 - ratio) < 2e-6]
@@ -85,8 +87,8 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
     found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2))
     (branch,) = found.branches
-    assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in sentence
-               for sentence in branch.ended)
+    assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in str(end)
+               for end in branch.ended)
     assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
     folds = sorted(f.value / 0.3 for f in found.bifurcations if f.kind == "fold")
     assert folds == pytest.approx([0.6679846, 0.9184644], abs=1e-7)
@@ -100,7 +102,8 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
     found = continue_motions(system, Plan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
-    assert found.branches[0].ended == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
+    assert tuple(map(str,
+                     found.branches[0].ended)) == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
                                        f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
     at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
     assert at == {"period_doubling": pytest.approx(0.4164713, abs=1e-7), "fold": pytest.approx(0.4164713, abs=1e-7)}
@@ -121,14 +124,14 @@ def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
 def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
     map_, span, value = DrivelineMap(system, ("engine.frequency",)), ParameterRange(60.0, 120.0), 61.0889
-    shooting = Shooting(map_, 1, (span,), (0.25, 0.28515625,
-                                             0.46484375))  # Slip starts at the third node at 61.0891144.
+    shooting = Shooting(map_, 1, (span,), (0.25, 0.28515625, 0.46484375),
+                        Settings(max_points=60))  # Slip starts at the third node at 61.0891144.
     x = np.array([0.0, 0.0634500, 19.3206])
     ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
     z = newton(shooting, shooting.unknowns(np.array([x, *ends]), (value,)))
     assert z is not None
-    branch = follow(first_point(shooting, z), Course("engine.frequency", most=60), "start", 0, both=False)
-    assert branch.ended[1].startswith("stopped after 60 points")
+    branch = branch_through(first_point(shooting, z), both=False)
+    assert str(branch.ended[1]).startswith("stopped after 60 points")
     assert max(s.value for s in branch.points) > 61.09
 
 
@@ -172,7 +175,7 @@ def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> 
     system = replace(load_scene("fig02").system, {"friction.smoothing": 1e4, "friction.decay": 0.02})
     (branch,) = continue_motions(system, Plan("friction.decay", 0.0, 0.03)).branches
     assert branch.period == 2
-    assert branch.ended[0].startswith("ended in a period doubling of motions of a shorter period at friction.decay")
+    assert branch.ended[0].reason is StopReason.DOUBLING
 
 
 def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:

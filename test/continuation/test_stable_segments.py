@@ -7,15 +7,16 @@ import pytest
 from test_diagram import FOLD, Lifted, hysteresis, period, subcritical, surveyed, swept
 from textbook_maps import logistic
 
-from tcc_sim.continuation.diagram import SettledMotion, bifurcation_diagram
+from tcc_sim.continuation.diagram import bifurcation_diagram
+from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.stable_segments import End, StableSegment, segment_of, stable_segments
+from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 
 
 def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
     seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
             for s in swept(hysteresis, np.linspace(-1.0, 1.0, 21), -1.3, hand_over=True)]
-    found = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0), "p", seen), -1.0,
+    found = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen), -1.0,
                             1.0, 2.0)
     lower, upper = sorted(found, key=lambda s: s.low.value)
     assert (lower.low.value, lower.low.kind, lower.low.jumps) == (pytest.approx(-0.5), "", False)
@@ -43,7 +44,7 @@ def test_a_doubling_jumps_unless_the_doubled_motion_goes_on_stably() -> None:
 
 
 def test_heights_end_with_the_stretch() -> None:
-    stretch = StableSegment(2, End(0.2), End(0.6, "fold", 1e-12, True), (0.2, 0.4, 0.6), (1.0, 3.0, 4.0))
+    stretch = StableSegment(2, SegmentEnd(0.2), SegmentEnd(0.6, "fold", 1e-12, True), (0.2, 0.4, 0.6), (1.0, 3.0, 4.0))
     assert stretch.amplitude(0.3) == pytest.approx(2.0)
     assert math.isnan(stretch.amplitude(0.61))
     assert segment_of(SettledMotion(0.3, np.zeros(1), 0, 2, 2.01), [stretch], 4.0) == 0

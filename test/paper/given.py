@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from tcc_sim.sweeps.solution import Plan
 
-from tcc_sim.continuation.stable_segments import End, StableSegment
+from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.stable_motions import StableMotions
+from tcc_sim.sweeps.point import Plan
 from tcc_sim.sweeps.sweep import Curve, Sweep
 
 
@@ -75,8 +75,8 @@ class Given(StableMotions):
 def stretch(low: float, high: float, period: int = 1, amplitude: float = 10.0, begins: str = "",
             ends: str = "") -> StableSegment:
     """A stable motion from `low` to `high` with the bifurcations at its ends; jumps are named so."""
-    def end(value: float, kind: str) -> End:
-        return End(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
+    def end(value: float, kind: str) -> SegmentEnd:
+        return SegmentEnd(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
 
     return StableSegment(period, end(low, begins), end(high, ends), (low, high), (amplitude, amplitude))
 

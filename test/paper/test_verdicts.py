@@ -103,7 +103,7 @@ def fig6(one: float, two: float, end: float, kind: str = "jump fold") -> Callabl
 
 def other_phase(height: float) -> Callable[..., Any]:
     """A second stable motion for every phase but 0."""
-    return lambda row: [] if phase_is(row, 0.0) else [stretch(0.3, 0.5, height=height)]
+    return lambda row: [] if phase_is(row, 0.0) else [stretch(0.3, 0.5, amplitude=height)]
 
 
 CASES: list[tuple[Any, Given, str]] = [

@@ -1,0 +1,210 @@
+"""A branch as a stream: its points one way from a first one, each with the special points on the way to it.
+
+`follow` predicts, corrects and adapts the step; what is found between two points is told by `detection`, which knows no
+loop, and what is to become of the points is their reader's affair. After the iterator of BifurcationKit.jl.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.continuation.corner import beyond_corner
+from tcc_sim.continuation.detection import ClosedBranch, period_doubling_end, special_points_between
+from tcc_sim.continuation.palc import Solution, StepSize, corrector, next_solution, solution_at
+from tcc_sim.continuation.problem import FAILURES
+from tcc_sim.continuation.remeshing import remeshed
+from tcc_sim.continuation.sliding import differ
+from tcc_sim.continuation.special_points import SMOOTH, Bifurcation, ContinuationPoint, point_at, turned
+from tcc_sim.continuation.stopping import End, StopReason
+
+
+class Step(NamedTuple):
+    """A point of a branch, and the special points between it and the one before; or the last point `again`, in other
+    segments.
+    """
+
+    point: ContinuationPoint
+    special: list[Bifurcation]
+    again: bool = False
+
+
+@dataclass
+class State:
+    """A continuation on its way.
+
+    points : all until now
+    before : solutions behind the last point, from which the next one is predicted
+    step_size : its control
+    remeshed : number of points when the orbit was last cut anew for want of a step
+    """
+
+    points: list[ContinuationPoint]
+    step_size: StepSize
+    before: list[Solution] = field(default_factory=list)
+    remeshed: int = 0
+
+    @property
+    def here(self) -> ContinuationPoint:
+        """The last point."""
+        return self.points[-1]
+
+
+def follow(first: ContinuationPoint) -> Generator[Step, None, End]:
+    """The points behind `first` along its tangent, until the branch ends; the settings are those of its equations.
+
+    Returns
+    -------
+    Why it ended, as the value of the generator.
+    """
+    settings = first.shooting.settings
+    state, closed = State([first], StepSize(settings)), ClosedBranch(first)
+    while True:
+        here = state.here
+        stop = _exhausted(state)
+        if stop is not None:
+            return stop
+        edge = _at_the_end_of_the_range(state)
+        length = state.step_size.length
+        new = _onward(state) if edge is None else edge
+        turned_at_corner = new is None and (new := beyond_corner(here, state.step_size)) is not None
+        if new is None:
+            if not _remesh_for_want_of_a_step(state):
+                return _end(StopReason.STEP, here, settings.residual)
+            yield Step(state.here, [], True)
+            continue
+        if edge is None and not turned_at_corner and not 0.0 <= new.solution.z[new.shooting.size] <= 1.0:
+            state.step_size.length = 0.5 * length
+            continue
+        if not turned_at_corner and not abs(new.orbit.multipliers[0]) <= settings.canard:
+            return _end(StopReason.CANARD, here, settings.canard)
+        special = special_points_between(here, new) if settings.detect else []
+        stop = None if edge is None else _end(StopReason.RANGE, edge)
+        shorter = period_doubling_end(here, new) if here.solution.sign != new.solution.sign else None
+        if shorter is not None:
+            # Beyond it the branch is its own shift, and what was found on the way to there is that end itself.
+            new, special = shorter, [f for f in special if f.kind not in ("branch_point", "fold")]
+            stop = stop or _end(StopReason.DOUBLING, new)
+        new = _away_from(special, new)
+        if len(state.points) > 3 and shorter is None and closed.between(here, new):
+            new, stop = first, stop or _end(StopReason.CLOSED, first)
+        state.points.append(new)
+        if stop is None and not turned_at_corner and _in_family(state.points):
+            stop = _end(StopReason.FAMILY, new)
+        if stop is not None:
+            yield Step(new, special)
+            return stop
+        corner = here.shooting.map.piecewise and differ(here.orbit.seen.events, new.orbit.seen.events)
+        state.before = [] if corner or turned_at_corner else [*state.before[1 - settings.nodes:], here.solution]
+        finer = None if turned_at_corner else remeshed(new, len(state.points))
+        if finer is not None:
+            state.points[-1], state.before = finer, []
+        yield Step(state.here, special)
+
+
+def _end(reason: StopReason, point: ContinuationPoint, limit: float = 0.0) -> End:
+    """An end at a point."""
+    return End(reason, point.shooting.ranges[0].name, point.value, limit)
+
+
+def _exhausted(state: State) -> End | None:
+    """The end where as many points or tries as are allowed have been made."""
+    settings = state.here.shooting.settings
+    if len(state.points) > settings.max_points:
+        return _end(StopReason.POINTS, state.here, settings.max_points)
+    if state.step_size.tried > settings.max_tries:
+        return _end(StopReason.TRIES, state.here, state.step_size.tried)
+    return None
+
+
+def _onward(state: State) -> ContinuationPoint | None:
+    """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
+    here, step_size = state.here, state.step_size
+    for by_amplitude in (True, False):
+        if not by_amplitude:
+            if not len(here.solution.found.amplitudes):
+                return None
+            step_size.length = step_size.settings.flat_step
+        try:
+            moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude)
+            if moved is not None:
+                return point_at(here.shooting, moved, by_amplitude)
+        except FAILURES:
+            continue
+    return None
+
+
+def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
+    """The point at the end of the range where the next step would pass it; the step is shortened until one is found."""
+    here, step_size, solution = state.here, state.step_size, state.here.solution
+    size, slope = here.shooting.size, here.slope
+    while step_size.length > step_size.smallest:
+        bound = 1.0 if slope > 0.0 else 0.0
+        room = bound - float(solution.z[size])
+        if abs(step_size.length * slope) <= abs(room):
+            return None
+        if room == 0.0 and len(state.points) == 1:
+            return here
+        row = np.zeros(len(solution.z))
+        row[size] = 1.0
+        guess = solution.z + room / slope * solution.tangent
+        guess[size] = bound
+        found = corrector(here.shooting, guess, row)
+        if found is not None and found.distance <= step_size.settings.farthest * step_size.length:
+            tangent = found.tangent if float(found.tangent @ solution.tangent) > 0.0 else -found.tangent
+            new = solution_at(found.z, found.found, tangent)
+            if float(tangent @ solution.tangent) > step_size.settings.turn and new.sign == solution.sign:
+                return point_at(here.shooting, new)
+        step_size.length *= 0.5
+    return None
+
+
+def _remesh_for_want_of_a_step(state: State) -> bool:
+    """Go on in other segments where no step is possible in these: one of them may start where slip does, and Newton's
+    method then goes to and fro between two event sequences. Whether there are other ones.
+
+    That is why segments are cut by growth and no node is put at an onset of slip: the onset moves along a branch, and a
+    node on it would be in the way at every step, not at one. The canards behind both folds of period two are passed so
+    with either law.
+    """
+    if state.remeshed == len(state.points):
+        return False
+    state.remeshed, here = len(state.points), state.here
+    other = remeshed(here, len(state.points), anew=True)
+    if other is None or other.shooting.segments == here.shooting.segments:
+        return False
+    state.points[-1], state.step_size.length, state.before = other, here.shooting.settings.flat_step, []
+    return True
+
+
+def _away_from(special: list[Bifurcation], new: ContinuationPoint) -> ContinuationPoint:
+    """The point behind a change of the event sequence, with its tangent away from there.
+
+    Where two pieces of a branch meet on one side of a border, tangents that point alike lead back to it.
+    """
+    borders = [f.point.solution.z for f in special if f.kind not in SMOOTH]
+    if not borders or len(borders[-1]) != len(new.solution.z):
+        return new
+    way = new.solution.z - borders[-1]
+    if float(way @ new.solution.tangent) > -0.5 * float(np.linalg.norm(way)):
+        return new
+    return turned(new)
+
+
+def _in_family(points: list[ContinuationPoint]) -> bool:
+    """Whether a branch has run for some length through motions with a multiplier of exactly 1 at one parameter.
+
+    Two points alone tell nothing: beside a doubling, where the parameter goes as the square of the way, it stands still
+    and a multiplier is 1 as well.
+    """
+    last, settings = points[-1], points[-1].shooting.settings
+    for point in reversed(points):
+        if np.abs(point.orbit.multipliers - 1.0).min() > settings.family or abs(point.slope) > settings.family:
+            return False
+        away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
+        if float(np.linalg.norm(away)) >= settings.family_length:
+            return True
+    return False

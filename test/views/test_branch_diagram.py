@@ -1,0 +1,33 @@
+"""Pictures of branches: solid to the very bifurcation at which motions become unstable."""
+
+import numpy as np
+
+from tcc_sim.views.branch_diagram import stable_and_unstable
+
+
+def found(stable: list[bool], **bifurcation: object) -> dict[str, object]:
+    values = [float(k) for k in range(len(stable))]
+    return {"branches": [{"value": values, "max_slip_speed": [10.0 * v for v in values], "stable": stable}],
+            "bifurcations": [{"branch": 0, **bifurcation}] if bifurcation else []}
+
+
+def test_a_branch_is_solid_to_its_bifurcation_and_dashed_behind_it() -> None:
+    both = found([True, True, False, False], after=1, value=1.7, max_slip_speed=14.0, changes_stability=True)
+    (x, y), (other_x, other_y) = stable_and_unstable(both, 0)
+    assert x[np.isfinite(x)].tolist() == [0.0, 1.0, 1.7]
+    assert y[np.isfinite(y)].tolist() == [0.0, 10.0, 14.0]
+    assert other_x[np.isfinite(other_x)].tolist() == [1.7, 2.0, 3.0]
+    assert other_y[np.isfinite(other_y)].tolist() == [14.0, 20.0, 30.0]
+
+
+def test_a_fold_between_points_of_one_kind_is_a_corner_of_the_line() -> None:
+    (x, _), (other, _) = stable_and_unstable(found([False, False], after=0, value=1.2, max_slip_speed=5.0,
+                                                   changes_stability=False), 0)
+    assert len(x) == 0
+    assert other[1:].tolist() == [0.0, 1.2, 1.0]
+
+
+def test_a_piece_that_no_bifurcation_parts_is_dashed_where_either_end_is_unstable() -> None:
+    (x, _), (other, _) = stable_and_unstable(found([True, False, True, True]), 0)
+    assert x[1:].tolist() == [2.0, 3.0]
+    assert other[1:].tolist() == [0.0, 1.0, 2.0]
