@@ -262,10 +262,10 @@ def values_of(system: System) -> Iterator[tuple[str, Value]]:
         yield key, getattr(getattr(system, group), name)
 
 
-def unknown_key(key: str, known: Mapping[str, object] | list[str]) -> InputError:
-    """The error for a key that does not exist, with the nearest one that does."""
+def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "a scene key") -> InputError:
+    """The error for a key that does not exist, with the nearest one that does; `kind` says what it would be."""
     near = difflib.get_close_matches(key[:100], list(known), n=1, cutoff=0.5)
-    return InputError(f"{key} is not a scene key" + (f"; did you mean {near[0]}?" if near else ""))
+    return InputError(f"{key} is not {kind}" + (f"; did you mean {near[0]}?" if near else ""))
 
 
 def coerce(key: str, value: object) -> Value:

@@ -10,6 +10,7 @@ from rclpy.node import Node
 
 from tcc_sim.errors import counted
 from tcc_sim.nodes.loop import RealTimeLoop
+from tcc_sim.nodes.message_types import time_of
 from tcc_sim.nodes.qos import DIAGNOSTICS
 
 PERIOD = 1.0
@@ -33,7 +34,7 @@ class Diagnostics:
             return
         self._due = max(self._due + PERIOD, now)
         message = DiagnosticArray(status=[self._status(now)])
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = time_of(self._node.get_clock().now().nanoseconds)
         with suppress(RuntimeError):
             self._publisher.publish(message)
 

@@ -12,16 +12,14 @@ if __name__ == "__main__":
 
 import gc
 import sys
-import time
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.errors import InputError, counted, one_line
+from tcc_sim.errors import InputError, counted
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import context, parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
@@ -43,7 +41,7 @@ class DrivelineNode(Node):
     """The driveline as a ROS 2 node. Physics and topics run in `loop`; this class is what happens beside them."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("driveline", automatically_declare_parameters_from_overrides=True, **options)
+        super().__init__("driveline", **options)
         self.scene = parameters.declare(self)
         self.loop = RealTimeLoop(self, self.scene)
         self._scene_text, self._changed = self.scene.text(), False
@@ -55,7 +53,7 @@ class DrivelineNode(Node):
         self.create_service(Trigger, "~/step", self._on_step)
         self.diagnostics = Diagnostics(self, self.loop) if self.scene.operation.publish_diagnostics else None
         self._announced = False
-        self._warned: dict[str, tuple[int, float]] = {}
+        self._throttle = context.Throttle(self)
 
     def start(self) -> None:
         """Warm up, then start the clock.
@@ -80,17 +78,9 @@ class DrivelineNode(Node):
             for sentence in self.loop.refused_wishes:
                 context.warn(self, sentence)
         for command in self.loop.commands:
-            self.warn(command.name, command.refused, f"{command.refusal} ({command.refused} refused so far)")
+            self._throttle.warn(command.name, command.refused, command.refusal)
         if self.loop.failure is not None:
             raise self.loop.failure
-
-    def warn(self, what: str, count: int, sentence: str) -> None:
-        """Say a sentence where `count` has grown since one was last said of `what`, at most once a second."""
-        before, when = self._warned.get(what, (0, -1.0))
-        now = time.monotonic()
-        if count > before and now - when >= 1.0:
-            self._warned[what] = count, now
-            context.warn(self, sentence)
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy everything."""
@@ -167,21 +157,10 @@ class DrivelineNode(Node):
 
 
 def spin(node: DrivelineNode) -> None:
-    """Answer requests and keep house until the context ends; a request that makes no sense does not end it."""
-    executor = context.executor_of(node)
-    senseless = 0
-    while node.context.ok():
-        try:
-            executor.spin_once(timeout_sec=HOUSEKEEPING)
-        except ExternalShutdownException:
-            return
-        except Exception as error:
-            # What a client sends is decoded and looked at by rclpy, which raises here what it did not expect.
-            if not node.context.ok():
-                return
-            senseless += 1
-            node.warn("requests", senseless, f"a request was not understood: {type(error).__name__}: "
-                      f"{one_line(str(error))} ({senseless} so far)")
+    """Answer requests and keep house until the context ends, which is an ExternalShutdownException."""
+    spinner = context.Spinner(node)
+    while True:
+        spinner.once(HOUSEKEEPING)
         node.housekeeping()
 
 

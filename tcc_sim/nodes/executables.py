@@ -33,25 +33,24 @@ def _run(name: str) -> int:
     """Run a node's `main` where rclpy and its messages are there, and give the exit status."""
     signals.take()
     import sys
+    from importlib import import_module
 
-    from tcc_sim.nodes.usage import asked_for
+    from tcc_sim.errors import InputError, TccError
+    from tcc_sim.nodes.children import require_ros
+    from tcc_sim.nodes.usage import asked_for, command_of
 
-    text = asked_for(name, sys.argv[1:])
+    try:
+        text = asked_for(name, sys.argv[1:])
+        if text is None:
+            require_ros()
+    except TccError as error:
+        sys.stderr.write(f"{command_of(name)}: {error}\n")
+        signals.give_back()
+        return 2 if isinstance(error, InputError) else 1
     if text is not None:
         sys.stdout.write(text)
         signals.give_back()
         return 0
-    from importlib import import_module
-
-    from tcc_sim.errors import MissingPackage
-    from tcc_sim.nodes.children import require_ros
-
-    try:
-        require_ros()
-    except MissingPackage as error:
-        sys.stderr.write(f"{name}_node: {error}\n")
-        signals.give_back()
-        return 1
     status = 1
     try:
         status = import_module(f"tcc_sim.nodes.{name}").main()

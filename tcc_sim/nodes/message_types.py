@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile
 
 from tcc_sim.errors import InputError
@@ -27,6 +28,12 @@ def message_class(type_name: str) -> type:
     except (ImportError, AttributeError):
         raise InputError(f"message type {type_name} is not installed") from None
     return found
+
+
+def time_of(nanoseconds: int) -> Time:
+    """A time as messages have it; what their 32 bits of seconds do not hold, from 2038 on, is their last second."""
+    sec, nanosec = divmod(nanoseconds, _NANOSECONDS)
+    return Time(sec=min(sec, 2**31 - 1), nanosec=nanosec)
 
 
 def qos_fields(profile: QoSProfile) -> dict[str, Any]:

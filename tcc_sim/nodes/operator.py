@@ -15,6 +15,7 @@ import numpy as np
 import rclpy
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -23,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import QUANTITIES
-from tcc_sim.nodes.context import executor_of
+from tcc_sim.nodes.context import Spinner
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.process import node_of_command
 from tcc_sim.nodes.qos import COMMANDS
@@ -36,6 +37,8 @@ HEARD_WITHIN = 1.5
 """Real time, s, that the refusal of a command may take: the driveline says one a second."""
 LISTENED_FOR = 0.5
 """Real time, s, in which states are heard where there are any; a driveline that is paused has none."""
+SETTLED = 0.3
+"""Real time, s, without a new subscriber, after which they count as complete."""
 COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
 
 
@@ -44,7 +47,7 @@ class Operator:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._executor = executor_of(node)
+        self._spinner = Spinner(node)
         self._driveline = node.resolve_topic_name("driveline")
 
     def trigger(self, name: str) -> str:
@@ -108,8 +111,11 @@ class Operator:
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
+        self._until(self._everyone_of(publisher), FOUND_WITHIN)
         publisher.publish(data)
         self._until(lambda: heard or applied() == value, HEARD_WITHIN)
+        # A recorder may be served later than the driveline.
+        publisher.wait_for_all_acked(Duration(seconds=HEARD_WITHIN))
         if rate > 0.0 and not heard:
             tell(f"{row.name} {value:g} {unit} is sent {rate:g} times a second; Ctrl-C ends it")
         while rate > 0.0 and not heard:
@@ -136,6 +142,20 @@ class Operator:
             return float(np.frombuffer(data, cdr.JOINT_STATE)["engine_torque"][0])
 
         return newest
+
+    def _everyone_of(self, publisher: Any) -> Callable[[], bool]:
+        """Whether everyone who listens is connected, and nobody has appeared for a while."""
+        seen, since = -1, time.monotonic()
+
+        def complete() -> bool:
+            nonlocal seen, since
+            count = publisher.get_subscription_count()
+            if count != seen:
+                seen, since = count, time.monotonic()
+            known = self._node.count_subscribers(publisher.topic_name)
+            return bool(count >= known and time.monotonic() - since >= SETTLED)
+
+        return complete
 
     def _is_the_driveline(self, logger: str) -> bool:
         """Whether a logger's name is that of the driveline talked to."""
@@ -166,7 +186,7 @@ class Operator:
         while not predicate():
             if time.monotonic() >= end:
                 return False
-            self._executor.spin_once(timeout_sec=min(0.05, max(0.0, end - time.monotonic())))
+            self._spinner.once(min(0.05, max(0.0, end - time.monotonic())))
         return True
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -11,6 +12,7 @@ from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import QUANTITIES, Quantity, unknown_key, values_of
+from tcc_sim.nodes import context
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 
 ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
@@ -24,26 +26,19 @@ def declare(node: Node) -> Scene:
 
     Without `scene` they are those of NODE_SCENE. Where the overrides say where an input comes from, as the parameter
     file of a scene does, they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere.
-    The node must have been made with `automatically_declare_parameters_from_overrides=True`, which is how the overrides
-    are read with whatever type they were given.
 
     Raises
     ------
     InputError
         A scene that does not exist, or an override of a wrong type or out of its range.
     """
-    given = {name: parameter.value for name,
-             parameter in node.get_parameters_by_prefix("").items() if name not in BUILT_IN}
-    for name in given:
-        node.undeclare_parameter(name)
+    given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
     base = load_scene(str(given.pop("scene", otherwise)))
-    known = {}
-    for name, value in given.items():
-        if name in ALL_QUANTITIES:
-            known[name] = value.tolist() if hasattr(value, "tolist") else value
-        else:
-            node.get_logger().warning(f"parameter ignored: {unknown_key(name, KNOWN_KEYS)}")
+    warn_of_unknown(node, ("scene", *KNOWN_KEYS))
+    # ROS 2 has no type for an empty list.
+    known = {name: [] if value is None else value.tolist() if hasattr(value, "tolist") else value
+             for name, value in given.items() if name in ALL_QUANTITIES}
     scene = base.with_values(known)
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
@@ -56,6 +51,19 @@ def declare(node: Node) -> Scene:
                                            "be set")
     node.declare_parameter(TEXT, scene.text(), text, ignore_override=True)
     return scene
+
+
+def overrides(node: Node) -> dict[str, Parameter]:
+    """The parameters that a node was given on the command line or in a file, declared or not, of whatever type."""
+    found: dict[str, Parameter] = node._parameter_overrides
+    return found
+
+
+def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
+    """Warn of the parameters that a node was given and does not have, with the nearest that it has."""
+    names = list(known)
+    for name in sorted(set(overrides(node)) - {*names, *BUILT_IN}):
+        context.warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
 
 
 def _options(scene: Scene) -> list[tuple[str, Any]]:

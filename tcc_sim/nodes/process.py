@@ -21,11 +21,6 @@ from tcc_sim.nodes.shared_memory import creation
 N = TypeVar("N", bound=Node)
 
 
-def unknown_parameters(node: Node) -> list[str]:
-    """Parameters that were given on the command line or in a file and that the node does not declare."""
-    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
-
-
 def _initialise(words: list[str]) -> None:
     """Initialise ROS 2; a parameter file or command line that it refuses is wrong input."""
     for option, file in pairwise(words):
@@ -42,6 +37,17 @@ def _initialise(words: list[str]) -> None:
         raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
 
 
+def _created(create: Callable[[], N]) -> N:
+    """A node; InputError with the words of ROS 2 where it has no such node, as with topics remapped onto one."""
+    try:
+        with creation():
+            return create()
+    except RuntimeError as error:
+        if rclpy.ok():
+            raise InputError(f"ROS 2 refuses the node: {' '.join(str(error).split())}") from None
+        raise
+
+
 def run(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequence[str] | None = None) -> int:
     """Run a node's process: initialise ROS, create the node, run `body` with it, and give the exit status.
 
@@ -53,8 +59,7 @@ def run(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequ
     try:
         signals.take()
         _initialise(sys.argv if args is None else list(args))
-        with creation():
-            node = create()
+        node = _created(create)
         try:
             return body(node)
         finally:

@@ -21,24 +21,23 @@ from typing import Any
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
 
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import context, signals
-from tcc_sim.nodes.message_types import message_class, qos_fields
-from tcc_sim.nodes.process import run, unknown_parameters
-from tcc_sim.nodes.subscriptions import poll, subscribe
-from tcc_sim.nodes.track import MOST_PUBLISHERS, Track
+from tcc_sim.nodes.message_types import qos_fields
+from tcc_sim.nodes.parameters import warn_of_unknown
+from tcc_sim.nodes.process import run
+from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, publisher_of
 from tcc_sim.nodes.unsent import UnsentCount
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 
-DEPTH = 20_000
-"""Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
 PARAMETERS = ("output", "topics", "flush_period", "fsync_period", "max_bag_duration", "max_bag_size")
@@ -66,24 +65,30 @@ class Recorder:
         sync = _parameter(node, "fsync_period", 0.0,
                           "a power cut loses at most this much and one drain, s; 0 leaves it to the operating system")
         duration = _parameter(node, "max_bag_duration", 3600.0,
-                              "a file of the bag that holds this much, s, is followed by another; 0 for no limit")
+                              "a file of the bag that holds this much, s, is followed by another; 0 for no limit, "
+                              "else from 1")
         size = _parameter(node, "max_bag_size", 0,
-                          "a file of the bag that has this many bytes is followed by another; 0 for no limit")
+                          "a file of the bag that has this many bytes is followed by another; 0 for no limit, else "
+                          "from 10000")
         if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period <= 10.0:
             raise InputError(f"flush_period is {period!r} s; it must be a number above 0 to 10 s")
         if not isinstance(names,
                           list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
             raise InputError(f"topics is {names!r}; it must be a list of topic names")
-        for name, value, most in (("fsync_period", sync, 3600.0), ("max_bag_duration", duration, 1e9),
-                                  ("max_bag_size", size, 1e18)):
-            if not isinstance(value, int | float) or isinstance(value, bool) or not 0.0 <= value <= most:
-                raise InputError(f"{name} is {value!r}; it must be a number from 0 to {most:g}")
-        for name in unknown_parameters(node):
-            context.warn(node, f"parameter {name} is unknown and has no effect; there are {', '.join(PARAMETERS)}")
+        for name, value, least, most in (("fsync_period", sync, 0.0, 3600.0), ("max_bag_duration", duration, 1.0, 1e9),
+                                         ("max_bag_size", size, 10_000.0, 1e18)):
+            if not isinstance(value, int | float) or isinstance(value, bool) or not (
+                    value == 0.0 or least <= value <= most):
+                raise InputError(f"{name} is {value!r}; it must be a number{', 0 or' if least else ''} from {least:g} "
+                                 f"to {most:g}")
+        warn_of_unknown(node, PARAMETERS)
         self.flush_period = float(period)
         self.fsync_period = float(sync)
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
-        known = {node.resolve_topic_name(row.name): row.type for row in TOPICS}
+        known: dict[str, str] = {}
+        for row in TOPICS:
+            if known.setdefault(topic := node.resolve_topic_name(row.name), row.type) != row.type:
+                raise InputError(f"{row.name} is remapped onto {topic}, which is a {known[topic]}, not a {row.type}")
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
         self.tracks: dict[str, Track] = {}
@@ -96,13 +101,21 @@ class Recorder:
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
-        self._executor = context.executor_of(node)
+        self._spinner = context.Spinner(node)
         self._told: dict[str, dict[str, int]] = {}
         self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
                              result=self._part_result)
 
     def spin(self) -> None:
-        """Record until the context is shut down, which ends this by an exception; OSError where the disk refuses."""
+        """Record until the context is shut down, which ends this by an exception.
+
+        Raises
+        ------
+        OSError
+            The disk refuses.
+        RecordingError
+            The directory was renamed or removed, or has a file with the name of the next part.
+        """
         flush = synced = time.monotonic()
         while self.node.context.ok():
             wake = time.monotonic() + self.drain_period
@@ -114,16 +127,16 @@ class Recorder:
                 self.bag.sync()
                 synced = time.monotonic()
             if time.monotonic() >= self._next_look:
+                self.bag.check()
                 self.look()
                 self._next_look = time.monotonic() + _LOOK_PERIOD
             while (left := wake - time.monotonic()) > 0.0:
-                self._executor.spin_once(timeout_sec=left)
+                self._spinner.once(left)
 
     def drain(self) -> None:
         """Write every message that waits. It needs no valid context."""
         for track in self.tracks.values():
-            if track.subscription is not None:
-                self._write(track, poll(track.subscription))
+            self._write(track, track.take())
 
     def _write(self, track: Track, taken: list[tuple[bytes, dict[str, Any]]]) -> None:
         """Write messages of one topic and count what is missing."""
@@ -132,8 +145,7 @@ class Recorder:
         write, count, channels = self.bag.write, track.count, track.channels
         sources: list[int] = []
         for data, info in taken:
-            number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
-            who = publisher["data"] if publisher else b""
+            number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
             if number and who:
                 count(who, number)
             channel = channels.get(who) or self._channel(track, who)
@@ -142,7 +154,7 @@ class Recorder:
             if track.topic in self._scene_topics:
                 self._describe(data, info["source_timestamp"] or received)
             if track.topic == self._unsent_topic and who:
-                self.unsent.add(bytes(who), data)
+                self.unsent.add(who, data)
             write(channel, received, info["source_timestamp"], data, number)
         if track.type == JOINT_STATE and not track.messages:
             self._next_look = 0.0  # Now a scene that is not there yet can be asked for.
@@ -176,12 +188,12 @@ class Recorder:
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
+            self._write(track, track.follow_best_effort(offered))
             if offered:
-                best_effort = any(o.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for o in offered)
                 latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offered)
                 late = latched and running and track.asks_again([bytes(o.endpoint_gid) for o in offered])
-                if late or (best_effort, latched) != (track.best_effort, track.latched):
-                    self._subscribe(track, best_effort, latched)
+                if late or latched != track.latched:
+                    self._write(track, track.subscribe(latched))
             if track.type == JOINT_STATE:
                 self._tell_of_silence(track)
                 now = {bytes(o.endpoint_gid) for o in offered}
@@ -200,10 +212,11 @@ class Recorder:
             context.say(self.node, f"{track.topic} is heard again")
         track.silence_told = silent
 
-    def close(self) -> str:
+    def close(self, drain: bool = True) -> str:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line.
         """
-        self.drain()
+        if drain:
+            self.drain()
         self.bag.close(self._part_result())
         found = {key: sum(counts.values()) for key, counts in self._figures().items()}
         unsent = f", {found['unsent']} never sent" if "unsent" in found else ""
@@ -237,18 +250,7 @@ class Recorder:
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:
         """Record a topic of a known type."""
         definition(type_name)
-        track = self.tracks[topic] = Track(topic, type_name)
-        self._subscribe(track, best_effort=False, latched=latched)
-
-    def _subscribe(self, track: Track, best_effort: bool, latched: bool) -> None:
-        """Subscribe, or do so again with another quality of service; what waits is saved first."""
-        if track.subscription is not None:
-            self._write(track, poll(track.subscription))
-            self.node.destroy_subscription(track.subscription)
-        track.best_effort, track.latched = best_effort, latched
-        track.subscription = subscribe(self.node, message_class(track.type), track.topic, QoSProfile(
-            depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
+        self.tracks[topic] = Track(self.node, topic, type_name, latched)
 
     def _offered(self, topic: str) -> Sequence[dict[str, Any]]:
         """The quality of service that publishers offer; the driveline's where the context cannot say any more."""
@@ -275,21 +277,30 @@ def record(node: Node) -> int:
     with signals.held():
         signals.leave_to_ros()
         recorder = Recorder(node)
+    failure: OSError | RecordingError | None = None
     try:
-        try:
-            context.say(node, f"recording to {recorder.bag.directory}")
-            recorder.spin()
-        finally:
-            summary = recorder.close()
+        context.say(node, f"recording to {recorder.bag.directory}")
+        recorder.spin()
+    except (OSError, RecordingError) as error:
+        failure = error
+    except (ExternalShutdownException, RuntimeError):
+        # A signal that arrives within a call of rclpy makes that call fail.
+        if node.context.ok():
+            raise
+    try:
+        if not isinstance(failure, OSError):
+            summary = recorder.close(drain=failure is None)
             sys.stdout.write(summary + "\n")
             sys.stdout.flush()
     except (OSError, RecordingError) as error:
-        recorder.bag.abandon()
-        reason = error.strerror if isinstance(error, OSError) else error
-        sys.stderr.write(f"recorder: {one_line(f'{recorder.bag.path} cannot be written: {reason}')}; "
-                         "what is in it stays readable\n")
-        return 1
-    return 0
+        failure = failure or error
+    if failure is None:
+        return 0
+    recorder.bag.abandon()
+    said = str(failure) if isinstance(failure, RecordingError) else (
+        f"{recorder.bag.path} cannot be written: {failure.strerror}")
+    sys.stderr.write(f"recorder: {one_line(said)}; what is in it stays readable\n")
+    return 1
 
 
 def main(args: list[str] | None = None) -> int:

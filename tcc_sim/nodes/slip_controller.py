@@ -12,16 +12,18 @@ if __name__ == "__main__":
     raise SystemExit(slip_controller_node())
 
 import dataclasses
-from typing import Any
+import math
+from typing import Any, NoReturn
 
-import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
+from tcc_sim.errors import InputError
 from tcc_sim.nodes import context, signals
+from tcc_sim.nodes.parameters import warn_of_unknown
 from tcc_sim.nodes.process import run
 from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.subscriptions import poll
@@ -50,6 +52,7 @@ class SlipControllerNode(Node):
         self.controller = SlipController(Tuning(**{
             item.name: self.declare_parameter(item.name, item.default, descriptor).value
             for item in dataclasses.fields(Tuning)}))
+        warn_of_unknown(self, [item.name for item in dataclasses.fields(Tuning)])
         self._last_stamp = -1
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
@@ -66,13 +69,24 @@ class SlipControllerNode(Node):
             f"at most {tuning.pressure_limit:g} Pa")
 
     def _on_state(self, state: JointState) -> None:
-        """Take a state and those that wait behind it, and answer the last."""
-        pressure = self._update(state)
-        for state, _ in poll(self._states, QOS.depth):
+        """Take a state and those that wait behind it, and answer the last.
+
+        Raises
+        ------
+        InputError
+            One that has not the speeds of two joints and the torque of the first, all finite; the others are taken.
+        """
+        waiting = [state, *(state for state, _ in poll(self._states, QOS.depth))]
+        whole = [state for state in waiting if len(state.velocity) > PLATE and len(state.effort) > FLYWHEEL
+                 and all(map(math.isfinite, (*state.velocity, *state.effort)))]
+        for state in whole:
             pressure = self._update(state)
-        command = FluidPressure(fluid_pressure=pressure)
-        command.header.stamp = state.header.stamp
-        self._command.publish(command)
+        if whole:
+            command = FluidPressure(fluid_pressure=pressure)
+            command.header.stamp = whole[-1].header.stamp
+            self._command.publish(command)
+        if len(whole) < len(waiting):
+            raise InputError(f"{self._states.topic_name} without finite speeds of two joints and a torque")
 
     def _update(self, state: JointState) -> float:
         """What the control law makes of one state, Pa."""
@@ -89,9 +103,10 @@ def main(args: list[str] | None = None) -> int:
     return run("slip_controller_node", SlipControllerNode, _spin, args)
 
 
-def _spin(node: SlipControllerNode) -> int:
+def _spin(node: SlipControllerNode) -> NoReturn:
     """Answer states until the context ends."""
     signals.leave_to_ros()
     node.report()
-    rclpy.spin(node, context.executor_of(node))
-    return 0
+    spinner = context.Spinner(node)
+    while True:
+        spinner.once()

@@ -4,28 +4,51 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
 
 MOST_PUBLISHERS = 1000
 """Publishers of a topic that are told apart; a driveline that is restarted every minute reaches it in 16 hours."""
+DEPTH = 20_000
+"""Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
 _MOST_ASKED = 20
 
 
-class Track:
-    """One recorded topic."""
+def publisher_of(info: Mapping[str, Any]) -> bytes:
+    """Who sent a message; empty where the middleware does not say."""
+    publisher = info.get("publisher_gid")
+    return bytes(publisher["data"]) if publisher else b""
 
-    def __init__(self, topic: str, type_name: str) -> None:
+
+Taken = list[tuple[bytes, dict[str, Any]]]
+"""Serialised messages, each with what the middleware says of it."""
+
+
+class Track:
+    """One recorded topic.
+
+    Publishers that offer best effort alone have a second subscription, so that the reliable one of the others stays as
+    it is.
+    """
+
+    def __init__(self, node: Node, topic: str, type_name: str, latched: bool = False) -> None:
         self.topic = topic
         self.type = type_name
+        self.latched = latched
+        self._node = node
         self.subscription: Subscription[Any] | None = None
-        self.best_effort = False
-        self.latched = False
+        self._best_effort: Subscription[Any] | None = None
+        self._heard_reliably: set[bytes] = set()
         self.publishers: set[bytes] = set()
         self.channels: dict[bytes, int] = {}
         self.messages = 0
@@ -36,6 +59,51 @@ class Track:
         self._next: dict[bytes, int] = {}
         self._asked: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
+        self.subscribe(latched)
+
+    def subscribe(self, latched: bool) -> Taken:
+        """Have a new reliable subscription; gives what waited in the one before."""
+        before = self.take()
+        if self.subscription is not None:
+            self._node.destroy_subscription(self.subscription)
+        self.latched = latched
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        self.subscription = self._subscription(ReliabilityPolicy.RELIABLE, durability)
+        return before
+
+    def _subscription(self, reliability: ReliabilityPolicy,
+                      durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> Subscription[Any]:
+        """A subscription that is polled."""
+        return subscribe(self._node, message_class(self.type), self.topic,
+                         QoSProfile(depth=DEPTH, reliability=reliability, durability=durability))
+
+    def take(self) -> Taken:
+        """What waits, every message once. It needs no valid context."""
+        taken = [] if self.subscription is None else poll(self.subscription)
+        if len(self._heard_reliably) > MOST_PUBLISHERS:
+            self._heard_reliably.clear()
+        self._heard_reliably.update(who for _, info in taken if (who := publisher_of(info)))
+        if self._best_effort is not None:
+            taken += [(data, info) for data, info in poll(self._best_effort)
+                      if publisher_of(info) not in self._heard_reliably]
+        return taken
+
+    def follow_best_effort(self, offered: Sequence[TopicEndpointInfo]) -> Taken:
+        """Have the second subscription as long as a publisher offers best effort; gives what waited where it goes."""
+        needed = False
+        for publisher in offered:
+            if publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                needed = True
+            else:
+                self._heard_reliably.add(bytes(publisher.endpoint_gid))
+        waited: Taken = []
+        if needed and self._best_effort is None:
+            self._best_effort = self._subscription(ReliabilityPolicy.BEST_EFFORT)
+        elif self._best_effort is not None and not needed:
+            waited = self.take()
+            self._node.destroy_subscription(self._best_effort)
+            self._best_effort = None
+        return waited
 
     def count(self, publisher: bytes, number: int) -> None:
         """Count what is missing between this message and the one that the same publisher sent before it."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 import ast
 import dataclasses
 from collections.abc import Iterator
+from difflib import get_close_matches
 from pathlib import Path
 
 from tcc_sim import __version__
+from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import terminal_width, wrapped
 
+ROS_WORDS = ("-p", "--param", "-r", "--remap", "--params-file", "-e", "--enclave", "--log-level")
 _PURPOSES = {
     "driveline": "The driveline in real time: states out, engine torque and actuation pressure in.",
     "recorder": "Records every topic of the driveline into a bag (MCAP) that survives a kill.",
@@ -19,16 +22,43 @@ _PURPOSES = {
 
 
 def asked_for(name: str, words: list[str]) -> str | None:
-    """The text that `words` ask the node `name` for, None where they ask for none; ROS 2 has those after --ros-args."""
-    own = words[:words.index("--ros-args")] if "--ros-args" in words else words
+    """The text that `words` ask the node `name` for, None where they ask for none; ROS 2 has those after --ros-args.
+
+    Raises
+    ------
+    InputError
+        A word that the node does not know.
+    """
+    own, to_ros = [], False
+    for word in words:
+        to_ros = word != "--" if to_ros else word == "--ros-args"
+        if not to_ros and word != "--":
+            own.append(word)
     if "--version" in own:
         return f"tcc_sim {__version__}\n"
-    return _help(name) if {"-h", "--help"} & set(own) else None
+    if {"-h", "--help"} & set(own):
+        return _help(name)
+    if own:
+        near = get_close_matches(own[0], ("--help", "--version", "--ros-args"), 1)
+        after = " ".join(["--ros-args", *(word for word in words if word not in ("--", "--ros-args"))])
+        if near:
+            meant = f"did you mean {near[0]}?"
+        elif own[0] in ROS_WORDS or ":=" in own[0]:
+            meant = f"ROS 2 takes its words after --ros-args: {command_of(name)} {after}"
+        else:
+            meant = "there are --help, --version and --ros-args WORD ..."
+        raise InputError(f"{own[0]} is not understood; {meant}")
+    return None
+
+
+def command_of(name: str) -> str:
+    """What starts the node `name`."""
+    return name if name == "commander" else f"{name}_node"
 
 
 def _help(name: str) -> str:
     """Purpose, usage and parameters of a node."""
-    command = name if name == "commander" else f"{name}_node"
+    command = command_of(name)
     lines = [f"usage: {command} [--help] [--version] [--ros-args WORD ...]", "", _PURPOSES[name], "",
              "words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME", "", "parameters:"]
     lines += [f"  {key}: {meaning}" for key, meaning in _parameters(name)]

@@ -21,15 +21,17 @@ _PART = "_999999.mcap"
 class BagWriter:
     """A rosbag2 bag: a new directory NAME with NAME_0.mcap, NAME_1.mcap, ... and, when it is closed, metadata.yaml.
 
-    Each part can be read by itself: it starts with the scene in force and ends with index and footer. One of more than
-    MOST_CHUNKS chunks ends whatever the limits are, so that the memory for its index stays bounded.
+    The directory is held open, and everything is made relative to it: a recorder that has made another one under the
+    same name meanwhile shares nothing with it. Each part can be read by itself: it starts with the scene in force and
+    ends with index and footer. One of more than MOST_CHUNKS chunks ends whatever the limits are, so that the memory for
+    its index stays bounded.
 
     Parameters
     ----------
     directory : to be made, with its parents
     scene_text, version : the scene (YAML), and who ran it
     max_duration : s of receipt after which a new part begins; 0 never
-    max_size : bytes after which a new part begins; 0 never
+    max_size : bytes after which a new part begins, once it has messages; 0 never
     sync : wait until files and directory are on the disk wherever a part ends
     result : gives what a part's result record says when it ends
 
@@ -52,13 +54,18 @@ class BagWriter:
         self._scene: tuple[str, str, int] | None = None
         self._counts: dict[int, int] = {}
         made = _make(directory)
+        self._folder = -1
         try:
-            self._file = McapFile(self._path(), scene_text, version)
+            self._folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            self._file = McapFile(self._path(0), scene_text, version, self._folder)
             if scene_text is not None:
                 self._scene = scene_text, version, 0
             if sync:
-                _sync(directory, directory.absolute().parent)
+                os.fsync(self._folder)
+                _sync(directory.absolute().parent)
         except BaseException:
+            if self._folder >= 0:
+                os.close(self._folder)
             for folder in made:
                 with suppress(OSError):
                     folder.rmdir()
@@ -102,7 +109,8 @@ class BagWriter:
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one serialised message: when it was received and sent, and its number at the publisher."""
         file = self._file
-        if log_ns - file.first_ns >= self._duration_ns or file.size >= self._size or file.chunks >= MOST_CHUNKS:
+        full = file.chunks and (file.size >= self._size or file.chunks >= MOST_CHUNKS)
+        if full or log_ns - file.first_ns >= self._duration_ns:
             self._split()
             file = self._file
         file.write(channel, log_ns, publish_ns, data, sequence)
@@ -115,53 +123,92 @@ class BagWriter:
         """Wait until everything written so far is on the disk: a power cut loses only what comes later."""
         self._file.sync()
 
-    def close(self, result: Mapping[str, Any] | None = None) -> None:
-        """Close the last part and write metadata.yaml, which appears whole or not at all."""
-        self._file.close(result, self._sync)
-        draft = self.directory / f".{os.urandom(8).hex()}.part"
+    def check(self) -> None:
+        """Raise RecordingError where the directory, or the file that is written, is no more where it was made."""
         try:
-            with open(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666), "w",
-                      encoding="utf-8") as file:
-                yaml.safe_dump({"rosbag2_bagfile_information": self.information()}, file, sort_keys=False)
+            there, held = os.stat(self.directory), os.fstat(self._folder)
+        except OSError:
+            pass
+        else:
+            if os.path.samestat(there, held) and self._file.linked():
+                return
+        raise RecordingError(f"{self.directory} was renamed or removed while it was recorded to")
+
+    def close(self, result: Mapping[str, Any] | None = None) -> None:
+        """Close the last part and write metadata.yaml, which appears whole or not at all, and never over another."""
+        self._file.close(result, self._sync)
+        draft = f".{os.urandom(8).hex()}.part"
+        file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=self._folder)
+        try:
+            with open(file, "w", encoding="utf-8") as stream:
+                yaml.safe_dump({"rosbag2_bagfile_information": self.information()}, stream, sort_keys=False)
                 if self._sync:
-                    file.flush()
-                    os.fsync(file.fileno())
-            draft.replace(self.directory / "metadata.yaml")
+                    stream.flush()
+                    os.fsync(file)
+            self._name_finally(draft, "metadata.yaml")
         finally:
-            draft.unlink(missing_ok=True)
-        if self._sync:
-            _sync(self.directory)
+            with suppress(FileNotFoundError):
+                os.unlink(draft, dir_fd=self._folder)
+            if self._sync:
+                os.fsync(self._folder)
+            self._release()
+
+    def _name_finally(self, draft: str, name: str) -> None:
+        """Give a draft its name beside its own; RecordingError where another file has it."""
+        try:
+            os.link(draft, name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
+        except OSError as error:
+            if isinstance(error, FileExistsError) or name in os.listdir(self._folder):
+                raise RecordingError(f"{self.directory / name} exists already and is not overwritten") from None
+            # A file system without hard links.
+            os.replace(draft, name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
 
     def abandon(self) -> None:
         """Close the file as it is, readable up to the last flush."""
         self._file.abandon()
+        self._release()
+
+    def _release(self) -> None:
+        """Let the directory go."""
+        if self._folder >= 0:
+            os.close(self._folder)
+        self._folder = -1
 
     def information(self) -> dict[str, Any]:
         """What metadata.yaml says."""
         return information([*self._done, self._file])
 
-    def _path(self) -> Path:
-        """The file of the next part."""
-        return self.directory / f"{self._name}_{len(self._done)}.mcap"
+    def _path(self, number: int) -> Path:
+        """The file of a part."""
+        return self.directory / f"{self._name}_{number}.mcap"
 
     def _split(self) -> None:
-        """End the part and begin the next one with the same channels and the scene in force."""
-        before = self._file
-        before.close(self._result() if self._result is not None else None, self._sync)
+        """End the part and begin the next one with the same channels and the scene in force.
+
+        The next file comes first: where it cannot be made the part is still open, and can be closed in order.
+        """
+        before, after = self._file, McapFile(self._path(len(self._done) + 1), folder=self._folder)
+        try:
+            before.close(self._result() if self._result is not None else None, self._sync)
+        except BaseException:
+            after.remove()
+            raise
         self._counts = {channel: self._counts.get(channel, 0) + count for channel, count in before.counts.items()}
         self._done.append(before.summary())
-        self._file = McapFile(self._path())
+        self._file = after
         if self._scene is not None:
             self._file.describe(*self._scene)
         for topic in self._topics:
             self._file.announce(topic)
         if self._sync:
-            _sync(self.directory)
+            os.fsync(self._folder)
 
 
 def _make(directory: Path) -> list[Path]:
     """Make a directory that must not exist, with its parents; those that were made, the innermost first."""
     try:
+        if os.path.lexists(directory):
+            raise FileExistsError
         longest = os.pathconf(next(folder for folder in directory.absolute().parents if folder.is_dir()), "PC_NAME_MAX")
         if len(os.fsencode(directory.resolve().name + _PART)) > longest:
             raise RecordingError(f"the name {directory.name} is too long: {longest - len(_PART)} bytes are allowed, "

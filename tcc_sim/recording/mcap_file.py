@@ -45,8 +45,10 @@ def digest(*texts: str) -> str:
 class _Output:
     """A new file, unbuffered, so that after a full disk nothing is left that could fail again."""
 
-    def __init__(self, path: Path) -> None:
-        self._file = FileIO(path, "xb")
+    def __init__(self, path: Path, folder: int | None) -> None:
+        self._name, self._folder = path if folder is None else path.name, folder
+        self._file = FileIO(os.open(self._name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666,
+                                    dir_fd=folder), "wb")
         self._position = 0
 
     def write(self, data: bytes) -> int:
@@ -73,6 +75,15 @@ class _Output:
         """Close the file."""
         self._file.close()
 
+    def linked(self) -> bool:
+        """Whether the file still has a name."""
+        return os.fstat(self._file.fileno()).st_nlink > 0
+
+    def remove(self) -> None:
+        """Close the file and take it away."""
+        self._file.close()
+        os.unlink(self._name, dir_fd=self._folder)
+
 
 @dataclass(frozen=True)
 class Topic:
@@ -94,15 +105,22 @@ class Topic:
 class McapFile:
     """One MCAP file of profile ros2 that must not exist yet; chunks are compressed with zstd and carry a checksum.
 
+    Parameters
+    ----------
+    path : of the file
+    scene_text, version : the scene (YAML), and who ran it
+    folder : descriptor of the directory that `path` is in, wherever that is by now
+
     Raises
     ------
     RecordingError
         The file exists or cannot be created.
     """
 
-    def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__) -> None:
+    def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__,
+                 folder: int | None = None) -> None:
         try:
-            self._output = _Output(path)
+            self._output = _Output(path, folder)
         except FileExistsError:
             raise RecordingError(f"{path} exists already and is not overwritten") from None
         except OSError as error:
@@ -122,8 +140,7 @@ class McapFile:
             if scene_text is not None:
                 self.describe(scene_text, version)
         except BaseException:
-            self.abandon()
-            path.unlink()
+            self.remove()
             raise
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
@@ -207,6 +224,14 @@ class McapFile:
     def abandon(self) -> None:
         """Close the file as it is, readable up to the last flush."""
         self._output.close()
+
+    def remove(self) -> None:
+        """Close the file and take it away."""
+        self._output.remove()
+
+    def linked(self) -> bool:
+        """Whether the file still has a name."""
+        return self._output.linked()
 
     def summary(self) -> FileSummary:
         """What metadata.yaml says of the file."""

@@ -1,5 +1,8 @@
 """The recorder node: what it writes, what it refuses, and how it ends."""
 
+import os
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -111,6 +114,56 @@ def test_the_offered_quality_of_service_stands_in_the_bag_and_best_effort_is_rec
     assert qos_fields(STATES)["deadline"] == {"sec": 9223372036, "nsec": 854775807}
 
 
+def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothing(context, tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    found = start(context, tmp_path / "run", topics=["slip_speed"])
+    track = found.tracks["/slip_speed"]
+    publisher = publisher_of(rclpy.create_node("driveline", context=context), "slip_speed")
+    other = rclpy.create_node("other", context=context)
+    until(publisher.get_subscription_count)
+    numbers = iter(range(900))
+
+    def send(count):
+        for _ in range(count):
+            publisher.publish(cdr.float64(next(numbers)))
+
+    def publishers():
+        return len(found.node.get_publishers_info_by_topic("slip_speed"))
+
+    for turn in range(3):
+        send(100)
+        guest = publisher_of(other, "slip_speed", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+        until(lambda: publishers() == 2)
+        send(100)
+        found.look()
+        until(guest.get_subscription_count)
+        send(100)
+        guest.publish(cdr.float64(-1.0 - turn))
+        until(lambda turn=turn: track.messages == 301 * (turn + 1), step=found.drain)
+        other.destroy_publisher(guest)
+        until(lambda: publishers() == 1)
+        found.look()
+    assert found.close() == f"recorded 903 messages in {tmp_path / 'run'}, 0 lost"
+    with rosbag2.Reader(tmp_path / "run") as reader:
+        values = [cdr.read_float64(data) for _, _, data in reader.messages()]
+    assert [value for value in values if value >= 0.0] == list(range(900))
+    assert sorted(value for value in values if value < 0.0) == [-3.0, -2.0, -1.0]
+
+
+def test_two_topics_of_other_types_remapped_onto_one_are_refused(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    ended = [subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{name}", "--ros-args", *words], text=True,
+                            capture_output=True, check=False)
+             for name, words in (("recorder", ["-p", f"output:={tmp_path / 'run'}", "-r", "slip_speed:=joint_states"]),
+                                 ("driveline", ["-p", "scene:=minimal", "-r", "slip_speed:=joint_states"]))]
+    assert [(e.returncode, e.stderr.count("\n")) for e in ended] == [(2, 1), (2, 1)]
+    assert ended[0].stderr == ("recorder: slip_speed is remapped onto /joint_states, which is a "
+                               "sensor_msgs/msg/JointState, not a std_msgs/msg/Float64\n")
+    assert "incompatible type" in ended[1].stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(context, tmp_path):
     found = start(context, tmp_path / "run", topics=["/elsewhere"])
     assert found.tracks == {}
@@ -152,8 +205,8 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
     assert sorted({batch.run for batch in run.batches()}) == [0, 1]
 
 
-def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lost():
-    track = recorder.Track("/joint_states", JOINT_STATE)
+def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lost(context):
+    track = recorder.Track(rclpy.create_node("recorder", context=context), "/joint_states", JOINT_STATE)
     for publisher, number in [(b"a", 7), (b"b", 1), (b"a", 8), (b"a", 11), (b"b", 2), (b"b", 4), (b"a", 12)]:
         track.count(publisher, number)
     assert track.lost == 3
@@ -193,8 +246,8 @@ def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_numb
     found.close()
 
 
-def test_where_publishers_have_other_names_in_the_messages_nobody_is_asked_again():
-    track = recorder.Track("/scene", "std_msgs/msg/String")
+def test_where_publishers_have_other_names_in_the_messages_nobody_is_asked_again(context):
+    track = recorder.Track(rclpy.create_node("recorder", context=context), "/scene", "std_msgs/msg/String")
     assert track.asks_again([b"a"])
     track.count(b"another name of a", 1)
     assert not track.asks_again([b"a"])
@@ -238,6 +291,7 @@ def test_an_existing_output_is_refused(context, tmp_path):
 @pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")},
                                         {"fsync_period": "often"},
                                         {"max_bag_duration": -1}, {"max_bag_duration": True}, {"max_bag_size": -5},
+                                        {"max_bag_size": 1}, {"max_bag_duration": 1e-9},
                                         {"max_bag_size": float("inf")}])
 def test_wrong_limits_are_refused_and_nothing_is_written(context, tmp_path, parameters):
     with pytest.raises(InputError, match=next(iter(parameters))):

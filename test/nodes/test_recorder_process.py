@@ -38,7 +38,8 @@ def process(tmp_path, monkeypatch, domain):
     node = rclpy.create_node("driveline", context=context)
     publisher = publisher_of(node, "joint_states")
     output = tmp_path / "run"
-    child = subprocess.Popen([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={output}"],
+    child = subprocess.Popen([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={output}",
+                              "-p", "max_bag_duration:=1.0"],
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         # The bag comes after the subscriptions: a signal before it is there ends the recorder with nothing recorded.
@@ -244,3 +245,37 @@ def test_a_full_disk_ends_the_recorder_with_one_line_and_can_be_recovered_to_ano
     assert capsys.readouterr().err.count("\n") == 1
     assert main(["recover", str(small_disk / "run"), "--out", str(tmp_path / "saved")]) == 0
     assert open_run(tmp_path / "saved").complete
+
+
+@pytest.mark.parametrize("done", ["renamed", "removed", "part"])
+def test_a_directory_that_is_no_more_its_own_ends_it_with_one_line_and_what_it_wrote_is_whole(done, process):
+    child, publisher, output = process
+    known = send_until_known(publisher, output)
+    if done == "part":
+        (output / "run_1.mcap").touch()
+    elif done == "renamed":
+        output.rename(output.parent / "moved")
+    else:
+        shutil.rmtree(output)
+    # States that are received after a second make the next part.
+    numbers = iter(range(known, 10**9))
+
+    def send():
+        with suppress(RuntimeError):
+            publisher.publish(joint_state(next(numbers)))
+            publisher.wait_for_all_acked(Duration(seconds=0.1))
+
+    until(lambda: child.poll() is not None, step=send)
+    _, err = child.communicate()
+    assert child.returncode == 1
+    said = [line for line in err.splitlines() if "INFO" not in line and "WARN" not in line]
+    assert said == [f"recorder: {output}/run_1.mcap exists already and is not overwritten; what is in it stays readable"
+                    if done == "part" else
+                    f"recorder: {output} was renamed or removed while it was recorded to; what is in it stays readable"]
+    if done == "removed":
+        assert not output.exists()
+        return
+    kept = output if done == "part" else output.parent / "moved"
+    assert open_run(kept / "run_0.mcap").complete
+    assert readable(kept / "run_0.mcap") > 0
+    assert (kept / "metadata.yaml").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -214,6 +215,30 @@ def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(b
     bench.until(lambda: bool(heard) and heard[-1].header.stamp.nanosec == 199_000_000)
     assert [command.header.stamp.nanosec for command in heard] == [199_000_000]
     assert heard[0].fluid_pressure == wanted
+
+
+def test_a_state_that_is_none_is_said_and_the_next_one_answered(bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    from sensor_msgs.msg import FluidPressure, JointState
+
+    from tcc_sim.nodes.context import Spinner
+    from tcc_sim.nodes.slip_controller import QOS
+
+    controller = SlipControllerNode(context=bench.context)
+    spinner = Spinner(controller)
+    driveline = bench.add(rclpy.create_node("driveline", context=bench.context))
+    heard: list[FluidPressure] = []
+    driveline.create_subscription(FluidPressure, "actuation_pressure", heard.append, QOS)
+    states = driveline.create_publisher(JointState, "joint_states", QOS)
+    whole = JointState(velocity=[20.0, 0.0], effort=[200.0, 0.0])
+    for state in (JointState(), JointState(velocity=[1.0], effort=[1.0]), JointState(
+            velocity=[math.nan, 0.0], effort=[200.0]), whole):
+        states.publish(state)
+        spinner.once(10.0)
+    bench.until(lambda: bool(heard))
+    assert len(heard) == 1
+    assert math.isfinite(heard[0].fluid_pressure)
+    assert capfd.readouterr().err.count("without finite speeds of two joints and a torque") == 1
+    controller.destroy_node()
 
 
 def test_a_senseless_parameter_is_refused(bench: Any) -> None:

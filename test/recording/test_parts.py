@@ -1,6 +1,7 @@
 """Recordings in parts: each can be read by itself, all of them together are one; and what a failed start leaves."""
 
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -182,3 +183,72 @@ def test_a_link_in_place_of_the_directory_is_not_followed(tmp_path):
     with pytest.raises(RecordingError, match="exists already"):
         BagWriter(tmp_path / "run")
     assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def filled(writer, numbers):
+    """Write states of these numbers, ms apart."""
+    joints = writer.channel("/joint_states", JOINT_STATE)
+    for n in numbers:
+        writer.write(joints, START + n * TICK, START + n * TICK, cdr.joint_state(n * TICK, *[0.0] * 6), n)
+
+
+def stamps_of(path):
+    return (np.concatenate([batch.stamp_ns for batch in open_run(path).batches()]) // TICK).tolist()
+
+
+def test_a_bag_whose_directory_is_renamed_shares_nothing_with_one_made_under_its_name(tmp_path):
+    first = BagWriter(tmp_path / "run", FIG02.text(), max_duration=0.1)
+    filled(first, range(150))
+    (tmp_path / "run").rename(tmp_path / "moved")
+    second = BagWriter(tmp_path / "run", FIG02.text(), max_duration=0.1)
+    filled(first, range(150, 450))
+    filled(second, range(1000, 1250))
+    second.close()
+    with pytest.raises(RecordingError, match=r"run was renamed or removed while it was recorded to"):
+        first.check()
+    first.close()
+    assert stamps_of(tmp_path / "moved") == list(range(450))
+    assert stamps_of(tmp_path / "run") == list(range(1000, 1250))
+    for folder in ("moved", "run"):
+        assert open_run(tmp_path / folder).complete
+        assert sorted(path.name for path in (tmp_path / folder).glob("*.part")) == []
+
+
+@pytest.mark.parametrize("taken", ["run_1.mcap", "metadata.yaml"])
+def test_a_name_that_another_has_taken_is_left_to_it_and_the_parts_are_whole(tmp_path, taken):
+    writer = BagWriter(tmp_path / "run", FIG02.text(), max_duration=0.1)
+    (tmp_path / "run" / taken).write_text("another's")
+
+    def record():
+        filled(writer, range(150))
+        writer.close()
+
+    with pytest.raises(RecordingError, match=f"run/{taken} exists already and is not overwritten"):
+        record()
+    if taken == "run_1.mcap":
+        writer.close()
+    assert (tmp_path / "run" / taken).read_text() == "another's"
+    assert stamps_of(tmp_path / "run" / "run_0.mcap") == list(range(100))
+    assert open_run(tmp_path / "run" / "run_0.mcap").complete
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {"run_0.mcap", taken} | (
+        {"metadata.yaml"} if taken == "run_1.mcap" else {"run_1.mcap"})
+
+
+@pytest.mark.parametrize("gone", ["directory", "file"])
+def test_what_is_removed_while_it_is_written_is_noticed(tmp_path, gone):
+    writer = BagWriter(tmp_path / "run")
+    writer.check()
+    if gone == "file":
+        writer.path.unlink()
+    else:
+        shutil.rmtree(tmp_path / "run")
+    with pytest.raises(RecordingError, match="renamed or removed"):
+        writer.check()
+    writer.abandon()
+
+
+def test_a_scene_longer_than_the_limit_of_a_part_does_not_fill_it(tmp_path):
+    writer = BagWriter(tmp_path / "run", "# " + "x" * 50_000, max_size=10_000)
+    filled(writer, range(100))
+    writer.close()
+    assert [path.name for path in (tmp_path / "run").glob("*.mcap")] == ["run_0.mcap"]
