@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,24 +60,26 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True, said=said("basin_rows", scene, arguments.words))
-    except BasinsInterrupted:
+        # Drawing takes longest; interrupted in it, nothing is written, and the same command goes on.
+        with ExitStack() as files:
+            if arguments.plot is not None:
+                from tcc_sim.views.basin_map import draw
+                from tcc_sim.views.style import width_of
+
+                draw(found, over, files.enter_context(draft(arguments.plot)), width_of(arguments.width))
+            if arguments.json is not None:
+                values = _as_json(found, over, arguments.boundary)
+                write_json(arguments.json, document("basins", values, scene, arguments.words))
+            if arguments.out is not None:
+                from tcc_sim.output.basin_file import write_basins
+
+                write_basins(arguments.out, found, over)
+    except (BasinsInterrupted, KeyboardInterrupt):
         kept = f"; the same command goes on from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{kept}", file=sys.stderr)
         return 130
-    values = _as_json(found, over, arguments.boundary)
-    if arguments.out is not None and part is not None:
-        from tcc_sim.output.basin_file import write_basins
-
-        write_basins(arguments.out, found, over)
+    if part is not None:
         part.unlink()
-    if arguments.plot is not None:
-        from tcc_sim.views.basin_map import draw
-        from tcc_sim.views.style import width_of
-
-        with draft(arguments.plot) as drawn:
-            draw(found, over, drawn, width_of(arguments.width))
-    if arguments.json is not None:
-        write_json(arguments.json, document("basins", values, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         _say(found, over, arguments.boundary)
     return 0

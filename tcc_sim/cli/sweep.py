@@ -68,9 +68,11 @@ def run(arguments: argparse.Namespace) -> int:
     except SweepInterrupted as stop:
         interrupted, sweeps = True, stop.sweeps
     found = Grid(second[0][0], tuple(second[0][1]), sweeps) if second else sweeps[0]
-    if arguments.json is not None:
+    resumable = interrupted and arguments.out is not None
+    # What the same command would not overwrite is left to it.
+    if arguments.json is not None and (not resumable or arguments.json == STANDARD_OUTPUT):
         write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
-    if arguments.plot is not None:
+    if arguments.plot is not None and not resumable:
         from tcc_sim.views.plots import plot
 
         with draft(arguments.plot) as part:
@@ -84,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
             + (f"; {failed} failed" if failed else ""))
     if interrupted:
-        kept = f"; the same command goes on from {arguments.out}" if arguments.out is not None else ""
+        kept = f"; the same command goes on from {arguments.out}" if resumable else ""
         print(f"tcc-sim: interrupted{kept}", file=sys.stderr)
         return 130
     return 0

@@ -271,6 +271,26 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
     assert main(["basins", "fig02", *PLANE, "--out", str(tmp_path / "b.npz"), "--jobs", "0"]) == 2
 
 
+def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_path: Path, monkeypatch, capsys):
+    from tcc_sim.views import basin_map
+
+    files = [tmp_path / name for name in ("b.npz", "b.json", "b.png")]
+    words = ["basins", "minimal", "--plane", "initial.slip_speed=0:60:2", "--plane", "initial.plate_angle=0:0.1:2",
+             "--out", str(files[0]), "--json", str(files[1]), "--plot", str(files[2])]
+    draw = basin_map.draw
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(basin_map, "draw", interrupted)
+    assert main(words) == 130
+    assert capsys.readouterr().err.endswith(f"tcc-sim: interrupted; the same command goes on from {files[0]}.part\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["b.npz.part"]
+    monkeypatch.setattr(basin_map, "draw", draw)
+    assert main(words) == 0
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
 @pytest.mark.parametrize("words", [
     ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane",
                                               "initial.slip_speed=0:1:3"],

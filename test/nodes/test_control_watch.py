@@ -13,9 +13,10 @@ import rclpy
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
+from tcc_sim.nodes import qos
 from tcc_sim.nodes.control_watch import PROFILES, ControlWatch
 from tcc_sim.nodes.message_types import message_class
-from tcc_sim.topics import topic
+from tcc_sim.topics import JOINT_STATE, topic
 
 MS = 1_000_000
 CYCLE = 0.004
@@ -94,3 +95,39 @@ def test_messages_that_cannot_be_read_are_left_out(said: Said) -> None:
     said.publishers["engine_torque"].publish(b"\0\1\0\0")
     when = said.say("engine_torque", cdr.float64(310.0))
     assert said.beside([1], [when]) == ({"engine_torque": [(1, 310.0)]}, [])
+
+
+class View:
+    """Takes what a watcher shows."""
+
+    def __init__(self) -> None:
+        self.pieces: list[int] = []
+
+    def samples(self, stamps: np.ndarray, *_: object, **__: object) -> None:
+        self.pieces.append(len(stamps))
+
+    def cycles(self, *_: object) -> None:
+        """Not looked at."""
+
+    control = cycles
+
+
+@pytest.mark.parametrize("period", [3600.0, 0.0])
+def test_states_are_handed_on_in_pieces_of_a_period_and_whole_at_the_end(bench: Any, period: float) -> None:
+    from tcc_sim.nodes.watcher import Watcher
+    from tcc_sim.scene import load_scene
+
+    node = bench.add(rclpy.create_node("driveline", context=bench.context))
+    node.create_publisher(message_class("std_msgs/msg/String"), "scene", qos.LATCHED).publish(
+        cdr.string(load_scene("minimal").text()))
+    states = node.create_publisher(message_class(JOINT_STATE), "joint_states", qos.states(100))
+    watcher = Watcher(bench.add(rclpy.create_node("watcher", context=bench.context)), str, period)
+    bench.until(states.get_subscription_count)
+    view: Any = View()
+    for n in range(30):
+        states.publish(cdr.joint_state(n * MS, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+        if n % 10 == 9:
+            bench.until(lambda n=n: watcher.drain(view) or watcher.heard == n + 1)
+    watcher.drain(view, everything=True)
+    assert (sum(view.pieces), watcher.states) == (30, 30)
+    assert len(view.pieces) == 1 if period else len(view.pieces) >= 3

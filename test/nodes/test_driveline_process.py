@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -49,6 +50,46 @@ def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words
     ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=120,
                            check=False)
     assert (ended.returncode, ended.stderr) == (2, line)
+
+
+@pytest.mark.parametrize(("module", "words", "line"), [
+    ("driveline", ["-p", "scene:=fig02"],
+     "driveline_node: -p is not understood; ROS 2 takes its words after --ros-args: driveline_node --ros-args -p "
+     "scene:=fig02\n"),
+    ("recorder", ["output:=run", "--ros-args", "-p", "flush_period:=1.0"],
+     "recorder_node: output:=run is not understood; ROS 2 takes its words after --ros-args: recorder_node --ros-args "
+     "output:=run -p flush_period:=1.0\n"),
+    ("slip_controller", ["--verson"], "slip_controller_node: --verson is not understood; did you mean --version?\n"),
+    ("driveline", ["--ros-args", "-p", "scene:=fig02", "--", "--quick"],
+     "driveline_node: --quick is not understood; there are --help, --version and --ros-args WORD ...\n"),
+    ("driveline", ["--ros-args", "-p", "rate:=[]"], "driveline_node: rate is []; it must be a number, 1 to 20000 Hz\n"),
+    ("recorder", ["--ros-args", "-p", "output:=/"], "recorder: / exists already and is not overwritten\n")])
+def test_words_that_are_not_understood_are_one_line_with_the_right_spelling(
+        environment: dict[str, str], module: str, words: list[str], line: str) -> None:
+    ended = subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], env=environment,
+                           capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", line)
+
+
+def test_an_empty_list_is_one(bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    from rclpy.parameter import Parameter
+
+    from tcc_sim.nodes.driveline import DrivelineNode
+
+    node = DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter("scene", value="minimal"), Parameter("cpu_affinity", value=[]), Parameter("scheme", value=1)])
+    assert node.scene.operation.cpu_affinity == ()
+    node.destroy_node()
+    assert "parameter ignored: scheme is not one of this node; did you mean scene?" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("nanoseconds", "expected"), [(0, (0, 0)), (1_500_000_000, (1, 500_000_000)),
+                                                       (2_240_000_000 * 10**9 + 7, (2**31 - 1, 7))])
+def test_a_clock_beyond_2038_is_no_error(nanoseconds: int, expected: tuple[int, int]) -> None:
+    from tcc_sim.nodes.message_types import time_of
+
+    time = time_of(nanoseconds)
+    assert (time.sec, time.nanosec) == expected
 
 
 def test_every_bundled_scene_is_a_parameter_file_of_the_node(environment: dict[str, str]) -> None:

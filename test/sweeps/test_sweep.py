@@ -155,6 +155,26 @@ def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch,
     assert again.records == resumed.records
 
 
+def test_the_command_that_was_interrupted_goes_on_by_itself(  # type: ignore[no-untyped-def]
+        tmp_path, monkeypatch, capsys) -> None:
+    """Its own picture and JSON are not in its way."""
+    append, words = sweep_file.SweepFile.append, ["sweep", "minimal", "--over", "initial.slip_speed=0:3:3", "--cycles",
+                                                  "12", "--discard", "2", "--json", str(tmp_path / "s.json"), "--out",
+                                                  str(tmp_path / "s.jsonl"), "--jobs", "1"]
+
+    def stop(self, *row):  # type: ignore[no-untyped-def]
+        append(self, *row)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
+    assert main(words) == 130
+    assert capsys.readouterr().err.endswith(f"interrupted; the same command goes on from {tmp_path / 's.jsonl'}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["s.jsonl"]
+    monkeypatch.setattr(sweep_file.SweepFile, "append", append)
+    assert main(words) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.json", "s.jsonl"]
+
+
 def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:  # type: ignore[no-untyped-def]
     out = tmp_path / "sweep.jsonl"
     sweep(system(0.2), KINETIC, [0.3], Plan(cycles=5), out=out)

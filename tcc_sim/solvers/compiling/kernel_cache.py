@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import stat
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, cached_property
@@ -30,6 +31,9 @@ SECONDS_PER_BYTE = 2.2e-4
 """Compile time per byte of bytecode that a kernel reaches, s: measured on one core of 2.5 GHz, rounded."""
 WORTH_SAYING = 1.0
 """Compile time, s, from which on it is announced."""
+DAY = 86400.0
+KEPT = 30.0 * DAY
+"""Time, s, after which a file that nothing has used is removed; kernels of another version are never used again."""
 _CHECKSUM = hashlib.sha256().digest_size
 _told: set[str] = set()
 
@@ -141,10 +145,29 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
             yield hashed
             hashed.finish()
 
+    def _pair(self) -> tuple[Path, Path]:
+        """Both files."""
+        return Path(self._index_path), Path(self._data_path(self._data_name(1)))
+
     def remove(self) -> None:
         """Take the pair away."""
-        for path in (self._index_path, self._data_path(self._data_name(1))):
-            Path(path).unlink(missing_ok=True)
+        for path in self._pair():
+            path.unlink(missing_ok=True)
+
+    def used(self) -> None:
+        """Note that the pair is in use, once a day."""
+        for path in self._pair():
+            with suppress(OSError):
+                if time.time() - path.stat().st_mtime > DAY:
+                    os.utime(path)
+
+
+def remove_unused(place: Path, now: float) -> None:
+    """Remove the files of a cache that were last used more than KEPT before `now`, s since 1970."""
+    for path in place.glob("*.nb[ic]"):
+        with suppress(OSError):
+            if now - path.lstat().st_mtime > KEPT:
+                path.unlink()
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
@@ -187,6 +210,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             try:
                 data = files.load(key)
                 found = CompileResult._rebuild(target_context, *data) if data is not None else None
+                files.used()
             except Exception as error:
                 tell("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
                 with suppress(OSError):
@@ -198,8 +222,10 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def save_overload(self, sig: Any, data: CompileResult) -> None:
         """Keep compiled code."""
         fixed = all(lifted.can_cache for lifted in data.lifted) and not data.library.has_dynamic_globals
-        if directory() is None or not fixed:
+        place = directory()
+        if place is None or not fixed:
             return
+        remove_unused(place, time.time())
         key = self._index_key(sig, data.codegen)
         try:
             self._files(sig, key).save(key, data._reduce())

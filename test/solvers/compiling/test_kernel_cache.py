@@ -6,6 +6,7 @@ import importlib
 import os
 import stat
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -266,3 +267,32 @@ def test_closures_and_defaults_count():
     one.__defaults__ = (2.0,)
     assert Reach(one).digest != Reach(scaled(2.0)).digest
     assert compiled(two)(1.0) == 4.0
+
+
+def test_what_nothing_has_used_for_30_days_is_removed_when_something_is_kept(cache, tmp_path):
+    """A kernel that is loaded counts as used from then on."""
+    now, day = time.time(), 86400.0
+    assert modules(tmp_path, name="kept")(3.0) == 7.0
+    first = set(cache.iterdir())
+    assert modules(tmp_path, caller=CALLER + "\nX = 1\n", callee=CALLEE.replace("2.0", "3.0"))(3.0) == 10.0
+    second = set(cache.iterdir()) - first
+    for path in first | second:
+        os.utime(path, (now, now - 31.0 * day))
+    other = cache / "other.txt"
+    other.touch()
+    os.utime(other, (now, now - 90.0 * day))
+    kernel = modules(tmp_path, name="kept")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+    assert modules(tmp_path, callee=CALLEE.replace("2.0", "4.0"))(3.0) == 13.0
+    left = set(cache.iterdir())
+    assert first <= left
+    assert not second & left
+    assert other in left
+
+
+@pytest.mark.parametrize(("days", "there"), [(29.9, True), (30.1, False)])
+def test_a_file_is_kept_for_30_days(tmp_path, days, there):
+    for name in ("a.nbi", "a.1.nbc"):
+        (tmp_path / name).touch()
+    kernel_cache.remove_unused(tmp_path, (tmp_path / "a.nbi").stat().st_mtime + days * 86400.0)
+    assert [path.name for path in sorted(tmp_path.iterdir())] == (["a.1.nbc", "a.nbi"] if there else [])
