@@ -37,7 +37,7 @@ HEARD_WITHIN = 1.5
 """Real time, s, that the refusal of a command may take: the driveline says one a second."""
 LISTENED_FOR = 0.5
 """Real time, s, in which states are heard where there are any; a driveline that is paused has none."""
-SETTLED = 0.3
+SETTLED = 1.0
 """Real time, s, without a new subscriber, after which they count as complete."""
 COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
 
@@ -111,7 +111,8 @@ class Operator:
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
-        self._until(self._everyone_of(publisher), FOUND_WITHIN)
+        self._until(settled(lambda: (publisher.get_subscription_count(), self._node.count_subscribers(row.name))),
+                    FOUND_WITHIN)
         publisher.publish(data)
         self._until(lambda: heard or applied() == value, HEARD_WITHIN)
         # A recorder may be served later than the driveline.
@@ -142,20 +143,6 @@ class Operator:
             return float(np.frombuffer(data, cdr.JOINT_STATE)["engine_torque"][0])
 
         return newest
-
-    def _everyone_of(self, publisher: Any) -> Callable[[], bool]:
-        """Whether everyone who listens is connected, and nobody has appeared for a while."""
-        seen, since = -1, time.monotonic()
-
-        def complete() -> bool:
-            nonlocal seen, since
-            count = publisher.get_subscription_count()
-            if count != seen:
-                seen, since = count, time.monotonic()
-            known = self._node.count_subscribers(publisher.topic_name)
-            return bool(count >= known and time.monotonic() - since >= SETTLED)
-
-        return complete
 
     def _is_the_driveline(self, logger: str) -> bool:
         """Whether a logger's name is that of the driveline talked to."""
@@ -188,6 +175,27 @@ class Operator:
                 return False
             self._spinner.once(min(0.05, max(0.0, end - time.monotonic())))
         return True
+
+
+def settled(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:
+    """Tells whether everyone who is known to listen is connected, and nobody else has been for SETTLED seconds: a
+    command whose sender is gone at once is not heard by a recorder that it has not met by then.
+
+    Parameters
+    ----------
+    count : gives how many are connected and how many are known
+    clock : real time, s
+    """
+    seen, since = -1, clock()
+
+    def complete() -> bool:
+        nonlocal seen, since
+        connected, known = count()
+        if connected != seen:
+            seen, since = connected, clock()
+        return connected >= known and clock() - since >= SETTLED
+
+    return complete
 
 
 def _typed(value: object) -> object:

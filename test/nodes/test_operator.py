@@ -17,7 +17,6 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from tcc_sim.cli import main
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
-from tcc_sim.recording.reader import open_run
 
 Control = Callable[..., tuple[int, str, str]]
 
@@ -204,20 +203,14 @@ def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[.
     assert (process.returncode, "Traceback" in said) == (0, False)
 
 
-def test_a_single_command_is_in_the_recording(driveline: Callable[..., NodeProcess], control: Control,
-                                              tmp_path: Path) -> None:
-    """The sender is gone at once: a recorder that it has not met by then would never hear of it."""
-    recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
-    try:
-        driveline(scene="commands", rate=50.0, wait_for_subscribers=1)
-        for torque in (310, 311, 312):
-            assert control("torque", str(torque))[0] == 0
-        assert control("pressure", "231000")[0] == 0
-    finally:
-        assert recorder.stop() == 0
-    run = open_run(tmp_path / "run")
-    list(run.batches())
-    assert (run.messages["/engine_torque"], run.messages["/actuation_pressure"]) == (3, 1)
+def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_comes() -> None:
+    from tcc_sim.nodes.operator import SETTLED, settled
+
+    times = iter([0.0, 0.0, 0.0, 0.9, 0.95, 0.95, 0.94 + SETTLED, 0.96 + SETTLED, 0.97 + SETTLED, 0.97 + SETTLED])
+    counts = iter([(1, 1), (1, 1), (2, 2), (2, 2), (2, 2), (2, 3), (3, 3)])
+    complete = settled(lambda: next(counts), lambda: next(times))
+    # The clock is looked at when the count changes, and where all who are known are connected.
+    assert [complete() for _ in range(7)] == [False, False, False, False, True, False, False]
 
 
 def test_watch_without_a_node_says_so(control: Control, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
