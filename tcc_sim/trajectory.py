@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any
 
@@ -39,18 +39,41 @@ class State:
 
 
 @dataclass(frozen=True)
+class Loads:
+    """What clutch and shaft bear within each of N engine cycles; (N,) arrays, NaN where it was not worked out.
+
+    energy : work of the friction torque, integral of Tf v, J
+    peak_power : largest Tf v, W
+    highest_shaft_torque, lowest_shaft_torque : of C23 theta2' + K23 theta2, N m
+    breakaways : changes from stick to slip
+    """
+
+    energy: Floats
+    peak_power: Floats
+    highest_shaft_torque: Floats
+    lowest_shaft_torque: Floats
+    breakaways: Floats
+
+    def columns(self) -> list[Floats]:
+        """The arrays in order."""
+        return [getattr(self, item.name) for item in fields(self)]
+
+
+@dataclass(frozen=True)
 class Cycles:
     """What an engine cycle comes to, for N whole cycles, as exact as the solver makes it.
 
     section : (N + 1, 3) array, states (slip speed, plate angle, plate speed) at t = 2 pi n/omega, both ends included
     highest, lowest : (N,) arrays, largest and smallest (signed) slip speed within each cycle, rad/s
     stick_time : (N,) array, time in stick within each cycle, s
+    loads : of clutch and shaft within each cycle; None where nobody asked for them
     """
 
     section: Floats
     highest: Floats
     lowest: Floats
     stick_time: Floats
+    loads: Loads | None = None
 
     def __len__(self) -> int:
         return len(self.highest)
@@ -60,15 +83,18 @@ class Cycles:
         first, last, stride = kept.indices(len(self))
         if stride != 1:
             raise ValueError("cycles are taken consecutively")
+        loads = None if self.loads is None else Loads(*(column[first:last] for column in self.loads.columns()))
         return Cycles(self.section[first:max(first, last) + 1], self.highest[first:last], self.lowest[first:last],
-                      self.stick_time[first:last])
+                      self.stick_time[first:last], loads)
 
 
 def concatenated(parts: Sequence[Cycles]) -> Cycles:
     """Runs of cycles that follow each other as one run."""
     sections = [p.section[:-1] for p in parts[:-1]] + [parts[-1].section]
+    loads = [p.loads for p in parts if p.loads is not None]
+    joined = Loads(*map(np.concatenate, zip(*(x.columns() for x in loads)))) if len(loads) == len(parts) else None
     return Cycles(np.concatenate(sections), np.concatenate([p.highest for p in parts]),
-                  np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]))
+                  np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]), joined)
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,10 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
     slip, plate = accelerations_of(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
                                    trajectory.friction_torque, trajectory.system)
     starts = cycle_starts(first_cycle_of(trajectory), float(trajectory.t[-1]), trajectory.cycle)
+    terms = terms_of(trajectory.system)
     return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
-                               trajectory.plate_speed, plate, starts=starts,
-                               stick_speed=stick_speed_of(terms_of(trajectory.system)))
+                               trajectory.plate_speed, plate, starts=starts, stick_speed=stick_speed_of(terms),
+                               linear=terms.linear)
 
 
 def accelerations_of(plate_angle: NDArray[np.float64], plate_speed: NDArray[np.float64],

@@ -14,7 +14,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, Floats, concatenated
+from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
 
 RECORDING_TOLERANCE = 2e-3
 """Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse.
@@ -84,12 +84,19 @@ def _join(parts: list[Cycles], follows: list[bool]) -> Cycles:
     gap = np.array([math.nan])
     section = [p.section[:-1] if adjacent else p.section for p, adjacent in zip(parts, [*follows, False])]
     columns = []
-    for name in ("highest", "lowest", "stick_time"):
-        column = [getattr(parts[0], name)]
-        for part, adjacent in zip(parts[1:], follows):
-            column += [getattr(part, name)] if adjacent else [gap, getattr(part, name)]
+    for of_parts in zip(*map(_columns, parts)):
+        column = [of_parts[0]]
+        for part, adjacent in zip(of_parts[1:], follows):
+            column += [part] if adjacent else [gap, part]
         columns.append(np.concatenate(column))
-    return Cycles(np.concatenate(section), *columns)
+    highest, lowest, stick_time, *loads = columns
+    return Cycles(np.concatenate(section), highest, lowest, stick_time, Loads(*loads))
+
+
+def _columns(part: Cycles) -> list[Floats]:
+    """The numbers of each cycle, its loads last."""
+    assert part.loads is not None
+    return [part.highest, part.lowest, part.stick_time, *part.loads.columns()]
 
 
 class CycleStream:
@@ -108,7 +115,7 @@ class CycleStream:
         self.numbers: dict[int, int] = {}
         """Which of `runs` has the batches of a run, by the number that these were fed with."""
         self._system = system
-        self._stick_speed = stick_speed_of(terms_of(system))
+        self._stick_speed, self._linear = stick_speed_of(terms_of(system)), terms_of(system).linear
         self._waiting: list[Floats] = []
         self._next = 0
 
@@ -182,7 +189,7 @@ class CycleStream:
         slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
         cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate,
                                      starts=cycle_starts(self._next, float(t[-1]), self.cycle),
-                                     stick_speed=self._stick_speed)
+                                     stick_speed=self._stick_speed, linear=self._linear)
         piece = Piece(len(self.runs) - 1, self._next, cycles)
         if not len(cycles):
             self._waiting = [rows]

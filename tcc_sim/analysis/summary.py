@@ -39,6 +39,11 @@ class Summary:
     elapsed_s : s of computing time
     runaway : whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a
         motion has no period and is neither settled nor quasi-periodic
+    clutch_energy : work of the friction torque over the kept cycles, integral of Tf v, J; NaN where it was not asked
+        for
+    peak_power : largest Tf v, W
+    max_shaft_torque, min_shaft_torque : of the torque in the shaft, C23 theta2' + K23 theta2, N m
+    breakaways : changes from stick to slip
 
     Examples
     --------
@@ -63,6 +68,11 @@ class Summary:
     solver: str
     elapsed_s: float
     runaway: bool = False
+    clutch_energy: float = math.nan
+    peak_power: float = math.nan
+    max_shaft_torque: float = math.nan
+    min_shaft_torque: float = math.nan
+    breakaways: int | None = None
 
     def __repr__(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"
@@ -132,11 +142,17 @@ def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance:
         points = points[len(points) - past - found.period:len(points) - past]
     points = points[np.isfinite(points).all(axis=1)]
     fraction = min(max(float(cycles.stick_time[observed].sum()) / (int(observed.sum()) * cycle), 0.0), 1.0)
-    return Summary(
+    out = Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
         section=[(float(p[1]), float(p[0])) for p in points], stick_fraction=fraction, regime=regime_of(fraction),
         cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0,
         runaway=runaway)
+    if cycles.loads is None:
+        return out
+    energy, power, high, low, breakaways = (column[observed] for column in cycles.loads.columns())
+    return replace(out, clutch_energy=float(energy.sum()), peak_power=float(power.max()),
+                   max_shaft_torque=float(high.max()), min_shaft_torque=float(low.min()),
+                   breakaways=int(breakaways.sum()) if np.isfinite(breakaways).all() else None)
 
 
 def slip_grows(cycles: Cycles) -> bool:

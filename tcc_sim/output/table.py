@@ -55,6 +55,10 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
         out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
     if not summary.period and summary.section:
         out.append(("section", counted(len(summary.section), "point")))
+    if not math.isnan(summary.clutch_energy):
+        out += [("clutch", f"{summary.clutch_energy:.6g} J turned into heat, at most {summary.peak_power:.6g} W"
+                 + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else "")),
+                ("shaft torque", f"{summary.min_shaft_torque:.6g} to {summary.max_shaft_torque:.6g} N m")]
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"
     out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
     return out

@@ -64,7 +64,8 @@ SOLVERS: dict[str, Entry] = {
 
 def solve(scene: Scene | System, *, cycles: int | None = None, duration: float | None = None,
           samples_per_cycle: int = 0, solver: str = "auto", rtol: float | None = None, step: float | None = None,
-          start_cycle: int = 0, state: State | None = None, flywheel_angle: bool = False) -> Trajectory:
+          start_cycle: int = 0, state: State | None = None, flywheel_angle: bool = False,
+          loads_from: int | None = None) -> Trajectory:
     """Solve a scene or a system over whole engine cycles or a duration in seconds.
 
     Parameters
@@ -77,6 +78,7 @@ def solve(scene: Scene | System, *, cycles: int | None = None, duration: float |
     start_cycle : the engine cycle at which the run starts, which sets the phase of the excitation
     state : initial state; the system's own by default
     flywheel_angle : integrate theta1 too
+    loads_from : engine cycle of the run from which on `Cycles.loads` are worked out too; none by default
 
     Returns
     -------
@@ -114,7 +116,7 @@ def solve(scene: Scene | System, *, cycles: int | None = None, duration: float |
     if not math.isfinite(state.slip_speed + state.plate_angle + state.plate_speed + state.flywheel_angle):
         _say_what_is_not_finite(state)
     return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
-                                flywheel_angle))
+                                flywheel_angle, loads_from))
 
 
 def _say_what_is_not_finite(state: State) -> None:

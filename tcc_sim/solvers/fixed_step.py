@@ -253,7 +253,8 @@ def solve(problem: Problem) -> Trajectory:
                                 axis=1))
         kept = due
         cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                          starts=cycle_starts(first, t[-1], cycle), stick_speed=stick_speed_of(terms)))
+                                          starts=cycle_starts(first, t[-1], cycle), stick_speed=stick_speed_of(terms),
+                                          linear=terms.linear))
         first += len(cycles[-1])
         keep = max(int(np.searchsorted(t, min(first * cycle, t[-1]), side="right")) - 2, 0)
         t, states = t[keep:], states[keep:]

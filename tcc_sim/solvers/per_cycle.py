@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
-from tcc_sim.trajectory import Cycles, Floats
+from tcc_sim.model.equations import Linear
+from tcc_sim.trajectory import Cycles, Floats, Loads
 
 LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
@@ -23,7 +24,7 @@ def cycle_starts(first: int, end: float, cycle: float) -> Floats:
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
                         plate_speed: Floats, plate_acceleration: Floats, *, starts: Floats,
-                        stick_speed: float) -> Cycles:
+                        stick_speed: float, linear: Linear | None = None) -> Cycles:
     """What each whole engine cycle within the samples comes to.
 
     The slip speed is the piecewise cubic through v and v'. Its extremes, its value where a cycle starts and the time it
@@ -38,6 +39,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
     starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`cycle_starts`)
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
+    linear : I1, I2, C23, K23, where the loads of clutch and shaft are asked for too
 
     Returns
     -------
@@ -80,8 +82,57 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
     pieces = (place + np.arange(count + 1) - first)[:-1]
+    loads = None if linear is None else _loads(t, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
+                                               np.asarray(plate_acceleration), starts, section, stick_speed, linear)
     return Cycles(section, np.maximum.reduceat(values.max(axis=1), pieces),
-                  np.minimum.reduceat(values.min(axis=1), pieces), np.add.reduceat(within, pieces))
+                  np.minimum.reduceat(values.min(axis=1), pieces), np.add.reduceat(within, pieces), loads)
+
+
+def _loads(t: Floats, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, starts: Floats,
+           section: Floats, stick_speed: float, linear: Linear) -> Loads:
+    """Loads of clutch and shaft between samples, the torques from (2a) and (2b).
+
+    The clutch's energy is what the engine's work leaves over after the dissipation in C23 and the change of what is
+    stored, so that no integrand has the jumps of Tf. A cycle has the extremes of the intervals that begin within it.
+    """
+    i1, i2, damping, stiffness = linear
+    h = np.diff(t)
+    shaft, rise = damping * speed + stiffness * angle, damping * plate + stiffness * speed
+    friction = i2 * plate + shaft
+    engine = friction + i1 * (slip + plate)
+    net = engine * (v + speed) - damping * speed**2
+    change = (np.gradient(engine, t, edge_order=2 if len(t) > 2 else 1) * (v + speed) + engine * (slip + plate)
+              - 2.0 * damping * speed * plate)
+    parts = h * (0.5 * (net[:-1] + net[1:]) + h / 12.0 * (change[:-1] - change[1:]))
+    total = np.concatenate([[0.0], np.cumsum(parts)])
+    stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2
+                    + stiffness * section[:, 1] ** 2)
+    power = _with_peaks(t, friction * v)
+    turns = _turning_points(shaft[:-1], h * rise[:-1], shaft[1:], h * rise[1:])
+    torques = _cubic(turns, *(x[:, None] for x in (shaft[:-1], h * rise[:-1], shaft[1:], h * rise[1:])))
+    stuck = np.abs(v) <= stick_speed
+    place = np.clip(np.searchsorted(t, starts, side="right") - 1, 0, len(t) - 2)
+    first, within = place[:-1], slice(0, max(int(place[-1]), int(place[0]) + 1))
+    return Loads(np.diff(hermite(starts, t, total, net)) - np.diff(stored),
+                 np.maximum.reduceat(np.maximum(power[:-1], power[1:])[within], first),
+                 np.maximum.reduceat(torques.max(axis=1)[within], first),
+                 np.minimum.reduceat(torques.min(axis=1)[within], first),
+                 np.add.reduceat((stuck[:-1] & ~stuck[1:])[within].astype(np.float64), first))
+
+
+def _with_peaks(t: Floats, y: Floats) -> Floats:
+    """Samples, those that are larger than both neighbours raised to the vertex of the parabola through the three."""
+    out: Floats = np.array(y)
+    if len(y) < 3:
+        return out
+    h = np.diff(t)
+    slope = np.diff(y) / h
+    left, right = slope[:-1], slope[1:]
+    bend = (right - left) / (h[:-1] + h[1:])
+    tilt = (left * h[1:] + right * h[:-1]) / (h[:-1] + h[1:])
+    top = (left >= 0.0) & (right <= 0.0) & (bend < 0.0)
+    out[1:-1] += np.where(top, tilt**2 / np.where(top, -4.0 * bend, 1.0), 0.0)
+    return out
 
 
 def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:

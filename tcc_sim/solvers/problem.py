@@ -35,6 +35,8 @@ class Problem:
     """Step of a fixed-step solver, s; None takes the solver's default."""
     flywheel_angle: bool = False
     """Integrate theta1 as well."""
+    loads_from: int | None = None
+    """Engine cycle of the run from which on the loads of clutch and shaft are worked out; None for none."""
 
     @property
     def start(self) -> float:

@@ -30,12 +30,15 @@ far.
 
 
 class Store(NamedTuple):
-    """Where a run is kept: arrays of CYCLE, of states (rows of samples), of MOVE; and how many samples to a cycle."""
+    """Where a run is kept: arrays of CYCLE, of states (rows of samples), of MOVE, and of LOADS where those are asked
+    for; and how many samples to a cycle.
+    """
 
     cycles: Any
     samples: Any
     per_cycle: int
     moves: Any
+    loads: Any = None
 
 
 @fast

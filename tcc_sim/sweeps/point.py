@@ -18,8 +18,10 @@ from tcc_sim.sweeps.simulation import Plan, Start, simulate
 from tcc_sim.trajectory import Floats, State
 
 SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles",
-                "discarded", "settled", "section_change", "solver", "elapsed_s", "runaway")
+                "discarded", "settled", "section_change", "solver", "elapsed_s", "runaway",
+                "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways")
 """Keys of `simulate --json` that a sweep has per value."""
+MAY_BE_NAN = ("section_change", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque")
 PHASES_TRIED = 1000
 """Engine cycles among which one is looked for whose phase of the load is that of the neighbour's end."""
 NONE = np.empty(0)
@@ -80,10 +82,10 @@ def point_of(record: Mapping[str, Any], system: System) -> Point:
     summary = None
     if record["max_slip_speed"] is not None:
         numbers = {name: record[name] for name in SUMMARY_KEYS}
-        change = numbers["section_change"]
-        summary = Summary(**{**numbers, "section": [], "section_change": math.nan if change is None else change})
-        if not all(isinstance(x, (int, float)) for x in (summary.max_slip_speed, summary.min_slip_speed, summary.period,
-                                                         summary.stick_fraction, summary.section_change)):
+        unknown = {name: math.nan for name in MAY_BE_NAN if numbers[name] is None}
+        summary = Summary(**{**numbers, "section": [], **unknown})
+        if not all(isinstance(getattr(summary, name), (int, float)) for name in (
+                "max_slip_speed", "min_slip_speed", "period", "stick_fraction", *MAY_BE_NAN)):
             raise TypeError("not a number")
     damping = lyapunov = None
     if "equivalent_damping" in record:

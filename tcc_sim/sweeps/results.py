@@ -21,7 +21,9 @@ EXTRAS = ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
 COLUMNS: dict[str, float | int | bool | str] = {
     "max_slip_speed": np.nan, "min_slip_speed": np.nan, "period": -1, "settled": False, "confirmed": False,
     "runaway": False, "section_change": np.nan, "stick_fraction": np.nan, "regime": "", "cycles": -1, "discarded": -1,
-    "equivalent_damping": np.nan, "negative_slope_mean": np.nan, "lyapunov_exponent": np.nan, "lyapunov_low": np.nan,
+    "clutch_energy": np.nan, "peak_power": np.nan, "max_shaft_torque": np.nan, "min_shaft_torque": np.nan,
+    "breakaways": -1, "equivalent_damping": np.nan, "negative_slope_mean": np.nan,
+    "lyapunov_exponent": np.nan, "lyapunov_low": np.nan,
     "lyapunov_high": np.nan, "lyapunov_diagnosis": "", "elapsed_s": np.nan, "status": ""}
 """Columns of a table with a line per value, and what stands where there is nothing."""
 

@@ -212,7 +212,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     else:
         discarded = plan.dropped(plan.cycles, default_discard(plan.cycles))
         run = _solve(system, plan, start, cycles=plan.cycles, samples_per_cycle=samples_per_cycle,
-                     flywheel_angle=flywheel_angle)
+                     flywheel_angle=flywheel_angle, loads_from=discarded)
         cycles = run.cycles
     return _judged(system, plan, start, run, cycles, discarded)
 
@@ -238,7 +238,8 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
         raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
     whole = int(duration / system.cycle * (1.0 + 1e-12))
     discarded = plan.dropped(whole, min(DISCARD, whole // 3))
-    run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle)
+    run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle,
+                 loads_from=discarded)
     return run, run.cycles, discarded
 
 
@@ -248,7 +249,7 @@ def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, 
     done, seconds = 0, 0.0
     while True:
         count = min(SETTLING_BLOCK, plan.cycles - done)
-        run = _solve(system, plan, start, cycles=count)
+        run = _solve(system, plan, start, cycles=count, loads_from=0)
         seconds += run.statistics.seconds
         run = replace(run, statistics=replace(run.statistics, seconds=seconds))
         if run.status is not Status.DONE or run.cycles is None:
@@ -314,7 +315,7 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: 
     """Whether the section has settled and further cycles leave the period as it was found."""
     if not (summary.period and summary.settled):
         return False
-    further = _solve(system, plan, end, cycles=max(10, 2 * summary.period))
+    further = _solve(system, plan, end, cycles=max(10, 2 * summary.period), loads_from=0)
     if further.status is not Status.DONE or further.cycles is None:
         return False
     return stays(kept, further.cycles, summary.period)

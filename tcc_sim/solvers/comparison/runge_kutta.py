@@ -70,7 +70,7 @@ def rk4(problem: Problem) -> Trajectory:
             r = np.concatenate(rows)
             found.append(cycles_from_samples(r[:, 0], r[:, 1], r[:, 4], r[:, 2], r[:, 3], r[:, 5],
                                              starts=cycle_starts(problem.start_cycle + n, r[-1, 0], cycle),
-                                             stick_speed=stick_speed))
+                                             stick_speed=stick_speed, linear=terms.linear))
     wanted = np.isin([t for t, _ in kept], samples)
     wanted[-1] = True
     t = np.array([t for t, _ in kept])[wanted]

@@ -127,7 +127,7 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
         rates = _rates_along(times, states, terms)
         cycles = cycles_from_samples(times, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
                                      starts=cycle_starts(problem.start_cycle, times[-1], problem.system.cycle),
-                                     stick_speed=stick_speed_of(terms))
+                                     stick_speed=stick_speed_of(terms), linear=terms.linear)
     return assemble(problem, name, times[kept], states[kept], cycles=cycles, status=status, detail=detail,
                     statistics=Statistics(steps=steps, seconds=seconds))
 

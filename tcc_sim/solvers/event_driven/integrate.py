@@ -26,6 +26,7 @@ from tcc_sim.solvers.event_driven.step import (
 )
 from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.loads import keep_loads
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
 from tcc_sim.solvers.step_output import Store, end_cycle, keep_cycle, keep_samples, keep_stick
 from tcc_sim.solvers.terms import Terms
@@ -167,9 +168,11 @@ def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
 
 
 @fast
-def keep(step: Step, mode: int, tau: float, period: float, ends: bool, rows: Any, output: Any, store: Store, angle: Any,
-         workspace: Any) -> None:
-    """Samples, extremes, time in stick and section of a step that starts at `tau`; `ends` if it ends with the cycle."""
+def keep(step: Step, mode: int, tau: float, period: float, ends: bool, linear: Linear, rows: Any, output: Any,
+         store: Store, angle: Any, workspace: Any) -> None:
+    """Samples, extremes, time in stick, loads and section of a step that starts at `tau`; `ends` if it ends with the
+    cycle.
+    """
     first, cycles = output.samples, store.cycles
     if store.per_cycle > 0:
         keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output, store.samples, angle)
@@ -180,6 +183,7 @@ def keep(step: Step, mode: int, tau: float, period: float, ends: bool, rows: Any
         cut = step.x
     elif tau + step.x * step.unit >= period:
         cut = min((period - tau) / step.unit, step.x)
+    keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, linear)
     if mode == STICK:
         behind = keep_stick(output, 0.0, step.x, cut, step.unit)
         output.highest, output.lowest = max(output.highest, 0.0), min(output.lowest, 0.0)
@@ -246,7 +250,8 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
         if step.x > 0.0:
-            keep(step, mode, tau, period, n == whole - 1 and state.tau == goal, rows, output, store, angle, workspace)
+            keep(step, mode, tau, period, n == whole - 1 and state.tau == goal, terms.linear, rows, output, store,
+                 angle, workspace)
         if event and state.mode != mode:
             note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
         if output.cycle > n:

@@ -36,6 +36,7 @@ from tcc_sim.solvers.event_driven.modes import FREE, STATE, STICK
 from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
 from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.loads import loads_of, room_for_loads
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
@@ -110,11 +111,12 @@ def solve(problem: Problem) -> Trajectory:
     cycles[0, :3] = s.slip_speed, s.plate_angle, s.plate_speed
     moves = scratch.room_for(MOVES + limit)
     nodes, matrices = stiff_work(setup.bounds)
+    loads = room_for_loads(problem)
     given = (setup._replace(waves=setup.waves.copy()),
              Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], nodes, matrices),
-             Store(cycles.view(CYCLE)[:, 0], samples, problem.samples_per_cycle, moves),
+             Store(cycles.view(CYCLE)[:, 0], samples, problem.samples_per_cycle, moves, loads),
              True if problem.flywheel_angle else None)
-    variant = problem.flywheel_angle, nodes is None, *(term is None for term in terms)
+    variant = problem.flywheel_angle, loads is None, nodes is None, *(term is None for term in terms)
     if variant not in _compiled:
         integrate(problem.start_cycle, 0, 0.0, STEP_MAXIMUM, *given)
         _compiled.add(variant)  # Compiling is not solving.
@@ -134,11 +136,14 @@ def solve(problem: Problem) -> Trajectory:
     done = min(int(output["cycle"][0]), whole)
     times, samples = _with_end(times, samples, int(output["samples"][0]), problem, state[0], done * cycle, status)
     modes = samples[:, 4].astype(np.int8)
+    highest, lowest, stick_time = cycles[:done, 3:].T.copy()
+    transitions = Transitions(*(np.concatenate(parts) for parts in zip(*map(_columns, kept)))) if kept else (
+        Transitions.none())
     out = assemble(problem, "event_driven", times, samples[:, :4 if problem.flywheel_angle else 3],
                    friction_torque=friction_torques(terms, times, samples, modes),
-                   cycles=Cycles(cycles[:done + 1, :3].copy(), *cycles[:done, 3:].T.copy()),
-                   transitions=Transitions(*(np.concatenate(parts) for parts in zip(*map(_columns, kept))))
-                   if kept else Transitions.none(), status=status, detail=_detail(status, limit),
+                   cycles=Cycles(cycles[:done + 1, :3].copy(), highest, lowest, stick_time,
+                                 loads_of(loads, transitions, problem, done)),
+                   transitions=transitions, status=status, detail=_detail(status, limit),
                    statistics=Statistics(steps=int(counters["steps"][0]), seconds=seconds))
     return dataclasses.replace(out, state=np.where(modes == FREE, np.sign(samples[:, 0]), modes).astype(np.int8))
 

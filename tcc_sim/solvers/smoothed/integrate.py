@@ -12,6 +12,7 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.loads import keep_loads
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
@@ -175,7 +176,8 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
         whole = x == step.x
         after = stop if reached else tau + x * step.unit
-        if method == CREEP and (not whole or after >= period or store.per_cycle > 0 or angle is not None):
+        if method == CREEP and (not whole or after >= period or store.per_cycle > 0 or angle is not None
+                                or store.loads is not None):
             fill_plate(tables.rungs[level], tables.sources, level, limits.kappa, work)
         if angle is not None:
             work.rows[FLYWHEEL, 0] = state.flywheel_angle
@@ -185,6 +187,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             cut = x
         if tangent is not None:
             carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
+        keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear)
         record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period,
                limits.stick_speed, output, store, angle, work.bernstein)
         finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.loads import loads_of, room_for_loads
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.smoothed import collocation_tables
@@ -139,15 +140,17 @@ def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     cycles = np.zeros((count + 1, CYCLE.itemsize // 8))
     cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
     records = cycles.view(CYCLE)[:, 0]
+    loads = room_for_loads(problem)
     limit = 400_000 + 2_000 * count
     angle = True if problem.flywheel_angle else None
 
     def integrate(done: int, batch: int, rest: float, moves: NDArray[Any]) -> int:
         """March on through some cycles and the rest of one."""
-        store = Store(records[done:], samples[done * per_cycle:], per_cycle, moves)
+        store = Store(records[done:], samples[done * per_cycle:], per_cycle, moves,
+                      None if loads is None else loads[done:])
         return kernel.integrate(problem.start_cycle + done, batch, rest, limit, setup, memory, store, angle, None)
 
-    variant = problem.flywheel_angle, setup.terms.pulsation is None, setup.terms.stribeck is None
+    variant = problem.flywheel_angle, loads is None, setup.terms.pulsation is None, setup.terms.stribeck is None
     if variant not in _compiled:
         integrate(0, 0, 0.0, np.empty(0, MOVE))  # Compiling is not solving.
         _compiled.add(variant)
@@ -174,9 +177,12 @@ def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     reached = (problem.start_cycle + whole) * period + state[4]
     t, states = sampled(problem, state[:4], samples, done * per_cycle + filled_samples, STATUSES[status], reached)
     steps, rejected, iterations, iterations_max = memory.counters.item()
+    transitions = transitions_of(found)
+    highest, lowest, stick_time = cycles[:whole, 3:].T.copy()
     trajectory = assemble(
-        problem, "smoothed", t, states, transitions=transitions_of(found), status=STATUSES[status],
-        cycles=Cycles(cycles[:whole + 1, :3].copy(), *cycles[:whole, 3:].T.copy()),
+        problem, "smoothed", t, states, transitions=transitions, status=STATUSES[status],
+        cycles=Cycles(cycles[:whole + 1, :3].copy(), highest, lowest, stick_time,
+                      loads_of(loads, transitions, problem, whole)),
         statistics=Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM, seconds))
     return trajectory if status != NOT_FINITE else replace(trajectory, detail="the state grew without bound")
 

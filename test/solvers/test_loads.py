@@ -1,0 +1,134 @@
+"""Work and power of the clutch and the torque in the shaft: balances, closed forms, and SciPy's quadrature."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tcc_sim.analysis.cycles import cycles_of
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.trajectory import Loads, concatenated
+
+FIRST, LAST = 6, 12
+
+
+def by_scipy(system: System, cycles: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and (v, theta2, theta2', work of clutch, of engine, of C23) of (2a), (2b), (7) written out, by Radau."""
+    d, f, e, p = system.driveline, system.friction, system.engine, system.pressure
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        v, angle, speed = y[:3]
+        load = system.torque_per_pressure * max(
+            p.mean + p.amplitude * math.sin(p.frequency_ratio * e.frequency * t + p.phase), 0.0)
+        law = 1.0 + (f.static_coefficient / f.kinetic_coefficient - 1.0) * math.exp(-f.decay * abs(v))
+        torque = load * law * math.tanh(f.smoothing * v)
+        engine = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
+        plate = (torque - d.damping * speed - d.stiffness * angle) / d.plate_inertia
+        return [(engine - torque) / d.flywheel_inertia - plate, speed, plate, torque * v, engine * (v + speed),
+                d.damping * speed**2]
+
+    i = system.initial
+    run = solve_ivp(rates, (0.0, cycles * system.cycle), [i.slip_speed, i.plate_angle, i.plate_speed, 0.0, 0.0, 0.0],
+                    method="Radau", rtol=1e-9, atol=1e-10, max_step=system.cycle / 50,
+                    t_eval=np.arange(cycles * 500 + 1) * (system.cycle / 500))
+    return run.t, run.y
+
+
+def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: object) -> Loads:
+    """The loads of a run."""
+    found = solve(system, cycles=cycles, loads_from=first, **settings).raise_for_status().cycles
+    assert found is not None
+    assert found.loads is not None
+    return found.loads
+
+
+@pytest.mark.parametrize("name", ["fig02", "chaos", "slip"])
+def test_loads_are_those_of_scipy(name: str) -> None:
+    system = load_scene(name).system
+    _, y = by_scipy(system, 4)
+    found, d = loads_by(system, 4), system.driveline
+    assert found.energy == pytest.approx(np.diff(y[3, ::500]), rel=1e-6)
+    shaft = (d.damping * y[2] + d.stiffness * y[1]).reshape(-1)
+    for n in range(4):
+        part = slice(500 * n, 500 * n + 501)
+        assert found.highest_shaft_torque[n] == pytest.approx(shaft[part].max(), abs=2e-4 * np.abs(shaft).max())
+        assert found.lowest_shaft_torque[n] == pytest.approx(shaft[part].min(), abs=2e-4 * np.abs(shaft).max())
+        assert found.highest_shaft_torque[n] >= shaft[part].max() - 1e-5
+        assert found.lowest_shaft_torque[n] <= shaft[part].min() + 1e-5
+
+
+@pytest.mark.parametrize(("scene", "values"), [
+    ("fig02", {}), ("fig02", {"friction.law": "set_valued"}), ("fig02", {"friction.smoothing": 1e4}), ("chaos", {}),
+    ("fig02", {"pressure.amplitude": 3e5}), ("fig02", {"pressure.amplitude": 3e5, "friction.law": "set_valued"}),
+    ("fig02", {"driveline.damping": 20.0}), ("fig02", {"driveline.damping": 200.0, "friction.law": "set_valued"})])
+def test_the_engine_s_work_is_what_clutch_and_damper_turn_to_heat_and_what_is_stored(
+        scene: str, values: dict[str, object]) -> None:
+    """Work of the engine and dissipation in C23 by sums over samples, which converge fast on smooth integrands."""
+    system = replace(load_scene(scene).system, values)
+    d, per_cycle = system.driveline, 4000
+    run = solve(system, cycles=LAST, samples_per_cycle=per_cycle, loads_from=FIRST, rtol=1e-10)
+    assert run.cycles is not None
+    assert run.cycles.loads is not None
+    assert np.isnan(run.cycles.loads.energy[:FIRST]).all()
+    flywheel = run.slip_speed + run.plate_speed
+    net = (run.engine_torque * flywheel - d.damping * run.plate_speed**2)[per_cycle * FIRST:]
+    h = system.cycle / per_cycle
+    work = h * (net.sum() - 0.5 * (net[0] + net[-1]))
+    v, angle, speed = run.cycles.section[[FIRST, LAST]].T
+    stored = 0.5 * (d.flywheel_inertia * (v + speed) ** 2 + d.plate_inertia * speed**2 + d.stiffness * angle**2)
+    heat = work - (stored[1] - stored[0])
+    assert run.cycles.loads.energy[FIRST:].sum() == pytest.approx(heat, rel=1e-6, abs=1e-6)
+
+
+def test_power_and_breakaways_are_those_of_dense_samples() -> None:
+    for law in ("smoothed", "set_valued"):
+        system = replace(load_scene("fig02").system, {"friction.law": law})
+        run = solve(system, cycles=LAST, samples_per_cycle=4000, loads_from=0)
+        assert run.cycles is not None
+        loads = run.cycles.loads
+        assert loads is not None
+        power = run.friction_torque * run.slip_speed
+        for n in range(LAST):
+            peak = power[4000 * n:4000 * n + 4001].max()
+            assert peak * (1.0 - 1e-6) <= loads.peak_power[n] <= peak * (1.0 + 1e-5)
+            moves = (run.transitions.before == 0) & (np.floor(run.transitions.time / system.cycle) == n)
+            assert loads.breakaways[n] == moves.sum()
+
+
+def test_stick_turns_nothing_to_heat() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
+    found = loads_by(system, 60, 50)
+    assert found.energy[50:] == pytest.approx(np.zeros(10), abs=0.0)
+    assert found.breakaways[50:].sum() == 0
+
+
+@pytest.mark.parametrize("solver", ["smoothed", "fixed_step", "lsoda"])
+def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
+    """Ticks of 0.1 ms, and what a solver of samples makes of its own."""
+    system = load_scene("fig02").system
+    exact = loads_by(system, rtol=1e-10)
+    if solver == "smoothed":
+        run = solve(system, cycles=LAST, samples_per_cycle=420)
+        found = cycles_of(type(run)(**{**run.__dict__, "cycles": None})).loads
+    else:
+        found = loads_by(system, solver=solver, **({"step": 1e-4} if solver == "fixed_step" else {"rtol": 1e-8}))
+    assert found is not None
+    for name, rel in (("energy", 2e-4), ("peak_power", 1e-3), ("highest_shaft_torque", 1e-3)):
+        assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=rel)
+    assert found.lowest_shaft_torque == pytest.approx(exact.lowest_shaft_torque, abs=0.5)
+    assert found.breakaways.sum() == exact.breakaways.sum()
+
+
+def test_loads_follow_their_cycles() -> None:
+    run = solve(load_scene("fig02"), cycles=8, loads_from=0).cycles
+    assert run is not None
+    assert run.loads is not None
+    parts = concatenated([run[:3], run[3:]])
+    assert parts.loads is not None
+    assert np.array_equal(parts.loads.energy, run.loads.energy)
+    assert concatenated([run[:3], solve(load_scene("fig02"), cycles=8).cycles[3:]]).loads is None
