@@ -16,7 +16,8 @@ from typing import Any
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
-from tcc_sim.model.parameters import Quantity, System, quantity
+from tcc_sim.model.parameters import System
+from tcc_sim.model.quantity import Quantity, quantity
 
 DEFAULT_SCENE = "fig02"
 NODE_SCENE = "commands"

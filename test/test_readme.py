@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import VERBS, build_parser
-from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, Quantity
+from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
+from tcc_sim.model.quantity import Quantity
 from tcc_sim.scene import OPERATION_QUANTITIES, Operation, bundled_scenes, load_scene
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.topics import TOPICS

@@ -12,13 +12,13 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.scene import KNOWN_KEYS, OPERATION_QUANTITIES, load_scene, parse_scene
 
 EVERY = {**QUANTITIES, **OPERATION_QUANTITIES}
 FIG02 = load_scene("fig02")
 NUMBERS = [key for key, quantity in EVERY.items() if quantity.low > -math.inf]
-LISTS = ("engine.harmonic_amplitudes", "engine.harmonic_phases", "cpu_affinity")
+LISTS = ("cpu_affinity", *(key for key, value in DEFAULTS.items() if value == ()))
 
 
 def written(key: str, value: object) -> str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
+from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -37,7 +39,7 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
         raise InputError("the trajectory has fewer than two samples")
     slip, plate = accelerations_of(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
                                    trajectory.friction_torque, trajectory.system)
-    starts = cycle_starts(first_cycle_of(trajectory), float(trajectory.t[-1]), trajectory.cycle)
+    starts = starts_of(varying(trajectory), first_cycle_of(trajectory), float(trajectory.t[-1]), trajectory.cycle)
     terms = terms_of(trajectory.system)
     return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
                                trajectory.plate_speed, plate, starts=starts, stick_speed=stick_speed_of(terms),
@@ -55,8 +57,24 @@ def accelerations_of(plate_angle: NDArray[np.float64], plate_speed: NDArray[np.f
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
-    """Number of the first engine cycle that lies within the trajectory; cycle n starts at t = n cycle."""
-    return math.ceil(float(trajectory.t[0]) / trajectory.cycle - 1e-9)
+    """Number of the first engine cycle that lies within the trajectory."""
+    start, system = float(trajectory.t[0]), varying(trajectory)
+    return math.ceil((start / trajectory.cycle if system is None else system.cycles_until(start)) - 1e-9)
+
+
+def varying(trajectory: Trajectory) -> System | None:
+    """The system of a trajectory whose engine cycles are not all of one length or do not start at t = n cycle."""
+    return trajectory.system if trajectory.system is not None and trajectory.system.course is not None else None
+
+
+def spans_of(system: System | None, cycle: float, first: int, count: int) -> dict[str, Any]:
+    """What `summarise_cycles` is to know of `count` engine cycles from number `first` on: `cycle`, how long they last,
+    s, and `varied`, in how many of them the excitation still changes. Without a system all last `cycle`.
+    """
+    if system is None or system.course is None:
+        return {"cycle": cycle if system is None else system.cycle}
+    return {"cycle": np.diff(system.cycle_start(first + np.arange(count + 1))),
+            "varied": max(math.ceil(system.cycles_until(float(system.course[-1, TIME])) - 1e-9) - first, 0)}
 
 
 def default_discard(cycles: int) -> int:

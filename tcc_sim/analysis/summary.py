@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept
+from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept, spans_of, varying
 from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
-from tcc_sim.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, Trajectory
 
 PASSING = 5e-3
 """A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer.
@@ -108,20 +108,23 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     cycles = cycles_of(trajectory)
     dropped = default_discard(len(cycles)) if discard is None else discard
     first = first_cycle_of(trajectory) + dropped
-    found = summarise_cycles(kept(cycles, dropped), trajectory.cycle, first=first, tolerance=tolerance)
+    found = summarise_cycles(kept(cycles, dropped), first=first, tolerance=tolerance,
+                             **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
     return replace(found, cycles=len(cycles), discarded=dropped, solver=trajectory.solver,
                    elapsed_s=trajectory.statistics.seconds)
 
 
-def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance: float = TOLERANCE) -> Summary:
+def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = TOLERANCE,
+                     varied: int = 0) -> Summary:
     """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
 
     Parameters
     ----------
     cycles : what was kept
-    cycle : engine cycle, s
+    cycle : engine cycle, s; one for each where they differ
     first : number of the first of them, which sets where the section of a period starts
     tolerance : of the period, relative to the size of the motion
+    varied : of these, the first ones in which the excitation still changed; only those behind can have a period
 
     Raises
     ------
@@ -132,8 +135,9 @@ def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance:
     if not observed.any():
         raise InputError("there is no whole engine cycle to summarise")
     highest, lowest = float(cycles.highest[observed].max()), float(cycles.lowest[observed].min())
-    runaway = slip_grows(cycles)
-    found = periodicity(cycles, tolerance)
+    steady = cycles[min(varied, len(cycles)):]
+    runaway = slip_grows(steady)
+    found = periodicity(steady, tolerance)
     if runaway:
         found = replace(found, period=0, settled=False)
     points = cycles.section[1:]
@@ -141,7 +145,8 @@ def summarise_cycles(cycles: Cycles, cycle: float, *, first: int = 0, tolerance:
         past = (first + len(points) + 1) % found.period
         points = points[len(points) - past - found.period:len(points) - past]
     points = points[np.isfinite(points).all(axis=1)]
-    fraction = min(max(float(cycles.stick_time[observed].sum()) / (int(observed.sum()) * cycle), 0.0), 1.0)
+    seconds = float(cycle[observed].sum()) if isinstance(cycle, np.ndarray) else int(observed.sum()) * cycle
+    fraction = min(max(float(cycles.stick_time[observed].sum()) / seconds, 0.0), 1.0)
     out = Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
         section=[(float(p[1]), float(p[0])) for p in points], stick_fraction=fraction, regime=regime_of(fraction),

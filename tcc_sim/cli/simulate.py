@@ -20,9 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is solved, for how long, how, and where the results go."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
+                        help="engine.frequency, engine.mean_torque or pressure.mean linear between points in time, s")
     span = parser.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help=f"engine cycles solved (default {CYCLES})")
-    span.add_argument("--duration", metavar="S", type=float, help="seconds solved instead")
+    span.add_argument("--duration", metavar="S", type=float,
+                      help="seconds solved instead (a scene with profiles: up to their last point)")
     parser.add_argument("--discard", metavar="N", type=int,
                         help="cycles dropped from the summary at the start (default 50, but "
                         "at most half of --cycles, and at most a third of the whole cycles in --duration)")
@@ -41,15 +44,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
+    from tcc_sim.model.profiles import parse_profiles
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.output.table import simulation_lines
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.simulation import Plan, simulate
 
-    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    cycle = scene.system.cycle
-    duration = arguments.duration
+    scene = load_scene(arguments.scene).with_values({**parse_assignments(arguments.set),
+                                                     **parse_profiles(arguments.profile)})
+    cycle, duration = scene.system.cycle, arguments.duration
+    if arguments.cycles is None and duration is None:
+        duration = scene.system.span or None
     plan = Plan(cycles=CYCLES if arguments.cycles is None else arguments.cycles, discard=arguments.discard,
                 solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
                 lyapunov=arguments.lyapunov)

@@ -40,6 +40,7 @@ class DrivelineMap:
     amplitude_scale = 10.0
 
     def __init__(self, system: System, keys: Sequence[str]) -> None:
+        system.check_repeats("a map of the section")
         for key in keys:
             _check_key(system, key, keys)
         self.system, self.keys = system, tuple(keys)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -92,7 +93,7 @@ class Record:
     def declaration(self) -> str:
         """The structure."""
         lines = "\n".join(f"    {f'table_{kind.field}' if isinstance(kind, Table) else kind_name(kind)} {name};"
-                          for name, kind in self.fields)
+                          for name, kind in self.fields if not isinstance(kind, Static))
         return f"typedef struct {{\n{lines}\n}} {self.title};"
 
 
@@ -107,16 +108,18 @@ def kind_name(kind: Kind) -> str:
     return kind.name
 
 
-def record_of(source: type[Any], tables: dict[str, tuple[int, int]]) -> Record:
+def record_of(source: type[Any], tables: dict[str, tuple[int, int]], absent: Collection[str] = ()) -> Record:
     """The structure of a NamedTuple.
 
     Parameters
     ----------
     source : with annotated fields: numbers, tuples of numbers and arrays, each of them possibly None
     tables : columns and largest number of rows of its arrays, by field
+    absent : fields that are None in every scene that is printed
     """
     hints = typing.get_type_hints(source)
-    return Record(source.__name__, tuple((name, _kind(name, hints[name], tables)) for name in hints))
+    return Record(source.__name__, tuple((name, Static(None) if name in absent else _kind(name, hints[name], tables))
+                                         for name in hints))
 
 
 def _kind(name: str, hint: Any, tables: dict[str, tuple[int, int]]) -> Kind:

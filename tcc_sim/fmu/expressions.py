@@ -87,6 +87,8 @@ class Expressions:
         text, kind = self._expression(node.value)
         if isinstance(kind, Record):
             for name, found in kind.fields:
+                if name == node.attr and isinstance(found, Static):
+                    return "0", found
                 if name == node.attr:
                     return f"{'&' if isinstance(found, Table) else ''}{text}->{name}", found
         raise self._refused(node)

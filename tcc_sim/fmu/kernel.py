@@ -20,7 +20,7 @@ def kernel() -> str:
     Refused
         The kernel's source holds what has no printed form.
     """
-    terms = record_of(Terms, {"harmonics": (3, MOST_HARMONICS)})
+    terms = record_of(Terms, {"harmonics": (3, MOST_HARMONICS)}, absent=("course",))
     of = dict(terms.fields)
     library = Library()
     library.declared(terms)

@@ -59,7 +59,8 @@ class Library:
         """A type's name; its structure is declared."""
         if isinstance(kind, Record):
             for _, part in kind.fields:
-                self.declared(part)
+                if not isinstance(part, Static):
+                    self.declared(part)
         if isinstance(kind, (Tuple, Table, Record)):
             self.structures.setdefault(kind.name, kind.declaration())
         return kind_name(kind)

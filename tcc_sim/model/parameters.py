@@ -11,70 +11,21 @@ import dataclasses
 import difflib
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.profiles import LATEST, PROFILES, check_profile
+from tcc_sim.model.quantity import Group, Quantity, Value, number_of, quantity
 
-Value = float | str | tuple[float, ...]
+if TYPE_CHECKING:
+    from tcc_sim.model.course import Floats
+    from tcc_sim.model.inputs import Inputs
 
 FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
 """Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""
-PRESSURE_MAXIMUM = 1e7
-TORQUE_MAXIMUM = 1e5
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What a key means: its unit, its allowed range or choices, and whether a running node may change it."""
-
-    description: str
-    unit: str = ""
-    low: float = -math.inf
-    high: float = math.inf
-    above: bool = False
-    choices: tuple[str, ...] = ()
-    live: bool = False
-
-    def interval(self) -> str:
-        """The allowed values in words, for error messages and parameter descriptions."""
-        if self.choices:
-            return " or ".join(self.choices)
-        low = f"above {self.low:g}" if self.above else f"{self.low:g}"
-        return f"{low} to {self.high:g}" + (f" {self.unit}" if self.unit else "")
-
-    def check(self, key: str, value: object) -> None:
-        """Raise InputError unless `value` is of the right kind and within the range."""
-        if self.choices:
-            if value not in self.choices:
-                raise InputError(f"{key} is {value!r}; it must be {self.interval()}")
-            return
-        for x in value if isinstance(value, tuple) else (value,):
-            if isinstance(x, bool) or not isinstance(x, (int, float)):
-                raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
-            if not (self.low <= x <= self.high) or (self.above and x == self.low):
-                raise InputError(f"{key} is {_float(x):g}{' ' + self.unit if self.unit else ''}; it must be "
-                                 f"{self.interval()}")
-
-
-def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,
-             *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False) -> Any:
-    """A dataclass field that carries its Quantity."""
-    meta = Quantity(description, unit, low, high, above, choices, live)
-    return field(default=default, metadata={"quantity": meta})
-
-
-@dataclass(frozen=True)
-class Group:
-    """A checked group of parameters; subclasses list the fields."""
-
-    def __post_init__(self) -> None:
-        name = type(self).__name__.lower()
-        for item in dataclasses.fields(self):
-            key, value = f"{name}.{item.name}", getattr(self, item.name)
-            item.metadata["quantity"].check(key, value)
-            if isinstance(value, int) and not isinstance(value, bool):
-                object.__setattr__(self, item.name, float(value))
+PRESSURE_MAXIMUM, TORQUE_MAXIMUM = 1e7, 1e5
 
 
 @dataclass(frozen=True)
@@ -132,13 +83,23 @@ class Engine(Group):
     torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
                                        live=True)
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
-                                "rad/s", 1e-3, 1e5)
+                                "rad/s", 1e-3, 1e5, live=True)
     harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
                                                       0.0, TORQUE_MAXIMUM)
     harmonic_phases: tuple[float, ...] = quantity((), "phases of harmonics 2, 3, ... of omega", "rad", -100.0, 100.0)
+    frequency_times: tuple[float, ...] = quantity((), "times at which engine.frequency_values hold, the first 0", "s",
+                                                  0.0, LATEST)
+    frequency_values: tuple[float, ...] = quantity((), "omega at these times, linear between them and constant "
+                                                   "afterwards; engine.frequency is then not used", "rad/s", 1e-3, 1e5)
+    mean_torque_times: tuple[float, ...] = quantity((), "times at which engine.mean_torque_values hold, the first 0",
+                                                    "s", 0.0, LATEST)
+    mean_torque_values: tuple[float, ...] = quantity((), "Tm at these times, likewise in the place of "
+                                                     "engine.mean_torque", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_profile("engine.frequency", self.frequency_times, self.frequency_values)
+        check_profile("engine.mean_torque", self.mean_torque_times, self.mean_torque_values)
         if len(self.harmonic_amplitudes) != len(self.harmonic_phases):
             raise InputError(f"engine.harmonic_phases has {len(self.harmonic_phases)} values; it must have as many as "
                              f"engine.harmonic_amplitudes, {len(self.harmonic_amplitudes)}")
@@ -164,8 +125,16 @@ class Pressure(Group):
     mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
     amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
                                 PRESSURE_MAXIMUM, live=True)
-    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True)
+    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True, live=True)
     phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)
+    mean_times: tuple[float, ...] = quantity((), "times at which pressure.mean_values hold, the first 0", "s", 0.0,
+                                             LATEST)
+    mean_values: tuple[float, ...] = quantity((), "Pm at these times, linear between them and constant afterwards; "
+                                              "pressure.mean is then not used", "Pa", 0.0, PRESSURE_MAXIMUM)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_profile("pressure.mean", self.mean_times, self.mean_values)
 
     @property
     def harmonic(self) -> bool:
@@ -200,6 +169,57 @@ class System:
     engine: Engine = Engine()
     pressure: Pressure = Pressure()
     initial: Initial = Initial()
+    inputs: Inputs | None = None
+    """Torque and pressure from data instead of the scene's own."""
+
+    @cached_property
+    def course(self) -> Floats | None:
+        """What varies in time besides the sines, as `course.course_of` says; None where nothing does."""
+        if not self.varying:
+            return None
+        from tcc_sim.model.course import course_of
+
+        return course_of(self.engine, self.pressure, self.inputs)
+
+    def cycle_start(self, number: Any) -> Any:
+        """When engine cycles of these numbers, an array or one, start: where phi = 2 pi n; s."""
+        if self.course is None:
+            return number * self.cycle
+        from tcc_sim.model.course import time_at
+
+        return time_at(self.course, 2.0 * math.pi * number)
+
+    def cycles_until(self, t: float) -> float:
+        """Engine cycles passed at time t, s: phi/(2 pi)."""
+        if self.course is None:
+            return t / self.cycle
+        from tcc_sim.model.course import phase_at
+
+        return float(phase_at(self.course, t)) / (2.0 * math.pi)
+
+    def whole_cycles(self, first: int, duration: float) -> int:
+        """Whole engine cycles in so many seconds from the start of cycle `first` on."""
+        if self.course is None:
+            return int(duration / self.cycle * (1.0 + 1e-12))
+        return int(self.cycles_until(float(self.cycle_start(first)) + duration) * (1.0 + 1e-12)) - first
+
+    @property
+    def varying(self) -> list[str]:
+        """What the course holds, as keys."""
+        given = self.engine.frequency_times, self.engine.mean_torque_times, self.pressure.mean_times
+        return [f"{key}_times" for key, times in zip(PROFILES, given) if times] + (["inputs"] if self.inputs else [])
+
+    @property
+    def span(self) -> float:
+        """The last time that a profile or the inputs tell of, s; 0 where there are none."""
+        times = self.engine.frequency_times, self.engine.mean_torque_times, self.pressure.mean_times
+        return max([self.inputs.end if self.inputs else 0.0, *(t[-1] for t in times if t)])
+
+    def check_repeats(self, what: str) -> None:
+        """Raise InputError, which says who can, where the excitation does not repeat and `what` needs that it does."""
+        if self.course is not None:
+            raise InputError(f"{what} needs an excitation that repeats, and this scene has {', '.join(self.varying)}; "
+                             "simulate and the driveline node solve it")
 
     @property
     def friction_ratio(self) -> float:
@@ -238,8 +258,8 @@ class System:
 
     @property
     def cycle(self) -> float:
-        """One engine cycle 2 pi/omega, s."""
-        return 2.0 * math.pi / self.engine.frequency
+        """One engine cycle 2 pi/omega, s; the shortest where omega varies in time."""
+        return 2.0 * math.pi / max(self.engine.frequency_values or (self.engine.frequency,))
 
 
 GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "friction": Friction, "clutch": Clutch, "engine": Engine,
@@ -277,14 +297,14 @@ def coerce(key: str, value: object) -> Value:
         if not isinstance(value, (list, tuple)):
             raise InputError(f"{key} is {value!r}; it must be a list of numbers, each {quantity_.interval()}")
         try:
-            out: Value = tuple(_number(x) for x in value)
+            out: Value = tuple(number_of(x) for x in value)
         except TypeError:
             raise InputError(f"{key} is {value!r}; it must be a list of numbers, each {quantity_.interval()}") from None
     elif isinstance(default, str):
         out = value if isinstance(value, str) else repr(value)
     else:
         try:
-            out = _number(value)
+            out = number_of(value)
         except TypeError:
             raise InputError(f"{key} is {value!r}; it must be a number, {quantity_.interval()}") from None
     quantity_.check(key, out)
@@ -302,29 +322,9 @@ def replace(system: System, values: Mapping[str, object]) -> System:
     changes: dict[str, dict[str, Value]] = {}
     for key, value in values.items():
         checked = coerce(key, value)
+        if f"{key}_times" in system.varying and f"{key}_times" not in values:
+            raise InputError(f"{key} is not used where {key}_times is given; change that profile instead")
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked
     groups: dict[str, Any] = {g: dataclasses.replace(getattr(system, g), **fields) for g, fields in changes.items()}
     return dataclasses.replace(system, **groups)
-
-
-def _float(value: float) -> float:
-    """`value` as a float; whole numbers beyond its range are infinite."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-
-
-def _number(value: object) -> float:
-    """A finite or infinite number as float; TypeError for anything else (YAML reads 1e3 as text)."""
-    if isinstance(value, bool):
-        raise TypeError
-    if isinstance(value, (int, float)):
-        return _float(value)
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            raise TypeError from None
-    raise TypeError

@@ -62,7 +62,14 @@ class Sines:
 
 
 def engine_series(system: System) -> Sines:
-    """Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper."""
+    """Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper.
+
+    Raises
+    ------
+    InputError
+        A profile in time.
+    """
+    system.check_repeats("a closed form")
     e = system.engine
     if not e.harmonic:
         return Sines.of(e.mean_torque, [])
@@ -73,7 +80,8 @@ def engine_series(system: System) -> Sines:
 
 
 def load_series(system: System) -> Sines:
-    """Ts(t) of (5b), N m, before the clamp at 0."""
+    """Ts(t) of (5b), N m, before the clamp at 0; InputError for a profile in time."""
+    system.check_repeats("a closed form")
     frequency = system.pressure.frequency_ratio * system.engine.frequency
     amplitude = system.saturation_amplitude
     return Sines.of(system.saturation_mean, [(frequency, amplitude, system.pressure.phase)] if amplitude > 0.0 else [])

@@ -11,7 +11,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import QUANTITIES, Quantity, unknown_key, values_of
+from tcc_sim.model.parameters import QUANTITIES, unknown_key, values_of
+from tcc_sim.model.quantity import Quantity
 from tcc_sim.nodes import context
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 

@@ -69,7 +69,7 @@ def _stick(system: System) -> dict[str, Any] | None:
 def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
     """The closed forms for a terminal."""
     if found is None:
-        return ["closed forms: none, a torque comes from a topic"]
+        return ["closed forms: none, a torque comes from a topic or varies in time"]
     slip, stick = found["slip"], found["stick"]
     lines = ["closed forms"]
     if slip is None:

@@ -12,7 +12,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from tcc_sim.model.parameters import System, Value, replace
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.quantity import Value
 
 PRESSURE = 225e3
 """Mean pressure of Figs. 4 to 18, Pa."""

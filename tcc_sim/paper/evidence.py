@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.summary import Summary, summarise_cycles
-from tcc_sim.model.parameters import System, Value
+from tcc_sim.model.parameters import System
+from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.point import Plan, solve_point

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import System, Value, replace
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import FIGURES, Series, figure_row, paper_system
 from tcc_sim.sweeps.results import Curve, Sweep
 from tcc_sim.sweeps.simulation import Plan

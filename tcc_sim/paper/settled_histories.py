@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.summary import summarise
-from tcc_sim.model.parameters import System, Value, replace
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import PaperFigure, paper_system
 from tcc_sim.paper.figure_branches import orbit_behind
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of

@@ -28,6 +28,8 @@ class Entry:
     setting: str
     """'rtol' for adaptive solvers, 'step' for fixed-step ones, '' for exact ones."""
     default: float = 0.0
+    profiles: bool = True
+    """Whether it solves profiles in time and inputs from data."""
 
     def load(self) -> Callable[[Problem], Trajectory]:
         """The solver's function."""
@@ -49,9 +51,9 @@ SOLVERS: dict[str, Entry] = {
     "fixed_step": Entry("fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
                         SMOOTHED, "step", 1e-3),
     "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
-                      SMOOTHED, "rtol", 1e-8),
+                      SMOOTHED, "rtol", 1e-8, profiles=False),
     "event_driven": Entry("event_driven.solve", "solve", "exact: closed forms between located events",
-                          SET_VALUED, "rtol", 1e-10),
+                          SET_VALUED, "rtol", 1e-10, profiles=False),
     "rk45": Entry(SCIPY, "rk45", "SciPy, Dormand and Prince 5(4)", SMOOTHED, "rtol", 1e-6),
     "dop853": Entry(SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", SMOOTHED, "rtol", 1e-6),
     "radau": Entry(SCIPY, "radau", "SciPy, Radau IIA of order 5", SMOOTHED, "rtol", 1e-6),
@@ -152,6 +154,9 @@ def choose(system: System, solver: str) -> str:
     if law not in SOLVERS[solver].laws:
         raise InputError(f"solver {solver} does not solve friction.law {law}; "
                          f"those that do are {', '.join(n for n, e in SOLVERS.items() if law in e.laws)}")
+    if system.course is not None and not SOLVERS[solver].profiles:
+        raise InputError(f"solver {solver} does not solve {', '.join(system.varying)}; those that do are "
+                         f"{', '.join(n for n, e in SOLVERS.items() if e.profiles)}, with friction.law smoothed")
     return solver
 
 

@@ -21,11 +21,20 @@ from tcc_sim.model import equations, friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, saturation_torque, smoothed
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples, hermite
+from tcc_sim.solvers.compiling.compiled import compiled, smoothed
+from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import Terms, excitation_frequency, natural_frequency, peak_load, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import (
+    Terms,
+    excitation_frequency,
+    natural_frequency,
+    peak_load,
+    stick_speed_of,
+    terms_of,
+    torques_at,
+)
+from tcc_sim.solvers.torques import break_after, piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 RESOLUTION = 0.04
@@ -87,9 +96,36 @@ def _plate(hg: float, linear: Linear) -> tuple[float, float, float, float, float
 
 
 @compiled
+def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h: float,
+              plate: tuple[float, float, float, float, float, float],
+              terms: Terms) -> tuple[float, float, float, float, int, int]:
+    """One step of SDIRK3: v, theta2, omega2, theta1 after h seconds, iterations in all and most in a stage."""
+    hg, rate = h * GAMMA, 1.0 / GAMMA
+    piece = piece_at(terms.course, start + 0.5 * h)
+    known = (v, theta, omega)
+    engine, load = torques_now(start + hg, piece, terms.course, terms)
+    v1, theta1, omega1, count1 = _stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck)
+    # A stage's slope times h is (its value - what was known) / gamma.
+    dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
+    a21 = 0.5 * (1.0 - GAMMA)
+    known2 = (v + a21 * dv1, theta + a21 * dtheta1, omega + a21 * domega1)
+    engine, load = torques_now(start + _C2 * h, piece, terms.course, terms)
+    v2, theta2, omega2, count2 = _stage(known2, v1, engine, load, hg, plate, terms.smoothing, terms.stribeck)
+    dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
+    known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2,
+              omega + _B1 * domega1 + _B2 * domega2)
+    engine, load = torques_now(start + h, piece, terms.course, terms)
+    v, theta, omega, count3 = _stage(known3, v2, engine, load, hg, plate, terms.smoothing, terms.stribeck)
+    turn += h * (_B1 * (v1 + omega1) + _B2 * (v2 + omega2) + GAMMA * (v + omega))
+    return v, theta, omega, turn, count1 + count2 + count3, max(max(count1, count2), count3)
+
+
+@compiled
 def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: bool | None,
             out: Floats | None) -> tuple[int, int]:
     """Advance `state` in place by n sub-steps of h seconds from time t.
+
+    A sub-step that a corner of the course falls into is taken in parts.
 
     Parameters
     ----------
@@ -101,40 +137,37 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
     -------
     (iterations in all, most iterations in one stage)
     """
-    hg, rate = h * GAMMA, 1.0 / GAMMA
-    plate = _plate(hg, terms.linear)
+    whole = _plate(h * GAMMA, terms.linear)
     total, most = 0, 0
-    v, theta, omega = state[0], state[1], state[2]
+    v, theta, omega, turn = state[0], state[1], state[2], 0.0
+    if flywheel is not None:
+        turn = state[3]
     for k in range(n):
         start = t + k * h
-        known = (v, theta, omega)
-        v1, theta1, omega1, count1 = _stage(
-            known, v, engine_torque(start + hg, terms.mean_torque, terms.torque, terms.harmonics),
-            saturation_torque(start + hg, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
-        # A stage's slope times h is (its value - what was known) / gamma.
-        dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
-        a21 = 0.5 * (1.0 - GAMMA)
-        known2 = (v + a21 * dv1, theta + a21 * dtheta1, omega + a21 * domega1)
-        middle = start + _C2 * h
-        v2, theta2, omega2, count2 = _stage(
-            known2, v1, engine_torque(middle, terms.mean_torque, terms.torque, terms.harmonics),
-            saturation_torque(middle, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
-        dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
-        known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2,
-                  omega + _B1 * domega1 + _B2 * domega2)
-        finish = start + h
-        v, theta, omega, count3 = _stage(
-            known3, v2, engine_torque(finish, terms.mean_torque, terms.torque, terms.harmonics),
-            saturation_torque(finish, terms.mean_load, terms.pulsation), hg, plate, terms.smoothing, terms.stribeck)
-        total += count1 + count2 + count3
-        most = max(most, count1, count2, count3)
-        if flywheel is not None:
-            state[3] += h * (_B1 * (v1 + omega1) + _B2 * (v2 + omega2) + GAMMA * (v + omega))
+        part = break_after(terms.course, start, h)
+        if part < h:
+            left = h
+            while part < left:
+                v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, part,
+                                                                _plate(part * GAMMA, terms.linear), terms)
+                total += count
+                most = max(most, worst)
+                start += part
+                left -= part
+                part = break_after(terms.course, start, left)
+            v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, left,
+                                                            _plate(left * GAMMA, terms.linear), terms)
+        else:
+            v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, h, whole, terms)
+        total += count
+        most = max(most, worst)
         if out is not None:
             out[k, 0], out[k, 1], out[k, 2] = v, theta, omega
             if flywheel is not None:
-                out[k, 3] = state[3]
+                out[k, 3] = turn
     state[0], state[1], state[2] = v, theta, omega
+    if flywheel is not None:
+        state[3] = turn
     return total, most
 
 
@@ -197,8 +230,7 @@ class Stepper:
     def _torques(terms: Terms, t: float, v: float) -> tuple[float, float]:
         """Engine and friction torque at time t and slip speed v."""
         assert terms.smoothing is not None
-        engine = engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
-        load = saturation_torque(t, terms.mean_load, terms.pulsation)
+        engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
         return float(engine), float(load * smoothed(v, terms.smoothing, terms.stribeck))
 
 
@@ -231,7 +263,7 @@ def solve(problem: Problem) -> Trajectory:
         return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
     ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
     advance_ticks(state.copy(), problem.start, step, 0, 0, n, terms, flywheel, states)
-    times, cycle = problem.sample_times(), problem.system.cycle
+    times, system = problem.sample_times(), problem.system
     samples, cycles = [states[:0]], []
     kept, first, done, total, most, status, seconds = 0, problem.start_cycle, 0, 0, 0, Status.DONE, 0.0
     while done < ticks:
@@ -253,10 +285,10 @@ def solve(problem: Problem) -> Trajectory:
                                 axis=1))
         kept = due
         cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                          starts=cycle_starts(first, t[-1], cycle), stick_speed=stick_speed_of(terms),
+                                          starts=starts_of(system, first, t[-1]), stick_speed=stick_speed_of(terms),
                                           linear=terms.linear))
         first += len(cycles[-1])
-        keep = max(int(np.searchsorted(t, min(first * cycle, t[-1]), side="right")) - 2, 0)
+        keep = max(int(np.searchsorted(t, min(system.cycle_start(first), t[-1]), side="right")) - 2, 0)
         t, states = t[keep:], states[keep:]
     statistics = Statistics(steps=done * n, iterations=total, iterations_max=most, iterations_bound=ITERATION_BOUND,
                             seconds=seconds)
@@ -269,8 +301,7 @@ def _rates(t: Floats, states: Floats, terms: Terms) -> Floats:
     """Time derivatives of the states, (n, 3 or 4), from the equations of motion."""
     assert terms.smoothing is not None
     v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
-    engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
-    load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
+    engine, load = torques_at(terms, t)
     torque = load * friction.smoothed(v, terms.smoothing, terms.stribeck)
     slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
     return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)

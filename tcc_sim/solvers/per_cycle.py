@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.equations import Linear
+from tcc_sim.model.parameters import System
 from tcc_sim.trajectory import Cycles, Floats, Loads
 
 LAYER = 7.0
@@ -20,6 +21,14 @@ def cycle_starts(first: int, end: float, cycle: float) -> Floats:
     """
     count = max(int(np.floor((end + 1e-9 * cycle) / cycle)) - first, 0)
     return np.asarray((first + np.arange(count + 1)) * cycle, dtype=np.float64)
+
+
+def starts_of(system: System | None, first: int, end: float, cycle: float = 0.0) -> Floats:
+    """`cycle_starts` of a system, whose frequency may vary in time; without one its cycles are all `cycle` s long."""
+    if system is None or system.course is None:
+        return cycle_starts(first, end, cycle if system is None else system.cycle)
+    count = max(int(np.floor(system.cycles_until(end) + 1e-9)) - first, 0)
+    return np.asarray(system.cycle_start(first + np.arange(count + 1)), dtype=np.float64)
 
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcc_sim.model import equations, friction
+from tcc_sim.model import friction
+from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
 from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions, modes_of
 
 NOTHING_SPENT = Statistics()
@@ -41,13 +42,13 @@ class Problem:
     @property
     def start(self) -> float:
         """Start time, s."""
-        return self.start_cycle * self.system.cycle
+        return float(self.system.cycle_start(self.start_cycle))
 
     @property
     def end(self) -> float:
         """End time, s, exact to rounding for a number of cycles."""
         if self.cycles is not None:
-            return (self.start_cycle + self.cycles) * self.system.cycle
+            return float(self.system.cycle_start(self.start_cycle + self.cycles))
         assert self.duration is not None
         return self.start + self.duration
 
@@ -57,16 +58,37 @@ class Problem:
         if self.cycles is not None:
             return self.cycles
         assert self.duration is not None
-        return int(np.floor(self.duration / self.system.cycle * (1.0 + 1e-12)))
+        return self.system.whole_cycles(self.start_cycle, self.duration)
+
+    def cycle_starts(self) -> Floats:
+        """When the whole cycles start, and the end of the last one, s."""
+        starts: Floats = self.system.cycle_start(self.start_cycle + np.arange(self.whole_cycles + 1))
+        return starts
+
+    def breaks(self) -> Floats:
+        """Start and end, and between them the times at which the excitation's course has a corner or a jump, s."""
+        if self.system.course is None:
+            return np.array([self.start, self.end])
+        inner = self.system.course[:, TIME]
+        return np.concatenate([[self.start], inner[(inner > self.start) & (inner < self.end)], [self.end]])
 
     def sample_times(self) -> Floats:
-        """The times to keep, s: multiples of the cycle over `samples_per_cycle`, from start to end, both included."""
+        """The times to keep, s: those that divide every cycle into `samples_per_cycle`, from start to end, both
+        included.
+        """
         if self.samples_per_cycle < 1:
             return np.array([self.start, self.end])
+        if self.system.course is not None:
+            whole = self.whole_cycles
+            ends = self.system.cycle_start(self.start_cycle + np.arange(whole + 2))
+            share = np.arange(self.samples_per_cycle) / self.samples_per_cycle
+            times: Floats = (ends[:-1, None] + share * np.diff(ends)[:, None]).ravel()
+            past = self.end - 1e-12 * (ends[-1] - ends[-2])
+            return np.append(times[:np.searchsorted(times, past)], self.end)
         first = self.start_cycle * self.samples_per_cycle
         period = self.system.cycle
         last = int(np.ceil(self.end / period * self.samples_per_cycle * (1.0 - 1e-12)))
-        times: Floats = np.arange(first, last + 1, dtype=np.float64) * (period / self.samples_per_cycle)
+        times = np.arange(first, last + 1, dtype=np.float64) * (period / self.samples_per_cycle)
         times[-1] = self.end
         return times
 
@@ -80,8 +102,7 @@ def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, fricti
     """
     terms = terms_of(problem.system)
     v = states[:, 0]
-    engine = np.asarray(equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics))
-    load = np.asarray(equations.saturation_torque(t, terms.mean_load, terms.pulsation))
+    engine, load = torques_at(terms, t)
     if friction_torque is None:
         assert terms.smoothing is not None
         friction_torque = np.asarray(friction.smoothed(v, terms.smoothing, terms.stribeck)) * load

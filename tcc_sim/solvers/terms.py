@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model import friction
+from tcc_sim.model import equations, friction
+from tcc_sim.model.course import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floats, Origin, along, course_of, pieces
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
@@ -20,7 +21,11 @@ from tcc_sim.solvers.per_system import per_system
 
 
 class Terms(NamedTuple):
-    """The terms of equations (1) to (7) that one scene needs; see the functions of `model` for each field."""
+    """The terms of equations (1) to (7) that one scene needs; see the functions of `model` for each field.
+
+    With a course (`model.course`; its loads are saturation torques, N m) the angles of the sines go with the phase
+    phi instead of the time, so that their rates are in rad per rad, and the means are those of the course.
+    """
 
     linear: Linear
     mean_torque: float
@@ -30,6 +35,7 @@ class Terms(NamedTuple):
     pulsation: tuple[float, float, float] | None
     smoothing: float | None
     stribeck: Stribeck
+    course: Floats | None = None
 
 
 @per_system
@@ -37,17 +43,31 @@ def terms_of(system: System) -> Terms:
     """The terms of `system`. An input that comes from a topic is its fallback: what applies where nobody commands
     it.
     """
-    d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
-    omega = e.frequency
-    torque = (e.torque_amplitude, omega) if e.harmonic and e.torque_amplitude > 0.0 else None
+    return terms_from(system, START)
+
+
+def terms_from(system: System, origin: Origin) -> Terms:
+    """`terms_of` with the phase counted from `origin`."""
+    if origin == START:
+        return _terms(system, system.course, 0.0)
+    return _terms(system, course_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
+
+
+def _terms(system: System, course: Floats | None, lead: float) -> Terms:
+    """The terms with this course, whose loads are pressures, and the load ahead by `lead` rad."""
+    d, e, p, f, inputs = system.driveline, system.engine, system.pressure, system.friction, system.inputs
+    omega = e.frequency if course is None else 1.0
+    own_torque = e.harmonic and (inputs is None or inputs.torque is None)
+    own_pressure = p.harmonic and (inputs is None or inputs.pressure is None)
+    torque = (e.torque_amplitude, omega) if own_torque and e.torque_amplitude > 0.0 else None
     harmonics = None
-    if e.harmonic and any(a > 0.0 for a in e.harmonic_amplitudes):
+    if own_torque and any(a > 0.0 for a in e.harmonic_amplitudes):
         rows = [(n * omega, a, phase) for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2)
                 if a > 0.0]
         harmonics = np.array(rows, dtype=np.float64)
     pulsation = None
-    if p.harmonic and p.amplitude > 0.0:
-        pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase)
+    if own_pressure and p.amplitude > 0.0:
+        pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead)
     ratio = system.friction_ratio
     return Terms(
         linear=(d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness),
@@ -58,7 +78,15 @@ def terms_of(system: System) -> Terms:
         pulsation=pulsation,
         smoothing=f.smoothing if f.law == "smoothed" else None,
         stribeck=(ratio - 1.0, f.decay) if ratio > 1.0 else None,
+        course=None if course is None else with_loads(course, system.torque_per_pressure),
     )
+
+
+def with_loads(course: Floats, torque_per_pressure: float) -> Floats:
+    """A course with saturation torques, N m, in the place of its pressures."""
+    out: Floats = course.copy()
+    out[:, LOAD:LOAD_RATE + 1] *= torque_per_pressure
+    return out
 
 
 def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
@@ -68,27 +96,60 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
     """
     if torque is not None:
         terms = terms._replace(mean_torque=torque, torque=terms.torque and (0.0, terms.torque[1]),
-                               harmonics=None if terms.harmonics is None else terms.harmonics * (1.0, 0.0, 1.0))
+                               harmonics=None if terms.harmonics is None else terms.harmonics * (1.0, 0.0, 1.0),
+                               course=_held_in(terms.course, TORQUE, torque))
     if load is not None:
-        terms = terms._replace(mean_load=load, pulsation=terms.pulsation and (0.0, *terms.pulsation[1:]))
+        terms = terms._replace(mean_load=load, pulsation=terms.pulsation and (0.0, *terms.pulsation[1:]),
+                               course=_held_in(terms.course, LOAD, load))
     return terms
 
 
-def general_terms(system: System) -> Terms:
+def _held_in(course: Floats | None, column: int, value: float) -> Floats | None:
+    """A course with a constant in this column."""
+    if course is None:
+        return None
+    out: Floats = course.copy()
+    out[:, column], out[:, column + 1] = value, 0.0
+    return out
+
+
+def general_terms(system: System, origin: Origin = START) -> Terms:
     """The same physics with every term present, absent ones at zero amplitude: for comparison, and for live changes."""
-    own = terms_of(system)
-    omega = system.engine.frequency
+    own = _terms(system, course_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
     return own._replace(
-        torque=own.torque or (0.0, omega),
-        harmonics=np.array([[2.0 * omega, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
-        pulsation=own.pulsation or (0.0, omega, 0.0),
+        torque=own.torque or (0.0, 1.0),
+        harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
+        pulsation=own.pulsation or (0.0, 1.0, 0.0),
         stribeck=own.stribeck or (0.0, system.friction.decay),
     )
 
 
+def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:
+    """Te and Ts, N m, at the times t, an array of any shape, s."""
+    angle, mean_torque, mean_load = t, terms.mean_torque, terms.mean_load
+    if terms.course is not None:
+        angle, mean_torque, mean_load = along(terms.course, t)
+    return (np.asarray(equations.engine_torque(angle, mean_torque, terms.torque, terms.harmonics)),
+            np.asarray(equations.saturation_torque(angle, mean_load, terms.pulsation)))
+
+
+def piece_of(terms: Terms, begin: float, end: float) -> Terms:
+    """`terms` with the one piece of the course that holds from `begin` to `end`."""
+    if terms.course is None:
+        return terms
+    k = pieces(terms.course, 0.5 * (begin + end))
+    return terms._replace(course=terms.course[k:k + 1])
+
+
 def peak_load(terms: Terms) -> float:
     """The largest saturation torque, N m."""
-    return terms.mean_load + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
+    mean = terms.mean_load if terms.course is None else float(terms.course[:, LOAD].max())
+    return mean + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
+
+
+def least_mean_load(terms: Terms) -> float:
+    """The smallest saturation torque less its sine, N m."""
+    return terms.mean_load if terms.course is None else float(terms.course[:, LOAD].min())
 
 
 def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
@@ -99,7 +160,8 @@ def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
         "pressure sine": terms.pulsation is not None,
         "smoothing tanh": terms.smoothing is not None,
         "Stribeck exponential": terms.stribeck is not None,
-        "pressure clamp": terms.pulsation is not None and terms.pulsation[0] > terms.mean_load,
+        "pressure clamp": terms.pulsation is not None and terms.pulsation[0] > least_mean_load(terms),
+        "profiles in time": terms.course is not None,
     }
     return [n for n, on in present.items() if on], [n for n, on in present.items() if not on]
 
@@ -113,7 +175,7 @@ def excitation_frequency(terms: Terms) -> float:
         found.append(terms.pulsation[1])
     if terms.harmonics is not None:
         found.append(float(terms.harmonics[:, 0].max()))
-    return max(found)
+    return max(found) * (1.0 if terms.course is None else float(terms.course[:, FREQUENCY].max()))
 
 
 def natural_frequency(terms: Terms) -> float:

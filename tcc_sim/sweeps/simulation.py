@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard
+from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard, spans_of
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, stays
 from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
@@ -97,6 +97,11 @@ class Plan:
         check_setting(choose(system, self.solver), self.rtol, self.step)
         if self.lyapunov:
             check_smoothed(system)
+        for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"),
+                            (self.direction != "cold", f"direction {self.direction}"),
+                            (self.discard == "auto", "discard auto")):
+            if asked:
+                system.check_repeats(what)
 
     def as_json(self) -> dict[str, Any]:
         """The fields, to tell one sweep from another."""
@@ -178,7 +183,9 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     ----------
     scene : a scene, its name or file, or a system
     plan : how; the fields of `Plan` can be given one by one instead, such as ``simulate("fig02", damping=True)``
-    duration : s solved instead of whole cycles; a third of the whole cycles is dropped at most where nothing is said
+    duration : s solved instead of whole cycles; a third of the whole cycles is dropped at most where nothing is said.
+        A scene with profiles is solved to their last point where neither cycles nor a duration are given, and nothing
+        is dropped
     samples_per_cycle, flywheel_angle : as `solvers.solve` takes them; a duration below one cycle needs samples
     start : where the run starts; the system's own initial state at cycle 0 by default
 
@@ -199,8 +206,10 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     """
     if plan is not None and settings:
         raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
-    plan = plan or _plan(settings)
     system = scene if isinstance(scene, System) else (scene if isinstance(scene, Scene) else load_scene(scene)).system
+    if duration is None and plan is None and "cycles" not in settings:
+        duration = system.span or None
+    plan = plan or _plan(settings)
     plan.check(system)
     if start is None:
         i = system.initial
@@ -210,7 +219,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     elif plan.discard == "auto":
         run, cycles, discarded = _settled_run(system, plan, start)
     else:
-        discarded = plan.dropped(plan.cycles, default_discard(plan.cycles))
+        discarded = plan.dropped(plan.cycles, default_discard(plan.cycles) if system.course is None else 0)
         run = _solve(system, plan, start, cycles=plan.cycles, samples_per_cycle=samples_per_cycle,
                      flywheel_angle=flywheel_angle, loads_from=discarded)
         cycles = run.cycles
@@ -236,8 +245,8 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
     """A duration in one solve."""
     if not 0.0 < duration <= 1e6:
         raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
-    whole = int(duration / system.cycle * (1.0 + 1e-12))
-    discarded = plan.dropped(whole, min(DISCARD, whole // 3))
+    whole = system.whole_cycles(start.cycle, duration)
+    discarded = plan.dropped(whole, min(DISCARD, whole // 3) if system.course is None else 0)
     run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle,
                  loads_from=discarded)
     return run, run.cycles, discarded
@@ -301,8 +310,9 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
         kept, summary, end = cycles, summarise_samples(run), start
     else:
         kept, end = cycles[discarded:], Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles))
-        summary = replace(summarise_cycles(kept, system.cycle, first=start.cycle + discarded), cycles=len(cycles),
-                          discarded=discarded, solver=run.solver, elapsed_s=run.statistics.seconds)
+        summary = replace(summarise_cycles(
+            kept, first=start.cycle + discarded, **spans_of(system, 0.0, start.cycle + discarded, len(kept))),
+                          cycles=len(cycles), discarded=discarded, solver=run.solver, elapsed_s=run.statistics.seconds)
     angles = kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1] if plan.section_points else np.empty(0)
     return Simulation(
         run, summary, _confirmed(system, plan, kept, summary, end), angles.copy(),

@@ -17,7 +17,7 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     assert found["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
     assert set(found["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine",
                                                "Stribeck exponential",
-                                               "pressure clamp"}
+                                               "pressure clamp", "profiles in time"}
     kernel = found["kernel"]
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.compiling.compiled import accelerations, compiled, engine_torque, saturation_torque
+from tcc_sim.solvers.compiling.compiled import accelerations, compiled
 from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
+from tcc_sim.solvers.torques import torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 STEPS = 2_000_000_000
@@ -39,7 +40,7 @@ def rk4(problem: Problem) -> Trajectory:
     if total > STEPS:
         return assemble(problem, "rk4", samples[:1], y[None, :width], status=Status.REFUSED,
                         detail=f"{total:.3g} steps of {step:g} s are more than {STEPS:.3g}")
-    ends = (problem.start_cycle + np.arange(problem.whole_cycles + 1)) * cycle
+    ends, breaks = problem.cycle_starts(), problem.breaks()[1:-1]
     stick_speed = stick_speed_of(terms)
     _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 7)))
     began = time.perf_counter()
@@ -49,13 +50,14 @@ def rk4(problem: Problem) -> Trajectory:
         high = ends[n + 1] if n + 1 < len(ends) else samples[-1]
         if not low < high:
             continue
-        marks = np.append(samples[(samples > low) & (samples < high)], high)
+        inner = np.union1d(samples, breaks)
+        marks = np.append(inner[(inner > low) & (inner < high)], high)
         rows = []
         for a, b in zip(np.concatenate([[low], marks[:-1]]), marks):
             count = max(math.ceil((b - a) / step * (1.0 - 1e-12)), 1)
             stride = max(math.ceil(count * cycle / (b - a) / KEPT_PER_CYCLE), 1)
             out = np.empty(((count - 1) // stride + 2, 7))
-            used = _advance(a, (b - a) / count, count, stride, y, terms, out)
+            used = _advance(a, (b - a) / count, count, stride, y, piece_of(terms, a, b), out)
             steps += count
             out[used - 1, 0] = b
             rows.append(out[:used - 1])
@@ -69,8 +71,8 @@ def rk4(problem: Problem) -> Trajectory:
         if n + 1 < len(ends):
             r = np.concatenate(rows)
             found.append(cycles_from_samples(r[:, 0], r[:, 1], r[:, 4], r[:, 2], r[:, 3], r[:, 5],
-                                             starts=cycle_starts(problem.start_cycle + n, r[-1, 0], cycle),
-                                             stick_speed=stick_speed, linear=terms.linear))
+                                             starts=ends[n:n + 2], stick_speed=stick_speed,
+                                             linear=terms.linear))
     wanted = np.isin([t for t, _ in kept], samples)
     wanted[-1] = True
     t = np.array([t for t, _ in kept])[wanted]
@@ -82,9 +84,8 @@ def rk4(problem: Problem) -> Trajectory:
 @compiled
 def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: Any) -> tuple[float, float]:
     """v' and omega2' of (2) with the smoothed law (7), rad/s^2; `terms` are Terms."""
-    load = saturation_torque(t, terms.mean_load, terms.pulsation)
+    engine, load = torques_now(t, 0, terms.course, terms)
     friction = smoothed_coefficient(v, terms.smoothing, terms.stribeck) * load
-    engine = engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
     return accelerations(plate_angle, plate_speed, engine, friction, terms.linear)  # type: ignore[no-any-return]
 
 

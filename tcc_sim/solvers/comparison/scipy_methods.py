@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
 from typing import Any
@@ -11,10 +12,11 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import slopes
-from tcc_sim.solvers.compiling.compiled import compiled, saturation_torque, smoothed_and_slope
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
+from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
+from tcc_sim.solvers.torques import torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory
 
 STEPS = 10_000_000
@@ -74,7 +76,7 @@ def _rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
 def jacobian(t: float, y: Floats, terms: Any) -> Floats:
     """The derivative of `rates_of` with respect to y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
-    rate = slope * saturation_torque(t, terms.mean_load, terms.pulsation)
+    rate = slope * torques_now(t, 0, terms.course, terms)[1]
     flywheel, plate, damping, stiffness = terms.linear
     out = np.zeros((len(y), len(y)))
     out[0, 0] = -rate * (1.0 / flywheel + 1.0 / plate)
@@ -107,10 +109,7 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     s = problem.state
     y0 = np.array([s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle][:4 if problem.flywheel_angle else 3])
     options: dict[str, Any] = {"rtol": rtol, "atol": rtol * _scales(problem, terms)}
-    if name in ("radau", "bdf", "lsoda"):
-        options["jac"] = lambda t, y: jacobian(t, y, terms)
-    samples = problem.sample_times()
-    ends = (problem.start_cycle + np.arange(problem.whole_cycles + 1)) * problem.system.cycle
+    samples, ends = problem.sample_times(), problem.cycle_starts()
     marks = np.union1d(samples, np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
     rates_of(problem.start, y0, terms)
@@ -118,7 +117,8 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         times, states, status, detail, steps = _solve_through(
-            method(lambda t, y: rates_of(t, y, terms), problem.start, y0, problem.end, **options), marks, spacing)
+            lambda begin, end, y: _solver(name, method, piece_of(terms, begin, end), begin, end, y, options),
+            problem.breaks(), y0, marks, spacing)
     seconds = time.perf_counter() - began
     kept = np.isin(times, samples)
     kept[-1] = True
@@ -126,38 +126,50 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     if len(times) > 1:
         rates = _rates_along(times, states, terms)
         cycles = cycles_from_samples(times, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                     starts=cycle_starts(problem.start_cycle, times[-1], problem.system.cycle),
+                                     starts=starts_of(problem.system, problem.start_cycle, times[-1]),
                                      stick_speed=stick_speed_of(terms), linear=terms.linear)
     return assemble(problem, name, times[kept], states[kept], cycles=cycles, status=status, detail=detail,
                     statistics=Statistics(steps=steps, seconds=seconds))
 
 
-def _solve_through(solver: Any, marks: Floats, spacing: float) -> tuple[Floats, Floats, Status, str, int]:
+def _solver(name: str, method: Any, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
+    """SciPy's solver for a piece of time within which the excitation has no corner."""
+    if name in ("radau", "bdf", "lsoda"):
+        options = {**options, "jac": lambda t, y: jacobian(t, y, terms)}
+    return method(lambda t, y: rates_of(t, y, terms), begin, y, end, **options)
+
+
+def _solve_through(solver_of: Any, breaks: Floats, y: Floats, marks: Floats,
+                   spacing: float) -> tuple[Floats, Floats, Status, str, int]:
     """Times, states, status, detail and number of steps; every mark reached is among the times."""
-    times, states = [np.array([solver.t])], [np.array(solver.y)[None, :]]
+    times, states = [breaks[:1]], [np.array(y)[None, :]]
     following, steps, status, detail = 1, 0, Status.DONE, ""
-    while solver.status == "running":
-        if steps >= STEPS:
-            status = Status.STEP_LIMIT
+    for begin, end in itertools.pairwise(breaks.tolist()):
+        solver = solver_of(begin, end, states[-1][-1])
+        while solver.status == "running":
+            if steps >= STEPS:
+                status = Status.STEP_LIMIT
+                break
+            detail = solver.step() or ""
+            if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+                status = Status.STEP_TOO_SMALL if np.all(np.isfinite(solver.y)) else Status.NOT_FINITE
+                break
+            steps += 1
+            last = int(np.searchsorted(marks, solver.t, side="right"))
+            inner = marks[following:last]
+            following = last
+            pieces = int(min(np.ceil((solver.t - solver.t_old) / spacing), 64))
+            if len(inner) or pieces > 1:
+                points = solver.t_old + (solver.t - solver.t_old) * np.arange(1, pieces) / pieces
+                points = np.union1d(points, inner)
+                points = points[points < solver.t]
+                if len(points):
+                    times.append(points)
+                    states.append(solver.dense_output()(points).T)
+            times.append(np.array([solver.t]))
+            states.append(np.array(solver.y)[None, :])
+        if status is not Status.DONE:
             break
-        detail = solver.step() or ""
-        if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
-            status = Status.STEP_TOO_SMALL if np.all(np.isfinite(solver.y)) else Status.NOT_FINITE
-            break
-        steps += 1
-        last = int(np.searchsorted(marks, solver.t, side="right"))
-        inner = marks[following:last]
-        following = last
-        pieces = int(min(np.ceil((solver.t - solver.t_old) / spacing), 64))
-        if len(inner) or pieces > 1:
-            points = solver.t_old + (solver.t - solver.t_old) * np.arange(1, pieces) / pieces
-            points = np.union1d(points, inner)
-            points = points[points < solver.t]
-            if len(points):
-                times.append(points)
-                states.append(solver.dense_output()(points).T)
-        times.append(np.array([solver.t]))
-        states.append(np.array(solver.y)[None, :])
     t, y = np.concatenate(times), np.concatenate(states)
     fresh = np.concatenate([[True], np.diff(t) > 0.0])
     return t[fresh], y[fresh], status, detail, steps

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core.types.misc import unliteral
 
-from tcc_sim.model import equations, friction
+from tcc_sim.model import course, equations, friction
 from tcc_sim.solvers.compiling.kernel_cache import KernelCache
 from tcc_sim.solvers.compiling.linked import PartCompiler, WholeCompiler
 
@@ -55,3 +55,4 @@ engine_torque = compiled(equations.engine_torque)
 saturation_torque = compiled(equations.saturation_torque)
 accelerations = compiled(equations.accelerations)
 interface_torque = compiled(equations.interface_torque)
+reached = compiled(course.reached)

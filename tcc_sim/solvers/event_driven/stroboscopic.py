@@ -102,6 +102,7 @@ class Prepared:
     """A system with keys, ready to be evaluated at many states."""
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
+        system.check_repeats("a map of the section")
         numbers = key_derivatives(system, keys)
         terms = exact_terms(system, numbers)
         self.period, self.count = system.cycle, 3 + len(keys)

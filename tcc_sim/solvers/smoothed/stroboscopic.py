@@ -87,6 +87,7 @@ class Prepared:
     """A system with keys, ready to be evaluated at many states."""
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
+        system.check_repeats("a map of the section")
         changes = key_derivatives(system, keys)
         terms = terms_for(system, changes)
         self.period, self.count = system.cycle, 3 + len(keys)

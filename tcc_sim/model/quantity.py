@@ -1,0 +1,87 @@
+"""What a scene key means, and groups of keys that check themselves: unit, allowed range or choices."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from tcc_sim.errors import InputError
+
+Value = float | str | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a key means: its unit, its allowed range or choices, and whether a running node may change it."""
+
+    description: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+    def interval(self) -> str:
+        """The allowed values in words, for error messages and parameter descriptions."""
+        if self.choices:
+            return " or ".join(self.choices)
+        low = f"above {self.low:g}" if self.above else f"{self.low:g}"
+        return f"{low} to {self.high:g}" + (f" {self.unit}" if self.unit else "")
+
+    def check(self, key: str, value: object) -> None:
+        """Raise InputError unless `value` is of the right kind and within the range."""
+        if self.choices:
+            if value not in self.choices:
+                raise InputError(f"{key} is {value!r}; it must be {self.interval()}")
+            return
+        for x in value if isinstance(value, tuple) else (value,):
+            if isinstance(x, bool) or not isinstance(x, (int, float)):
+                raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
+            if not (self.low <= x <= self.high) or (self.above and x == self.low):
+                raise InputError(f"{key} is {as_float(x):g}{' ' + self.unit if self.unit else ''}; it must be "
+                                 f"{self.interval()}")
+
+
+def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,
+             *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False) -> Any:
+    """A dataclass field that carries its Quantity."""
+    meta = Quantity(description, unit, low, high, above, choices, live)
+    return field(default=default, metadata={"quantity": meta})
+
+
+@dataclass(frozen=True)
+class Group:
+    """A checked group of parameters; subclasses list the fields."""
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__.lower()
+        for item in dataclasses.fields(self):
+            key, value = f"{name}.{item.name}", getattr(self, item.name)
+            item.metadata["quantity"].check(key, value)
+            if isinstance(value, int) and not isinstance(value, bool):
+                object.__setattr__(self, item.name, float(value))
+
+
+def as_float(value: float) -> float:
+    """`value` as a float; whole numbers beyond its range are infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def number_of(value: object) -> float:
+    """A finite or infinite number as float; TypeError for anything else (YAML reads 1e3 as text)."""
+    if isinstance(value, bool):
+        raise TypeError
+    if isinstance(value, (int, float)):
+        return as_float(value)
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            raise TypeError from None
+    raise TypeError

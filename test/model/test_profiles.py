@@ -1,0 +1,83 @@
+"""Profiles in time: the phase against quadrature, its inverse, and what is refused."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.course import along, phase_at, time_at
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.profiles import parse_profiles
+
+TIMES, VALUES = [0.0, 0.3, 0.4, 2.0], [80.0, 400.0, 90.0, 90.0]
+VARYING = replace(System(), {"engine.frequency_times": TIMES, "engine.frequency_values": VALUES,
+                             "pressure.mean_times": [0.0, 1.0], "pressure.mean_values": [0.0, 3e5]})
+
+
+def test_the_phase_is_the_integral_of_the_frequency():
+    for t in (0.0, 0.1, 0.3, 0.37, 1.9, 2.5):
+        exact = quad(lambda s: np.interp(s, TIMES, VALUES), 0.0, t, points=TIMES[1:], epsabs=1e-12)[0]
+        assert phase_at(VARYING.course, t) == pytest.approx(exact, abs=1e-9)
+
+
+def test_cycles_start_where_the_phase_is_a_whole_turn():
+    starts = VARYING.cycle_start(np.arange(40))
+    np.testing.assert_allclose(phase_at(VARYING.course, starts), 2.0 * np.pi * np.arange(40), atol=1e-10)
+    assert starts[0] == 0.0
+    assert VARYING.cycles_until(float(starts[17])) == pytest.approx(17.0, abs=1e-12)
+    t = np.linspace(0.0, 3.0, 301)
+    np.testing.assert_allclose(time_at(VARYING.course, phase_at(VARYING.course, t)), t, atol=1e-13)
+
+
+def test_means_are_linear_between_points_and_constant_outside():
+    t = np.linspace(0.0, 2.5, 101)
+    _, torque, pressure = along(VARYING.course, t)
+    np.testing.assert_allclose(pressure, np.interp(t, [0.0, 1.0], [0.0, 3e5]), atol=1e-9)
+    np.testing.assert_array_equal(torque, System().engine.mean_torque)
+
+
+def test_a_system_without_profiles_has_no_course():
+    assert System().course is None
+    assert System().cycle_start(7) == 7 * System().cycle
+
+
+@pytest.mark.parametrize(("values", "message"), [
+    ({"engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0]}, "has 1 values; it must have as many"),
+    ({"engine.frequency_times": [0.5, 1.0], "engine.frequency_values": [100.0, 90.0]}, "begins at 0.5 s"),
+    ({"pressure.mean_times": [0.0, 1.0, 1.0], "pressure.mean_values": [1e5, 1e5, 2e5]}, "1 s after 1 s"),
+    ({"engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0, 0.0]}, "must be 0.001 to 100000"),
+    ({"engine.mean_torque_times": [0.0, float("nan")], "engine.mean_torque_values": [1.0, 1.0]}, "must be 0 to 1e"),
+    ({"pressure.mean_times": list(map(float, range(1001))), "pressure.mean_values": [1e5] * 1001}, "at most 1000"),
+])
+def test_what_is_no_profile_is_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        replace(System(), values)
+
+
+def test_a_key_in_whose_place_a_profile_stands_cannot_be_changed_alone():
+    with pytest.raises(InputError, match=r"engine\.frequency is not used where engine\.frequency_times is given"):
+        replace(VARYING, {"engine.frequency": 100.0})
+    assert replace(VARYING, {"engine.frequency_times": [], "engine.frequency_values": [],
+                             "engine.frequency": 100.0}).engine.frequency == 100.0
+
+
+def test_profiles_of_a_command_line():
+    found = parse_profiles(["engine.frequency=0:60,20:600", "pressure.mean=0:1e5"])
+    assert found == {"engine.frequency_times": [0.0, 20.0], "engine.frequency_values": [60.0, 600.0],
+                     "pressure.mean_times": [0.0], "pressure.mean_values": [1e5]}
+    for words, message in ((["engine.speed=0:1"], "the keys that have a profile are engine.frequency"),
+                           (["engine.frequency=0:60,20"], "is not KEY=TIME:VALUE"),
+                           (["engine.frequency=0:a"], "is not KEY=TIME:VALUE"),
+                           (["engine.frequency"], "is not KEY=TIME:VALUE"),
+                           (["pressure.mean=0:1", "pressure.mean=0:2"], "given twice")):
+        with pytest.raises(InputError, match=message):
+            parse_profiles(words)
+
+
+def test_who_cannot_says_who_can():
+    from tcc_sim.continuation.driveline import DrivelineMap
+    from tcc_sim.model.pure_stick import stick_margin
+
+    for work in (lambda: DrivelineMap(VARYING, ()), lambda: stick_margin(VARYING)):
+        with pytest.raises(InputError, match=r"engine\.frequency_times, pressure\.mean_times; simulate and the drive"):
+            work()

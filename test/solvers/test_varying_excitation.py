@@ -1,0 +1,104 @@
+"""Solvers through profiles in time, against SciPy on equations written out once more, with the phase as a state."""
+
+import itertools
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from oracle import coefficient_and_slope
+from scipy.integrate import solve_ivp
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import SOLVERS, solve
+
+STICK_SLIP = replace(System(), {
+    "friction.smoothing": 8.0, "friction.kinetic_coefficient": 0.25, "pressure.amplitude": 6e4,
+    "pressure.frequency_ratio": 0.5, "pressure.phase": 0.4, "engine.harmonic_amplitudes": [40.0, 25.0],
+    "engine.harmonic_phases": [0.3, -1.0], "initial.slip_speed": 10.0,
+    "engine.frequency_times": [0.0, 0.0437, 0.11], "engine.frequency_values": [120.0, 260.0, 150.0],
+    "engine.mean_torque_times": [0.0, 0.031, 0.0587], "engine.mean_torque_values": [300.0, 120.0, 280.0],
+    "pressure.mean_times": [0.0, 0.0213, 0.0871], "pressure.mean_values": [180e3, 240e3, 200e3]})
+"""Sticks and slips while all three profiles vary."""
+SLIP = replace(STICK_SLIP, {"initial.slip_speed": 150.0, "engine.mean_torque_values": [300.0, 420.0, 380.0]})
+"""Slips in one direction all the time, so that nothing but the profiles is not smooth."""
+END = 0.13
+
+
+@cache
+def truth(slips: bool) -> np.ndarray:
+    """Final slip speed, plate angle, plate speed and phase, by DOP853 at 1e-12, restarted at every point."""
+    system = SLIP if slips else STICK_SLIP
+    e, p, f, d = system.engine, system.pressure, system.friction, system.driveline
+    ratio = f.static_coefficient / f.kinetic_coefficient
+    per_pressure = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
+
+    def rates(t, y):
+        v, angle, speed, phase = y
+        te = np.interp(t, e.mean_torque_times, e.mean_torque_values) + e.torque_amplitude * math.sin(phase)
+        for n, (a, shift) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
+            te += a * math.sin(n * phase + shift)
+        load = np.interp(t, p.mean_times, p.mean_values) + p.amplitude * math.sin(p.frequency_ratio * phase + p.phase)
+        tf = coefficient_and_slope(v, ratio, f.decay, f.smoothing)[0] * per_pressure * max(load, 0.0)
+        plate = (tf - d.damping * speed - d.stiffness * angle) / d.plate_inertia
+        return [(te - tf) / d.flywheel_inertia - plate, speed, plate,
+                np.interp(t, e.frequency_times, e.frequency_values)]
+
+    points = sorted({0.0, END, *e.frequency_times, *e.mean_torque_times, *p.mean_times})
+    y = np.array([system.initial.slip_speed, 0.0, 0.0, 0.0])
+    for begin, end in itertools.pairwise(points):
+        y = solve_ivp(rates, (begin, end), y, "DOP853", rtol=1e-12, atol=[1e-11, 1e-13, 1e-10, 1e-12]).y[:, -1]
+    return y
+
+
+def error(name, slips, **setting):
+    """Largest difference of a final state from the truth, relative to the size of the motion."""
+    run = solve(SLIP if slips else STICK_SLIP, solver=name, duration=END, **setting).raise_for_status()
+    found = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
+    return float((np.abs(found - truth(slips)[:3]) / [10.0, 0.1, 10.0]).max())
+
+
+@pytest.mark.parametrize(("name", "setting", "allowed"), [
+    ("fixed_step", {"step": 1e-5}, 5e-7), ("dop853", {"rtol": 1e-10}, 1e-7), ("radau", {"rtol": 1e-9}, 1e-6),
+    ("lsoda", {"rtol": 1e-10}, 1e-6), ("bdf", {"rtol": 1e-7}, 1e-4), ("rk45", {"rtol": 1e-7}, 1e-5),
+    ("rk4", {"step": 5e-6}, 1e-5)])
+def test_final_states_through_all_three_profiles(name, setting, allowed):
+    assert error(name, False, **setting) < allowed
+
+
+def test_the_real_time_solver_keeps_its_order_through_corners():
+    # Without steps that end at the corners the order would be two.
+    errors = [error("fixed_step", True, step=h) for h in (1e-4 / 7.0, 1e-4 / 14.0, 1e-4 / 28.0)]
+    assert min(math.log2(a / b) for a, b in itertools.pairwise(errors)) > 2.8
+
+
+def test_the_phase_is_that_of_the_independent_solution():
+    assert STICK_SLIP.cycles_until(END) == pytest.approx(truth(False)[3] / (2.0 * math.pi), abs=1e-9)
+
+
+def test_samples_divide_cycles_of_changing_length():
+    run = solve(STICK_SLIP, solver="fixed_step", duration=END, samples_per_cycle=4)
+    starts = STICK_SLIP.cycle_start(np.arange(len(run.cycles) + 1))
+    np.testing.assert_allclose(run.t[:-1:4][:len(starts)], starts, rtol=1e-12)
+    np.testing.assert_allclose(run.t[2:-1:4][:len(starts) - 1], 0.5 * (starts[1:] + starts[:-1]), rtol=1e-12)
+    np.testing.assert_allclose(run.slip_speed[:-1:4][:len(starts)], run.cycles.section[:, 0], atol=1e-6)
+    assert run.t[-1] == END
+    assert len(run.cycles) == int(STICK_SLIP.cycles_until(END))
+
+
+def test_a_constant_profile_is_the_constant():
+    plain = replace(System(), {"engine.frequency": 140.0})
+    constant = replace(plain, {"engine.frequency_times": [0.0], "engine.frequency_values": [140.0]})
+    for name in ("fixed_step",):
+        one, other = (solve(s, solver=name, cycles=5, samples_per_cycle=8) for s in (plain, constant))
+        np.testing.assert_allclose(other.t, one.t, rtol=1e-13)
+        np.testing.assert_allclose(other.slip_speed, one.slip_speed, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(other.cycles.section, one.cycles.section, rtol=1e-9, atol=1e-9)
+
+
+def test_solvers_that_cannot_say_who_can():
+    stiff = replace(STICK_SLIP, {"friction.law": "set_valued"})
+    able = [name for name, entry in SOLVERS.items() if entry.profiles]
+    with pytest.raises(InputError, match=f"event_driven does not solve engine.frequency_times.*{', '.join(able)}"):
+        solve(stiff, duration=END)
