@@ -97,9 +97,8 @@ class Plan:
         check_setting(choose(system, self.solver), self.rtol, self.step)
         if self.lyapunov:
             check_smoothed(system)
-        for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"),
-                            (self.direction != "cold", f"direction {self.direction}"),
-                            (self.discard == "auto", "discard auto")):
+        for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"), (
+                self.direction != "cold", f"direction {self.direction}"), (self.discard == "auto", "discard auto")):
             if asked:
                 system.check_repeats(what)
 
@@ -184,8 +183,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     scene : a scene, its name or file, or a system
     plan : how; the fields of `Plan` can be given one by one instead, such as ``simulate("fig02", damping=True)``
     duration : s solved instead of whole cycles; a third of the whole cycles is dropped at most where nothing is said.
-        A scene with profiles is solved to their last point where neither cycles nor a duration are given, and nothing
-        is dropped
+        Where cycles are not given either, profiles are solved to their last point, and nothing is dropped
     samples_per_cycle, flywheel_angle : as `solvers.solve` takes them; a duration below one cycle needs samples
     start : where the run starts; the system's own initial state at cycle 0 by default
 
