@@ -72,6 +72,14 @@ def require(module: str, what: str) -> None:
                              f"pip install 'tcc_sim[{extra}]' brings it")
 
 
+class WorkersLost(TccError):
+    """Those who did the work are gone; `sweeps` holds what a sweep had done until then."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence)
+        self.sweeps: list[Any] = []
+
+
 class SweepInterrupted(KeyboardInterrupt):
     """Ctrl-C during a sweep; `sweeps` holds what was done until then."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -32,7 +32,7 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.sweep import workers
+from tcc_sim.sweeps.workers import Attendance, first_done, workers
 
 FORMAT = "tcc_sim basin_rows 1"
 AHEAD = 3
@@ -115,10 +115,10 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES
     out: list[Basins] = []
     try:
         rows = len(systems) * len(axes[1].values)
-        with workers(jobs, dask) as (executor, width), progress_bar("row", rows, shown=progress) as bar:
+        with workers(jobs, dask) as (executor, there), progress_bar("row", rows, shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]
-                out.append(_one(each, axes, cycles, mine, executor, width,
+                out.append(_one(each, axes, cycles, mine, executor, there,
                                 partial(_keep, file, index), bar.update))
     except KeyboardInterrupt:
         raise BasinsInterrupted from None
@@ -129,7 +129,7 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES
 
 
 def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
-         executor: Executor, width: Callable[[], int], keep: Callable[[int, dict[str, Any]], None],
+         executor: Executor, there: Attendance, keep: Callable[[int, dict[str, Any]], None],
          tick: Tick) -> Basins:
     """One plane: attractors from seeds, rows, and attractors again from the cells that came to none."""
     began = time.perf_counter()
@@ -138,7 +138,7 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
     state = _Progress(system, [], np.full(shape, UNDECIDED, np.int16), np.zeros(shape, np.int32))
     state.attractors = find_attractors(motion, seeds_of(system, plane))
     _take(state, stored, tick)
-    _rows(state, plane, most, executor, width, lambda row: keep(row, _record(state, row)), tick)
+    _rows(state, plane, most, executor, there, lambda row: keep(row, _record(state, row)), tick)
     for _ in range(ROUNDS):
         lost = np.argwhere(state.labels == UNDECIDED)
         if not len(lost):
@@ -151,25 +151,25 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
         shrunk = any(a.radius < b.radius for a, b in zip(more, state.attractors))
         state.attractors = more
         state.done = set() if shrunk else set(range(shape[0])) - {int(j) for j in lost[:, 0]}
-        _rows(state, plane, most, executor, width, lambda row: None, lambda: None)
+        _rows(state, plane, most, executor, there, lambda row: None, lambda: None)
     return Basins(plane, tuple(state.attractors), state.labels, state.cycles, time.perf_counter() - began)
 
 
-def _rows(state: _Progress, plane: tuple[Axis, Axis], most: int, executor: Executor, width: Callable[[], int],
+def _rows(state: _Progress, plane: tuple[Axis, Axis], most: int, executor: Executor, there: Attendance,
           keep: Callable[[int], None], tick: Tick) -> None:
     """Solve every row that is not done; few are handed out ahead, so that memory does not grow."""
     waiting = iter([row for row in range(len(plane[1].values)) if row not in state.done])
     running: dict[Future[Row], int] = {}
     try:
         while True:
-            while len(running) < AHEAD * max(width(), 1):
+            while len(running) < AHEAD * max(there.threads(), 1):
                 row = next(waiting, None)
                 if row is None:
                     break
                 running[executor.submit(solve_row, state.system, plane, row, state.attractors, most)] = row
             if not running:
                 return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in first_done(running, there):
                 row = running.pop(future)
                 state.labels[row], state.cycles[row] = future.result()
                 state.done.add(row)

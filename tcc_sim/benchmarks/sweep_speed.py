@@ -19,7 +19,8 @@ from tcc_sim.benchmarks.references import Reference, errors, reference
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.sweeps.sweep import Curve, Plan, cores, sweep_curves
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
+from tcc_sim.sweeps.workers import cores
 
 Record = dict[str, Any]
 ERROR = 1e-6

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
-from tcc_sim.errors import InputError, SweepInterrupted, counted
+from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.output.terminal import say, terminal_width
 
 
@@ -61,14 +61,14 @@ def run(arguments: argparse.Namespace) -> int:
     check_plot(arguments, arguments.json, arguments.out)
     check_workers(arguments)
     curves = curves_of(scene.system, key, values, *second[0]) if second else [Curve(scene.system, key, tuple(values))]
-    interrupted = False
+    ended = ""
     try:
         sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
                               said=said("sweep_points", scene, arguments.words), progress=True)
-    except SweepInterrupted as stop:
-        interrupted, sweeps = True, stop.sweeps
+    except (SweepInterrupted, WorkersLost) as stop:
+        ended, sweeps = str(stop), stop.sweeps
     found = Grid(second[0][0], tuple(second[0][1]), sweeps) if second else sweeps[0]
-    resumable = interrupted and arguments.out is not None
+    resumable = bool(ended) and arguments.out is not None
     # What the same command would not overwrite is left to it.
     if arguments.json is not None and (not resumable or arguments.json == STANDARD_OUTPUT):
         write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         with draft(arguments.plot) as part:
             plot(found.as_json(), part, arguments.width, title=scene.name)
-    if arguments.json is None and arguments.out is None and not interrupted:
+    if arguments.json is None and arguments.out is None and not ended:
         key_two, values_two = second[0] if second else ("", ())
         say("\n".join(sweep_lines(sweeps, key_two, values_two, terminal_width())))
     elif arguments.json != STANDARD_OUTPUT:
@@ -85,10 +85,10 @@ def run(arguments: argparse.Namespace) -> int:
         failed = sum(p is not None and p.summary is None for p in points)
         say(f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
             + (f"; {failed} failed" if failed else ""))
-    if interrupted:
+    if ended:
         kept = f"; the same command goes on from {arguments.out}" if resumable else ""
-        print(f"tcc-sim: interrupted{kept}", file=sys.stderr)
-        return 130
+        print(f"tcc-sim: {ended}{kept}", file=sys.stderr)
+        return 130 if ended == "interrupted" else 1
     return 0
 
 

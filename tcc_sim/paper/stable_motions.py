@@ -30,7 +30,8 @@ from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
 from tcc_sim.paper.seen_motions import RUNS, seen_in
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.sweep import Curve, workers
+from tcc_sim.sweeps.sweep import Curve
+from tcc_sim.sweeps.workers import workers
 
 SMOOTHING = "friction.smoothing"
 NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}

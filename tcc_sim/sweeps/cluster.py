@@ -11,20 +11,56 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import Any
 
-from tcc_sim.errors import InputError, require
+from tcc_sim.errors import InputError, WorkersLost, require
 
 CONNECT_TIMEOUT = 8.0
 """Seconds that the scheduler has to answer."""
+PATIENCE = 60.0
+"""Seconds that a scheduler may be silent, or without workers, before a sweep that it works on is given up."""
 LOST_WORKERS = 10
 """How many workers may die over one task before the task is given up."""
 ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 """Protocol, host and port."""
 
 
+class Scheduler:
+    """Asks a scheduler whether it and its workers are still there.
+
+    Parameters
+    ----------
+    client : of the scheduler
+    address : its address, for the sentence
+    """
+
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self._address = client, address
+        self._threads = self._ask()
+        self._seen = time.monotonic()
+
+    def threads(self) -> int:
+        """Threads of all workers, as far as was heard."""
+        return self._threads
+
+    def check(self) -> None:
+        """Raise WorkersLost where scheduler or workers have been gone for PATIENCE seconds."""
+        self._threads = self._ask()
+        if self._threads:
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > PATIENCE:
+            gone = "has no workers" if self._client.status == "running" else "is gone"
+            raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {PATIENCE:g} s now")
+
+    def _ask(self) -> int:
+        """Threads of all workers; 0 where no answer comes."""
+        try:
+            return sum(within(time.monotonic() + 0.25 * CONNECT_TIMEOUT, self._client.nthreads).values())
+        except Exception:
+            return 0  # Whatever a client raises whose scheduler is gone.
+
+
 @contextmanager
-def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
-    """An executor on the workers of the scheduler at `address`, and a function that says how many threads they have
-    now.
+def cluster(address: str) -> Iterator[tuple[Executor, Scheduler]]:
+    """An executor on the workers of the scheduler at `address`, and who of them is there.
 
     The package must be installed on the workers.
 
@@ -33,7 +69,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     MissingPackage
         distributed is not installed.
     InputError
-        Not an address, or no scheduler answers there in time.
+        Not an address, no scheduler answers there in time, or it has no workers.
     """
     require("distributed", "--dask")
     parts = ADDRESS.fullmatch(address)
@@ -51,9 +87,12 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--dask {address}: no Dask scheduler answers ({error or type(error).__name__})") from None
     with client:
+        there = Scheduler(client, address)
+        if not there.threads():
+            raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
         executor = client.get_executor(pure=False, retries=LOST_WORKERS)
         try:
-            yield executor, lambda: sum(client.nthreads().values())
+            yield executor, there
         finally:
             executor.shutdown(wait=False)
 

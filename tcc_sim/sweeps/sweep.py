@@ -7,19 +7,17 @@ what.
 
 from __future__ import annotations
 
-import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tcc_sim import __version__
-from tcc_sim.errors import InputError, SweepInterrupted
+from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene
 from tcc_sim.sweeps.file import SweepFile
@@ -27,6 +25,7 @@ from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import MOST_VALUES, Curve, Grid, Sweep
 from tcc_sim.sweeps.simulation import PAPER, Plan, Start
+from tcc_sim.sweeps.workers import Attendance, first_done, workers
 
 DASK_BATCH = 8
 """Points in one task on a cluster: a task costs the scheduler about a millisecond."""
@@ -106,6 +105,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
         A wrong plan or number of jobs, no scheduler, or a file that holds something else.
     SweepInterrupted
         Ctrl-C; it carries what was done until then.
+    WorkersLost
+        The scheduler, or all of its workers, are gone; it carries what was done until then.
     MissingPackage
         `dask` without the package distributed.
     """
@@ -125,17 +126,20 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
     file: SweepFile | None = None
     try:
-        with workers(jobs, dask) as (executor, width):
+        with workers(jobs, dask) as (executor, there):
             file = SweepFile(out, _header(curves, plan), take, said=said) if out is not None else None
             done = sum(p is not None for found in points for p in found)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
-                for c, i, point in _solved(curves, plan, executor, width, DASK_BATCH if dask else 1, points):
+                for c, i, point in _solved(curves, plan, executor, there, DASK_BATCH if dask else 1, points):
                     points[c][i] = point
                     if file is not None:
                         file.append(c, i, point.as_record())
                     bar.update()
     except KeyboardInterrupt:
         raise SweepInterrupted(_results(curves, plan, points, began)) from None
+    except WorkersLost as lost:
+        lost.sweeps = _results(curves, plan, points, began)
+        raise
     finally:
         if file is not None:
             file.close()
@@ -158,7 +162,7 @@ Task = tuple[int, list[int], Start | None]
 """Number of a curve, indices of its values in the order of solving, and where to go on from."""
 
 
-def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, width: Callable[[], int], batch: int,
+def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Attendance, batch: int,
             points: Points) -> Iterator[tuple[int, int, Point]]:
     """Every point that was not found yet, as it is done; few tasks are handed out ahead, so memory does not grow."""
     ready = _tasks(curves, plan, batch, points)
@@ -166,7 +170,7 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, width: Call
     running: dict[Future[list[Point]], Task] = {}
     try:
         while True:
-            while len(running) < 3 * max(width(), 1):
+            while len(running) < 3 * max(there.threads(), 1):
                 task = following.popleft() if following else next(ready, None)
                 if task is None:
                     break
@@ -175,7 +179,7 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, width: Call
                 running[executor.submit(solve_points, systems, values, plan, start)] = task
             if not running:
                 return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in first_done(running, there):
                 c, indices, _ = running.pop(future)
                 found = future.result()
                 if plan.direction != "cold":
@@ -217,28 +221,6 @@ def _order(curve: Curve, plan: Plan) -> list[int]:
         return list(range(len(curve.values)))
     rising = [int(i) for i in np.argsort(curve.values, kind="stable")]
     return rising if plan.direction == "up" else rising[::-1]
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Callable[[], int]]]:
-    """Where tasks run, and a function that says how many run at a time."""
-    if dask is not None:
-        from tcc_sim.sweeps.cluster import cluster
-
-        with cluster(dask) as found:
-            yield found
-        return
-    count = jobs or cores()
-    executor = ThreadPoolExecutor(count, thread_name_prefix="sweep")
-    try:
-        yield executor, lambda: count
-    finally:
-        executor.shutdown(wait=False, cancel_futures=True)
 
 
 def values_of_range(text: str, option: str = "--over") -> tuple[str, list[float]]:

@@ -121,3 +121,37 @@ def test_what_does_not_come_back_is_not_waited_for() -> None:
         within(time.monotonic() + 0.01, never.wait)
     never.set()
     assert within(time.monotonic() + 60.0, lambda: 3) == 3
+
+
+def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  # type: ignore[no-untyped-def]
+        tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("tcc_sim.sweeps.workers.LOOK", 0.1)
+    file, out = tmp_path / "scheduler.json", tmp_path / "out.jsonl"
+    quiet = ["--no-dashboard", "--scheduler-file", str(file)]
+    processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]
+    command = ["sweep", "chaos", "--over", "engine.frequency=100:160:40", "--cycles", "1000", "--out", str(out)]
+    try:
+        with distributed.Client(scheduler_file=str(file), timeout=120, set_as_default=False) as client:
+            address = client.scheduler.address
+            assert main([*command, "--dask", address]) == 2
+            assert "has no workers" in capsys.readouterr().err
+            processes.append(started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
+                                     "--local-directory", str(tmp_path / "w"), *quiet))
+            client.wait_for_workers(1, timeout=120)
+        append = sweep_file.SweepFile.append
+
+        def kill_the_scheduler(self, *words):  # type: ignore[no-untyped-def]
+            append(self, *words)
+            processes[0].kill()
+            monkeypatch.setattr("tcc_sim.sweeps.cluster.PATIENCE", 0.5)
+
+        monkeypatch.setattr(sweep_file.SweepFile, "append", kill_the_scheduler)
+        assert main([*command, "--dask", address]) == 1
+        said = capsys.readouterr().err
+        assert "goes on from" in said
+        assert len(out.read_text().splitlines()) > 1
+    finally:
+        for process in processes:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()

@@ -1,0 +1,43 @@
+"""Work in processes of which one is killed: what is done is kept, what is not is done again, and nothing waits."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.errors import WorkersLost
+from tcc_sim.sweeps.processes import each_in_a_process
+
+
+def killed_once(mark: str) -> int:
+    """End this process like the kernel does where memory runs out, the first time that it is asked for a mark."""
+    path = Path(mark)
+    if path.suffix == ".deadly" and not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
+def killed(number: int) -> int:
+    """End this process, whatever is asked."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_a_killed_process_costs_only_what_it_had_in_hand(tmp_path: Path) -> None:
+    marks = [str(tmp_path / name) for name in ("one", "two.deadly", "three", "four")]
+    found = each_in_a_process(killed_once, marks, 2)
+    assert len(found) == 4
+    assert os.getpid() not in found
+
+
+def test_work_that_kills_whoever_does_it_is_given_up_in_one_line() -> None:
+    with pytest.raises(WorkersLost, match=r"0 of 2 parts were done$"):
+        each_in_a_process(killed, [1, 2], 2)
+
+
+def test_one_part_is_done_here() -> None:
+    assert each_in_a_process(os.path.basename, ["a/b"]) == ["b"]
