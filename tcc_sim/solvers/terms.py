@@ -19,6 +19,9 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.per_system import per_system
 
+SWINGS = 40.0
+"""Natural periods in an engine cycle beyond which a cycle is allowed more steps."""
+
 
 class Terms(NamedTuple):
     """The terms of equations (1) to (7) that one scene needs; see the functions of `model` for each field.
@@ -181,6 +184,11 @@ def excitation_frequency(terms: Terms) -> float:
 def natural_frequency(terms: Terms) -> float:
     """omega_n = sqrt(K23/I2), rad/s."""
     return math.sqrt(terms.linear[3] / terms.linear[1])
+
+
+def steps_allowed(terms: Terms, period: float) -> int:
+    """Most steps of one engine cycle of a solve that gets on: a long one needs some for what swings by itself."""
+    return 2_000 * max(1, math.ceil(natural_frequency(terms) * period / (2.0 * math.pi * SWINGS)))
 
 
 def stick_speed_of(terms: Terms) -> float:

@@ -37,7 +37,7 @@ def test_chebyshev_coefficients_and_powers_give_the_nodal_values_back():
 
 @pytest.mark.parametrize("level", [1, 4, 12])
 def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
-    found = tables.tables(LINEAR, (RATE,), RATE, tables.top_of(2.0 * np.pi / RATE), tables.LEVELS)
+    found = tables.tables(LINEAR, (RATE,), RATE, *tables.ladder_of(50.0, 2.0 * np.pi / RATE, LINEAR))
     rung, sources = found.rungs[level], found.sources[level]
     i1, i2, damping, stiffness = LINEAR
     inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(rung["length"])

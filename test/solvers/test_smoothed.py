@@ -172,3 +172,22 @@ def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch):
     assert count == np.searchsorted(whole.t, cut.t[-1]) > 20
     for column in ("t", "slip_speed", "plate_angle", "plate_speed"):
         np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])
+
+
+@pytest.mark.parametrize("sigma", [50.0, 1e3, 1e4, 1e6])
+def test_static_friction_that_does_not_decay_is_kinetic_friction_as_large(sigma):
+    values = {**FIG02, "friction.smoothing": sigma, "friction.decay": 0.0}
+    found = smoothed.solve(problem(values, 40)).raise_for_status()
+    same = smoothed.solve(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40))
+    assert found.cycles.section == pytest.approx(same.cycles.section, rel=1e-4, abs=1e-6)
+    assert found.statistics.steps < 1.5 * same.statistics.steps
+
+
+@pytest.mark.parametrize("frequency", [1e-3, 1e-2])
+def test_a_motion_in_stick_follows_the_slowest_engine(frequency):
+    system = replace(System(), {**FIG02, "engine.frequency": frequency})
+    found = smoothed.solve(Problem(system, State(0.0, 0.0, 0.0), cycles=2)).raise_for_status()
+    e, d = system.engine, system.driveline
+    lag = e.torque_amplitude * frequency * d.damping / d.stiffness**2  # K23 theta2 + C23 theta2' = Te, nearly: v creeps.
+    assert found.cycles.section[1:, 1] == pytest.approx(e.mean_torque / d.stiffness - lag, abs=0.05 * lag)
+    assert found.statistics.steps < 1000

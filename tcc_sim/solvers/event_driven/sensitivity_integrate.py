@@ -35,7 +35,6 @@ from tcc_sim.solvers.terms import Terms
 
 ARRIVED, LOST, DEGENERATE, CROWDED = range(4)
 """How the loop ends: at the end; where the state is not finite; where slip ends with v' = 0; after too many events."""
-STEPS_PER_CYCLE = 100_000
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
 SHORTER = 0.6
@@ -148,7 +147,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
         while True:
             step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
             steps += 1
-            if not step.x >= 0.0 or steps > STEPS_PER_CYCLE * total:
+            if not step.x >= 0.0 or steps > bounds.steps * total:
                 return LOST
             length = step.x * step.unit
             falls = False

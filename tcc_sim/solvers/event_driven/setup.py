@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load
+from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed
 
 EXACT = 1e-16
 """Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
@@ -16,6 +16,10 @@ FAR_SHARE = 1.5e-4
 
 STIFF = 10.0
 """Damping over the critical one from which the fast part is left to collocation; a series takes it along below."""
+
+
+STEPS_ALLOWED = 50
+"""Steps of an engine cycle with its sensitivity per those of `steps_allowed`: a heavy damper makes them short."""
 
 
 class Bounds(NamedTuple):
@@ -46,6 +50,8 @@ class Bounds(NamedTuple):
     """The same in stick."""
     creep: float
     """Size of the plate speed where the damper holds it, rad/s."""
+    steps: int
+    """Most steps of an engine cycle of which the sensitivity is asked."""
     steepest: float
     """Slip that begins at breakaway may fall this fast, rad/s^2, in rounding."""
 
@@ -74,7 +80,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         stick_rate=math.sqrt(stiffness / (flywheel + plate)) + damping / (flywheel + plate) + excitation,
         far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
         stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
-        creep=min(scale, torque / max(damping, 1e-300)),
+        steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
         steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate))
 
 

@@ -35,7 +35,10 @@ faster.
 """
 LEVELS = 22
 """Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it, and
-further where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2)."""
+further where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2);
+and further where the engine is slow, for what swings by itself in stick."""
+SWINGS = 16.0
+"""Periods of flywheel and plate as one in an engine cycle up to which LEVELS are enough."""
 USUAL = 50.0
 """The smoothing (s/rad) up to which LEVELS are enough."""
 
@@ -116,14 +119,12 @@ for _i in range(DEGREE + 1):
 TO_POWERS = np.rint(TO_POWERS)
 
 
-def top_of(period: float) -> int:
-    """The longest rung, at most one engine cycle: its length is 2^(-top/2) s."""
-    return math.ceil(-2.0 * math.log2(period) - 1e-9)
-
-
-def levels_of(sigma: float) -> int:
-    """Rungs of the ladder for a smoothing."""
-    return LEVELS + math.ceil(max(math.log2(sigma / USUAL), 0.0))
+def ladder_of(sigma: float, period: float, linear: Linear) -> tuple[int, int]:
+    """The longest rung, at most one engine cycle: its length is 2^(-top/2) s; and the number of rungs."""
+    top = math.ceil(-2.0 * math.log2(period) - 1e-9)
+    swings = period * math.sqrt(linear[3] / (linear[0] + linear[1])) / (2.0 * math.pi)
+    sharper, slower = max(math.log2(sigma / USUAL), 0.0), max(2.0 * math.log2(swings / SWINGS), 0.0)
+    return top, LEVELS + math.ceil(sharper) + math.ceil(slower)
 
 
 @lru_cache(maxsize=16)

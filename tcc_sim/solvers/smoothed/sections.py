@@ -10,7 +10,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.smoothed.integrate import Setup, integrate
-from tcc_sim.solvers.smoothed.solve import own_setup
+from tcc_sim.solvers.smoothed.solve import STEPS_AT_FIRST, own_setup
 from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, STATE, WORK, Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
@@ -53,7 +53,8 @@ def sections(system: System, starts: Floats, first: int, cycles: int, rtol: floa
     outputs["highest"] = outputs["lowest"] = slip
     out = np.full((len(starts), cycles + 1, 3), np.nan)
     out[:, 0] = starts
-    integrate_each(first, cycles, 400_000 + 2_000 * cycles, setup._replace(waves=setup.waves.copy()), states, controls,
-                   np.zeros(1, DRIVE)[0], np.zeros(1, WORK)[0], counters, outputs,
+    integrate_each(first, cycles, STEPS_AT_FIRST + setup.limits.steps * cycles,
+                   setup._replace(waves=setup.waves.copy()), states, controls, np.zeros(1, DRIVE)[0],
+                   np.zeros(1, WORK)[0], counters, outputs,
                    Store(np.zeros(cycles + 1, CYCLE), np.empty((0, 3)), 0, np.empty(0, MOVE)), out)
     return out

@@ -14,7 +14,8 @@ from tcc_sim.solvers.smoothed.state import DONE, Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
 from tcc_sim.solvers.step_output import Store
 
-STEPS_PER_CYCLE = 20_000
+STEPS_ALLOWED = 10
+"""Steps of a part per those of a solve."""
 MOVES = 256
 """Transitions of a part that are kept."""
 
@@ -64,8 +65,8 @@ def integrate_parts(parts: Any, setup: Setup, memory: Memory, store: Store, tang
         part = parts[k]
         begin(part, setup.limits, tangent, state, memory.control, output)
         memory.counters.steps, memory.counters.rejected = 0, 0
-        part.status = integrate(part.first, part.cycles, part.tail, STEPS_PER_CYCLE * (part.cycles + 1), setup, memory,
-                                store, None, tangent)
+        steps = STEPS_ALLOWED * setup.limits.steps * (part.cycles + 1)
+        part.status = integrate(part.first, part.cycles, part.tail, steps, setup, memory, store, None, tangent)
         if part.status != DONE:
             return
         part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed

@@ -11,7 +11,7 @@ import numpy as np
 
 from tcc_sim.model import friction
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
-from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, stick_speed_of
+from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, stick_speed_of
 
 LOCAL = 0.1
 """Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
@@ -25,7 +25,7 @@ RESOLVED = 1e3
 """Error of a change that decays within one series step, relative to it, per tolerance of the step: it is made again
 smaller by what decays afterwards."""
 FLAT_PEAK = 1e-6
-"""Where mu_k = mu_s mubar only tends to 1: stick asks for at most 1 less this."""
+"""Where mu_k = mu_s, or where alpha = 0, mubar only tends to its limit: stick asks for less than that by this share."""
 
 
 class Limits(NamedTuple):
@@ -49,6 +49,7 @@ class Limits(NamedTuple):
     order, linear_order : of the series with and without varying friction
     resolved : rate of decay times length of a series step up to which it shows how a small change decays, too
     forgotten : the sum of those after which nothing is left of a change off the slow manifold
+    steps : most steps of an engine cycle
     """
 
     period: float
@@ -73,6 +74,7 @@ class Limits(NamedTuple):
     linear_order: int
     resolved: float
     forgotten: float
+    steps: int
 
 
 def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
@@ -92,7 +94,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     stick_speed = stick_speed_of(own)
     creep_speed, peak = friction.peak(sigma, own.stribeck)
     if not math.isfinite(creep_speed):
-        creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, 1.0 - FLAT_PEAK
+        creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, (1.0 - FLAT_PEAK) * peak
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
     far = layer if stribeck is None else far_of(*stribeck, rtol, layer)
     amplitudes = 0.0 if terms.harmonics is None else float(np.abs(terms.harmonics[:, 1]).sum())
@@ -111,7 +113,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
         strength=beta * peak_load(terms), beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
         order=order, linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
         resolved=math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
-        forgotten=-math.log(local))
+        forgotten=-math.log(local), steps=steps_allowed(terms, period))
 
 
 def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:

@@ -45,6 +45,8 @@ from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajec
 
 BATCH = 4096
 """Engine cycles in one call of the compiled loop."""
+STEPS_AT_FIRST = 400_000
+"""Steps of a solve before those of its cycles are counted."""
 TRANSITIONS_MAXIMUM = 1_000_000
 STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
             NOT_FINITE: Status.NOT_FINITE}
@@ -123,7 +125,7 @@ def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
     waves = waves_of(terms)
     tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()),
                                        0.0 if terms.pulsation is None else terms.pulsation[1],
-                                       collocation_tables.top_of(period), collocation_tables.levels_of(limits.sigma))
+                                       *collocation_tables.ladder_of(limits.sigma, period, terms.linear))
     waves.setflags(write=False)
     return kernel.Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
                         system.pressure.frequency_ratio, waves, tables)
@@ -141,7 +143,7 @@ def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
     records = cycles.view(CYCLE)[:, 0]
     loads = room_for_loads(problem)
-    limit = 400_000 + 2_000 * count
+    limit = STEPS_AT_FIRST + limits.steps * (count + 1)
     angle = True if problem.flywheel_angle else None
 
     def integrate(done: int, batch: int, rest: float, moves: NDArray[Any]) -> int:

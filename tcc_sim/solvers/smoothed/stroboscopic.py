@@ -97,8 +97,8 @@ class Prepared:
             # What mubar changes by with mu_s/mu_k dies down with slip speed as exp(-alpha |v|), however near to 1 it is.
             limits = limits._replace(far=max(limits.far, far_of(1.0, terms.stribeck[1], rtol, limits.layer)))
         self.setup = setup._replace(waves=setup.waves.copy(), limits=limits)
-        top, levels = collocation_tables.top_of(self.period), collocation_tables.levels_of(setup.limits.sigma)
-        self.torque = collocation_tables.response(terms.linear, top, levels).torque
+        ladder = collocation_tables.ladder_of(limits.sigma, self.period, terms.linear)
+        self.torque = collocation_tables.response(terms.linear, *ladder).torque
         groups = math.ceil(self.count / LANES)
         lanes = np.zeros((len(NUMBERS), groups * LANES))
         lanes[:, 3:self.count] = changes
