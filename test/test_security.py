@@ -13,7 +13,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import Definition
-from tcc_sim.nodes.children import isolated_environment
+from tcc_sim.nodes.domain import OwnEnvironment
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE
@@ -122,10 +122,11 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    found = isolated_environment()
-    assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert 1 <= int(found["ROS_DOMAIN_ID"]) <= 101
+    own = OwnEnvironment()
+    assert own.values["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert 1 <= int(own.values["ROS_DOMAIN_ID"]) <= 101
+    own.close()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    found = isolated_environment()
+    found = OwnEnvironment().values
     assert (found["ROS_AUTOMATIC_DISCOVERY_RANGE"], found["ROS_DOMAIN_ID"]) == ("SUBNET", "7")

@@ -18,7 +18,8 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
-from tcc_sim.nodes.children import START_LIMIT, NodeProcess, isolated_environment
+from tcc_sim.nodes.children import START_LIMIT, NodeProcess
+from tcc_sim.nodes.domain import OwnEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, Pacer
 from tcc_sim.nodes.scheduling import TIMER_SLACK_NS, prepare_thread, release_memory
@@ -107,13 +108,13 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     the stretches; missed ticks are those given up beyond the catch-up bound. `settings` has the bare loop's figures
     with each setting by itself, and what was refused.
     """
-    environment = isolated_environment()
-    os.environ.update(environment)
+    own = OwnEnvironment()
+    os.environ.update(own.values)
     sys.setswitchinterval(SWITCH_INTERVAL)
     node_side, bare_side = Stretches(), Stretches()
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
-                               environment) if recorder else None
+                               own.values) if recorder else None
         trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
         with creation():
             node = DrivelineNode(parameter_overrides=[
@@ -146,6 +147,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             node.destroy_node()
             if listener is not None:
                 listener.stop()
+            own.close()
     worst = max((p.drift for p in node_side.pacers), key=abs)
     return {"rate": rate, "ticks": sum(p.ticks for p in node_side.pacers),
             "missed_ticks": sum(p.missed_ticks for p in node_side.pacers), "drift_s": worst,

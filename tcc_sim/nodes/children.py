@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import os
-import secrets
 import signal
 import subprocess
 import sys
@@ -16,6 +14,7 @@ import time
 from pathlib import Path
 
 from tcc_sim.errors import MissingPackage, TccError
+from tcc_sim.nodes.domain import OwnEnvironment
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -27,7 +26,7 @@ START_LIMIT = 120.0
 """Real time, s, that a start may take: compiling the kernels for the first time is most of it, on a busy machine
 too.
 """
-END_LIMIT = 30.0
+END_LIMIT = 60.0
 """Real time, s, that an end may take before the process is killed."""
 
 
@@ -37,15 +36,6 @@ def require_ros() -> None:
         if importlib.util.find_spec(name) is None:
             raise MissingPackage(f"ROS 2 package {name} is not installed: source your ROS 2, or pip install "
                                  "'tcc_sim[ros]'")
-
-
-def isolated_environment() -> dict[str, str]:
-    """The environment with discovery kept on this machine and a random domain, unless the user has chosen one."""
-    environment = dict(os.environ)
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    # Domains up to 101 keep clear of the ephemeral ports of Linux.
-    environment.setdefault("ROS_DOMAIN_ID", str(1 + secrets.randbelow(101)))
-    return environment
 
 
 class NodeProcess:
@@ -109,6 +99,17 @@ class NodeProcess:
         self._reader.join(timeout=1.0)
         return status
 
+    def kill(self) -> None:
+        """End it without a word, where it has not ended."""
+        self._process.kill()
+        self.wait()
+
+    def wait(self) -> int:
+        """Wait for its end and give its status; all that it said is then in `lines`."""
+        status = self._process.wait()
+        self._reader.join()
+        return status
+
     @property
     def pid(self) -> int:
         """Process id."""
@@ -135,7 +136,8 @@ class Session:
     def __init__(self, recording: Path, driveline: dict[str, object],
                  controller: dict[str, object] | None = None) -> None:
         require_ros()
-        self.environment = isolated_environment()
+        self._own = OwnEnvironment()
+        self.environment = self._own.values
         self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
         self.beside = [] if controller is None else [NodeProcess("slip_controller", controller, self.environment)]
         subscribers = 1 + len(self.beside)
@@ -150,6 +152,7 @@ class Session:
         """End the driveline, then what is beside it, then the recorder, which then has everything."""
         for process in (self.driveline, *self.beside, self.recorder):
             process.stop()
+        self._own.close()
 
     def watch(self, seconds: float) -> None:
         """Sleep, and raise TccError where a node has ended meanwhile."""

@@ -65,14 +65,14 @@ class Diagnostics:
                        f"{command.name} time-outs": str(command.timeouts),
                        f"{command.name} source": "fallback" if command.fallen_back else "topic"}
         waiting = [c.name for c in loop.commands if c.fallen_back]
-        level, text = DiagnosticStatus.OK, regime
+        wrong = []
         if pacer.missed_ticks > self._late:
-            late = counted(pacer.missed_ticks - self._late, "tick")
-            level, text = DiagnosticStatus.WARN, f"{late} missed in real time"
-        elif waiting:
-            level, text = DiagnosticStatus.WARN, f"no command on {' and '.join(waiting)}; the scene's fallback applies"
+            wrong.append(f"{counted(pacer.missed_ticks - self._late, 'tick')} missed in real time")
+        if waiting:
+            wrong.append(f"no command on {' and '.join(waiting)}; the scene's fallback applies")
         self._since, self._ticks, self._late = now, done, pacer.missed_ticks
         self._stick, self._slip = loop.stick_ticks, loop.slip_ticks
-        return DiagnosticStatus(level=level, name=f"{self._node.get_fully_qualified_name()}: driveline",
-                                hardware_id="simulation",
-                                message=text, values=[KeyValue(key=k, value=v) for k, v in values.items()])
+        return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,
+                                name=f"{self._node.get_fully_qualified_name()}: driveline", hardware_id="simulation",
+                                message="; ".join(wrong) or regime,
+                                values=[KeyValue(key=k, value=v) for k, v in values.items()])

@@ -12,9 +12,11 @@ if __name__ == "__main__":
 
 import gc
 import sys
+from contextlib import suppress
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
@@ -157,11 +159,12 @@ class DrivelineNode(Node):
 
 
 def spin(node: DrivelineNode) -> None:
-    """Answer requests and keep house until the context ends, which is an ExternalShutdownException."""
+    """Answer requests and keep house until the context ends."""
     spinner = context.Spinner(node)
-    while True:
-        spinner.once(HOUSEKEEPING)
-        node.housekeeping()
+    with suppress(ExternalShutdownException):
+        while True:
+            spinner.once(HOUSEKEEPING)
+            node.housekeeping()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
-import random
-import socket
+import os
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tcc_sim.nodes.children import NodeProcess
+from tcc_sim.nodes.domain import Domain
 
 
 class Bench:
@@ -51,17 +54,23 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 @pytest.fixture(scope="session")
 def domain() -> Iterator[str]:
-    """A ROS domain that no other test process on this machine has: a name that only one may bind, until the process
-    ends.
-    """
-    numbers = list(range(1, 102))
-    random.shuffle(numbers)
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as mine:
-        for number in numbers:
-            try:
-                mine.bind(f"\0tcc_sim_test_domain_{number}")
-            except OSError:
-                continue
-            yield str(number)
-            return
-    pytest.skip("every ROS domain is taken")
+    """A ROS domain where nobody else is, whatever test process or command, until this process ends."""
+    mine = Domain()
+    yield str(mine.number)
+    mine.close()
+
+
+@pytest.fixture
+def start(domain: str) -> Iterator[Callable[..., NodeProcess]]:
+    """Starts nodes in processes of their own on a domain of their own; none outlives the test."""
+    processes: list[NodeProcess] = []
+
+    def begin(module: str, lease: Path | None = None, **parameters: object) -> NodeProcess:
+        environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain}
+        more = {"FASTDDS_DEFAULT_PROFILES_FILE": str(lease)} if lease else {}
+        processes.append(NodeProcess(module, parameters, {**environment, **more}))
+        return processes[-1]
+
+    yield begin
+    for process in processes:
+        process.kill()

@@ -18,17 +18,20 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from child_output import without_compiling
 
-from tcc_sim.nodes.children import isolated_environment
 from tcc_sim.recording.input_sources import input_sources
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
+ENVIRONMENT = {key: value for key, value in os.environ.items() if key not in ("ROS_DOMAIN_ID",
+                                                                              "ROS_AUTOMATIC_DISCOVERY_RANGE")}
+"""Commands take a domain of their own."""
+
 
 def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "tcc_sim", *words], cwd=folder, capture_output=True, text=True,
                           timeout=300,
-                          check=False, env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path)})
+                          check=False, env={**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)})
 
 
 def demo(scene: str, seconds: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -133,7 +136,7 @@ def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "demo", "--scene", "minimal", "--duration", "600",
                                 "--out",
                                 "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                               env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path),
+                               env={**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path),
                                     "PYTHONUNBUFFERED": "1"})
     try:
         assert process.stdout is not None
@@ -153,11 +156,12 @@ def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
 
 
 def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
-    code = ("import sys, time; from pathlib import Path; from tcc_sim.nodes.children import Session\n"
+    code = ("import sys; from pathlib import Path; from tcc_sim.nodes.children import Session\n"
             "session = Session(Path('recording'), {'scene': 'minimal'})\n"
-            "print(session.driveline.pid, session.recorder.pid, flush=True); time.sleep(600)")
-    process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True,
-                               env={**isolated_environment(), "PYTHONPATH": os.pathsep.join(sys.path)})
+            "print(session.driveline.pid, session.recorder.pid, flush=True); sys.stdin.read()")
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdin=subprocess.PIPE,
+                               stdout=subprocess.PIPE, text=True,
+                               env={**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert process.stdout is not None
     nodes = [int(word) for word in process.stdout.readline().split()]
     assert len(nodes) == 2

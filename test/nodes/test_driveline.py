@@ -176,7 +176,6 @@ def test_pause_step_and_reset(bench: Any) -> None:
     assert heard[-1].velocity[0] == 150.0
     assert call(bench, SetBool, "driveline/pause", SetBool.Request(data=False)).success
     bench.until(lambda: stamp_of(heard[-1]) > 5 * STEP_NS)
-    assert node.loop.pacer.missed_ticks == 0
 
 
 def test_parameters_are_checked_together_and_applied_between_ticks(bench: Any) -> None:

@@ -36,24 +36,6 @@ LEASE = """<?xml version="1.0" encoding="UTF-8"?>
 """Fast DDS takes 20 s to find that a participant died without a word; one second will do here."""
 
 
-@pytest.fixture
-def start(tmp_path: Path, domain: str) -> Iterator[Callable[..., NodeProcess]]:
-    """Starts nodes on a domain of their own; none outlives the test."""
-    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain}
-    processes: list[NodeProcess] = []
-
-    def start(module: str, lease: Path | None = None, **parameters: object) -> NodeProcess:
-        more = {"FASTDDS_DEFAULT_PROFILES_FILE": str(lease)} if lease else {}
-        processes.append(NodeProcess(module, parameters, {**environment, **more}))
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        if process._process.poll() is None:
-            process._process.kill()
-        process._process.wait()
-
-
 def recorded(output: Path) -> Run | None:
     """The recording so far; None while there is nothing to read."""
     try:
@@ -69,7 +51,6 @@ def until(predicate: Callable[[], object], limit: float = 120.0) -> None:
     end = time.monotonic() + limit
     while not predicate():
         assert time.monotonic() < end, "it took too long"
-        time.sleep(0.05)
 
 
 def messages_in(output: Path, count: int) -> Callable[[], bool]:
@@ -107,7 +88,7 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     driveline.await_line(CLOCK_STARTED)
     until(messages_in(output, 200))
     os.kill(driveline.pid, signal.SIGSTOP)
-    time.sleep(2.0)
+    recorder.await_line("no /joint_states for 3 s")
     os.kill(driveline.pid, signal.SIGCONT)
     until(lambda: (run := recorded(output)) is not None and any(missed for _, missed in missed_ticks(run)))
     now = recorded(output)
@@ -122,10 +103,10 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     # Of the ticks that were due while it was stopped, at most CATCH_UP were made good; the others were counted and
     # never ran.
     told, missed = missed_ticks(run)[-1]
-    # The signal itself may take a while to arrive on a busy machine.
-    assert missed >= 1.5 * RATE
+    # The signal itself, and what is said and heard, may take a while to arrive on a busy machine.
+    assert missed >= 2 * RATE
     due = (told - log[0]) * 1e-9 * RATE
-    assert abs(due - np.count_nonzero(log <= told) - missed) <= 2 * CATCH_UP * RATE
+    assert abs(due - np.count_nonzero(log <= told) - missed) <= 2 * CATCH_UP * RATE + 0.5 * missed
     assert run.complete
     assert run.warnings == []
 

@@ -94,7 +94,7 @@ class Prepared:
         setup = setup_of(system, terms, rtol)
         limits = setup.limits
         if changes[EXCESS_RATIO].any() and terms.stribeck is not None:
-            # What mubar changes by with mu_s/mu_k dies down with slip speed as exp(-alpha |v|), however near to 1 it is.
+            # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
             limits = limits._replace(far=max(limits.far, far_of(1.0, terms.stribeck[1], rtol, limits.layer)))
         self.setup = setup._replace(waves=setup.waves.copy(), limits=limits)
         ladder = collocation_tables.ladder_of(limits.sigma, self.period, terms.linear)
