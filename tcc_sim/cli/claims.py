@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from tcc_sim.cli.arguments import new_file
 from tcc_sim.errors import InputError
@@ -24,13 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
     from tcc_sim.output.files import draft, write_json
+    from tcc_sim.output.markdown import text
     from tcc_sim.output.provenance import document
     from tcc_sim.paper.catalogue import paper_system
-    from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
+    from tcc_sim.paper.claims import TOLERANCE, Verdict, judge, plain_numbers
     from tcc_sim.paper.evidence import Evidence
-    from tcc_sim.paper.mean_pressure import table
-    from tcc_sim.paper.pages import claims_page, counts_of, errata_page, pressure_sentence, text
-    from tcc_sim.paper.stable_motions import words_of
+    from tcc_sim.paper.mean_pressure import PressureTable, table
+    from tcc_sim.paper.pages import claims_page, counts_of, errata_page, pressure_sentence
 
     for path in (arguments.json, arguments.markdown, arguments.errata):
         if path is not None:
@@ -39,27 +38,26 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
 
     verdicts: list[Verdict] = []
-    pressures: dict[str, Any] | None = None
+    pressures: PressureTable | None = None
     interrupted = False
 
     def show(verdict: Verdict) -> None:
         verdicts.append(verdict)
-        row = verdict.as_json()
-        say(f"Fig. {row['figure']:<10}  {row['verdict']:<13}  {row['claim']}" if row["figure"][0].isdigit() else
-            f"{row['figure']:<15}  {row['verdict']:<13}  {row['claim']}")
-        for name, value in row["values"].items():
+        found = verdict.finding
+        say(f"Fig. {found.figure:<10}  {verdict.verdict:<13}  {found.claim}" if found.figure[0].isdigit() else
+            f"{found.figure:<15}  {verdict.verdict:<13}  {found.claim}")
+        for name, value in plain_numbers(found.values).items():
             say(f"{'':<32}{name}: {text(value)}")
-        for motion in row["motions"]:
-            say(f"{'':<32}{words_of(motion)}")
-        if row["why"]:
-            say(f"{'':<32}{row['why']}", flush=True)
+        for motion in found.motions:
+            say(f"{'':<32}{motion}")
+        if verdict.why:
+            say(f"{'':<32}{verdict.why}", flush=True)
 
     try:
         judge(jobs=arguments.jobs, progress=True, each=show)
         pressures = table(Evidence(TOLERANCE, arguments.jobs, progress=True))
-        for found in pressures["rows"]:
-            say(f"mean pressure {found['pressure'] / 1e3:g} kPa: {found['count']} of {len(found['fits'])} numbers "
-                f"of the text")
+        for row in pressures.rows:
+            say(f"mean pressure {row.pressure / 1e3:g} kPa: {row.count} of {len(row.found)} numbers of the text")
         if arguments.errata is not None:
             with draft(arguments.errata) as part:
                 part.write_text(errata_page())
@@ -70,7 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 130
     say(counts_of(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
     if arguments.json is not None:
-        values = {"claims": [v.as_json() for v in verdicts], "mean_pressure": pressures, "complete": not interrupted}
+        values = {"claims": [v.as_json() for v in verdicts], "complete": not interrupted,
+                  "mean_pressure": None if pressures is None else pressures.as_json()}
         write_json(arguments.json, document("claims", values, paper_system(), arguments.words))
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from tcc_sim.paper import claims_constant_load, claims_interaction, claims_model, claims_varying_load
-from tcc_sim.paper.evidence import DEPENDS, Finding
+from tcc_sim.paper import (
+    claims_figure4,
+    claims_figures5to7,
+    claims_interaction,
+    claims_model,
+    claims_series,
+    claims_varying_load,
+)
+from tcc_sim.paper.criteria import DEPENDS, Claim, Finding
 from tcc_sim.paper.stable_motions import StableMotions
 
-Judge = Callable[[StableMotions], Finding]
-CLAIMS: tuple[Judge, ...] = (*claims_model.CLAIMS, *claims_constant_load.CLAIMS, *claims_varying_load.CLAIMS,
-                             *claims_interaction.CLAIMS, claims_model.series_balance,
-                             *claims_varying_load.SERIES_CLAIMS)
-"""Every claim in the order of the paper's figures; the series (30) to (35) last."""
+MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction)
+CLAIMS: tuple[Claim, ...] = tuple(row for module in MODULES for row in vars(module).values() if isinstance(row, Claim))
+"""Every claim in the order of the paper."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
 """Relative tolerances of the smoothed engine; a verdict that differs between them depends."""
@@ -25,32 +30,43 @@ TIGHTER = 1e-11
 class Verdict:
     """A claim judged at two tolerances.
 
-    finding : at the tighter one, with the verdict that holds for both, or depends
+    finding : at the tighter one
     looser : the verdict at the looser one
     """
 
     finding: Finding
     looser: str
 
+    @property
+    def verdict(self) -> str:
+        """The verdict that holds at both, or depends."""
+        return self.finding.verdict if self.finding.verdict == self.looser else DEPENDS
+
+    @property
+    def why(self) -> str:
+        """What explains the verdict."""
+        if self.finding.verdict == self.looser:
+            return self.finding.why
+        return f"the verdict changes with the tolerance; {self.finding.why}".rstrip("; ")
+
     def as_json(self) -> dict[str, Any]:
-        """figure, claim, values, criterion, verdict, why, and the verdict at either tolerance."""
-        out: dict[str, Any] = _plain(asdict(self.finding))
-        out["verdicts"] = {f"{TOLERANCE:g}": self.looser, f"{TIGHTER:g}": self.finding.verdict}
-        if self.finding.verdict != self.looser:
-            out["verdict"] = DEPENDS
-            out["why"] = f"the verdict changes with the tolerance; {self.finding.why}".rstrip("; ")
-        return out
+        """figure, where, claim, values, criterion, verdict, why, motions, and the verdict at either tolerance."""
+        found = self.finding
+        return {"figure": found.figure, "where": found.where, "claim": found.claim, "criterion": found.criterion,
+                "values": plain_numbers(found.values), "verdict": self.verdict, "why": self.why,
+                "motions": [plain_numbers(m.as_json()) for m in found.motions],
+                "verdicts": {f"{TOLERANCE:g}": self.looser, f"{TIGHTER:g}": found.verdict}}
 
 
-def judge(*, jobs: int | None = None, progress: bool = False, claims: tuple[Judge, ...] = CLAIMS,
+def judge(claims: Sequence[Claim] = (), *, jobs: int | None = None, progress: bool = False,
           each: Callable[[Verdict], None] = lambda verdict: None) -> list[Verdict]:
-    """Judge every claim at both tolerances.
+    """Judge claims at both tolerances.
 
     Parameters
     ----------
+    claims : which; all where empty
     jobs : threads; all available cores by default
     progress : show a bar for every sweep on a terminal
-    claims : which
     each : called with every verdict as it is reached
 
     Raises
@@ -61,19 +77,19 @@ def judge(*, jobs: int | None = None, progress: bool = False, claims: tuple[Judg
     loose = StableMotions(TOLERANCE, jobs, progress)
     tight = StableMotions(TIGHTER, jobs, progress, known=loose.known)
     out = []
-    for claim in claims:
+    for claim in claims or CLAIMS:
         verdict = Verdict(claim(tight), claim(loose).verdict)
         out.append(verdict)
         each(verdict)
     return out
 
 
-def _plain(value: Any) -> Any:
+def plain_numbers(value: Any) -> Any:
     """Numbers as JSON has them: NumPy's as Python's, and none that is not finite."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, Mapping):
+        return {str(k): plain_numbers(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
+        return [plain_numbers(v) for v in value]
     if hasattr(value, "item"):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

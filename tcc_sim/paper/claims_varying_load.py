@@ -1,4 +1,4 @@
-"""The claims about Figs. 8 to 13 and (35): harmonically varying normal load with mu_k = mu_s."""
+"""The claims about Figs. 8 to 13: harmonically varying normal load with mu_k = mu_s."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ import numpy as np
 
 from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
-from tcc_sim.paper.claims_constant_load import NEAR
-from tcc_sim.paper.evidence import (
-    Evidence,
-    Finding,
-    Floats,
-    Values,
-    judged,
-    share_where,
-    sticks,
-    with_kinetic,
-)
+from tcc_sim.paper.claims_figure4 import JUMPING, NEAR
+from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
+from tcc_sim.paper.evidence import FREQUENCY, Evidence, Floats, Values, share_where, sticks
 from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.paper.stable_motions import StableMotions
 
 AXIS = np.round(np.arange(0.05, 0.5001, 0.005), 6)
 LOW, HIGH = AXIS <= 0.29, (AXIS >= 0.31) & (AXIS <= 0.45)
-NEARLY_ALL = 0.95
-"""The part of the frequencies at which an order must hold."""
+LOWER = AXIS <= 0.25
+SHOWS = 0.05
+"""Difference of two largest slip speeds, rad/s, below which neither curve counts as the lower."""
 
 
 def rows(number: int) -> list[Values]:
@@ -41,209 +34,192 @@ def maxima(evidence: Evidence, number: int) -> Floats:
 def best(found: Floats, curve: int, where: np.ndarray, *, worst: bool = False) -> float:
     """The part of the frequencies at which one curve is the lowest of all (the highest), where any slips."""
     others = np.delete(found, curve, axis=0)
-    ordered = found[curve] >= others.max(axis=0) - 0.05 if worst else found[curve] <= others.min(axis=0) + 0.05
+    ordered = found[curve] >= others.max(axis=0) - SHOWS if worst else found[curve] <= others.min(axis=0) + SHOWS
     return share_where(ordered, where & (found.max(axis=0) > 0.1))
 
 
 def exceptions(found: Floats, curve: int, where: np.ndarray) -> list[float]:
     """The frequency ratios at which one curve is not the lowest of all."""
     others = np.delete(found, curve, axis=0)
-    return [float(x) for x in AXIS[where & (found[curve] > others.min(axis=0) + 0.05)]]
+    return [float(x) for x in AXIS[where & (found[curve] > others.min(axis=0) + SHOWS)]]
 
 
-def _every_period(evidence: Evidence, number: int) -> dict[str, list[int]]:
-    """The periods met along every curve."""
-    return {plain(s.label): sorted({int(p) for p in evidence.periods(sweep)})
-            for s, sweep in zip(FIGURES[number].series, evidence.curves(rows(number), AXIS))}
+LOWEST = f"slipping ratios {{}} at which its maximum from (13) is the lowest (within {SHOWS:g} rad/s)"
+HIGHEST = f"the highest at those {{}} (within {SHOWS:g} rad/s)"
 
 
-def phase_attenuates(evidence: Evidence) -> Finding:
+@claim("8", "6.1, Fig. 8", "psi = 0 attenuates slip best below about 0.30 and worst above",
+       Shares(LOWEST.format("to 0.29") + ", and " + HIGHEST.format("from 0.31 to 0.45")))
+def phase_attenuates(evidence: Evidence) -> Measured:
     """Fig. 8: psi = 0."""
     found = maxima(evidence, 8)
     below, above = best(found, 0, LOW), best(found, 0, HIGH, worst=True)
-    return Finding("8", "psi = 0 attenuates slip best below about 0.30 and worst above",
-                   f"lowest maximum at {NEARLY_ALL:g} of the ratios to 0.29, highest at as many from 0.31 to 0.45",
-                   {"best below": below, "worst above": above}, judged(below >= NEARLY_ALL and above >= NEARLY_ALL,
-                                                                       below >= NEARLY_ALL or above >= NEARLY_ALL))
+    return Measured((below, above), {"best below": below, "worst above": above})
 
 
-def _without_bifurcations(evidence: Evidence, number: int, claim: str) -> Finding:
-    """Period one everywhere."""
-    found = _every_period(evidence, number)
-    return Finding(str(number), claim, "period 1 at every frequency and for every curve", {"periods": found},
-                   judged(all(p == [1] for p in found.values())))
+def without_bifurcations(evidence: Evidence, number: int) -> Measured:
+    """The periods met along every curve, and whether they are one everywhere."""
+    found = {plain(s.label): sorted({int(p) for p in evidence.periods(sweep)})
+             for s, sweep in zip(FIGURES[number].series, evidence.curves(rows(number), AXIS))}
+    return Measured((all(p == [1] for p in found.values()),), {"periods": found})
 
 
-def phase_bifurcations(evidence: Evidence) -> Finding:
+@claim("8", "6.1, Fig. 8(b)", "no bifurcations for mu_k = mu_s and any phase",
+       Holds("period 1 at every frequency from 0.05 to 0.5 and for every curve"))
+def phase_bifurcations(evidence: Evidence) -> Measured:
     """Fig. 8: no bifurcations."""
-    return _without_bifurcations(evidence, 8, "no bifurcations for mu_k = mu_s and any phase")
+    return without_bifurcations(evidence, 8)
 
 
-def phase_jumps(evidence: Evidence) -> Finding:
+@claim("8", "6.1, Fig. 8(a)", "the curves are smooth for mu_k = mu_s and any phase: no jumps",
+       Holds(f"no jump of any curve; {JUMPING}"))
+def phase_jumps(evidence: Evidence) -> Measured:
     """Fig. 8: no jumps."""
     found = {plain(s.label): [round(x, 4) for x, _ in evidence.jumps(s.values, AXIS)] for s in FIGURES[8].series}
-    return Finding("8", "the curves are smooth for mu_k = mu_s and any phase: no jumps",
-                   "no jump of more than 8 % of the maximum on a 1e-5 wide interval", {"jumps": found},
-                   judged(not any(found.values())))
+    return Measured((not any(found.values()),), {"jumps": found})
 
 
-def amplitude_bifurcations(evidence: Evidence) -> Finding:
-    """Fig. 13: no bifurcations."""
-    return _without_bifurcations(evidence, 13, "no bifurcations for mu_k = mu_s and any Tsp")
+WITHIN_STICK = (f"from the lowest ratio that slips from (13) to the highest of 0.05 to 0.25 that sticks, widened by "
+                f"{NEAR:g} either way, with the smoothed law and with the set-valued one")
+"""What a printed end of pure stick is held against: between the two ratios motions of both kinds are met."""
 
 
-def _first_slip(evidence: Evidence, number: int, curve: int, law: str) -> float | None:
-    """Lowest ratio at which the clutch slips once it has settled, to 0.001, with either law."""
+def stick_interval(evidence: Evidence, number: int, law: str) -> list[float]:
+    """The lowest ratio at which the clutch slips for good from (13) with psi = 0, and the highest that sticks."""
     axis = np.round(np.arange(0.05, 0.2501, 0.001), 6)
-    found = axis[evidence.slips(evidence.curves([{**rows(number)[curve], "friction.law": law}], axis)[0])]
-    return float(found.min()) if len(found) else None
+    slips = evidence.slips(evidence.curves([{**rows(number)[0], "friction.law": law}], axis)[0])
+    return [float(axis[slips].min(initial=math.inf)), float(axis[~slips].max(initial=-math.inf))]
 
 
-def pure_stick_below(evidence: Evidence, number: int, place: float) -> Finding:
-    """Pure stick for psi = 0 at low frequency."""
-    ends = {law: _first_slip(evidence, number, 0, law) for law in ("smoothed", "set_valued")}
-    near = [x is not None and abs(x - place) <= NEAR for x in ends.values()]
+def pure_stick_below(evidence: Evidence, number: int, place: float) -> Measured:
+    """Between which ratios stick ends for psi = 0, and whether the text's is one of them."""
+    found = {law: stick_interval(evidence, number, law) for law in ("smoothed", "set_valued")}
+    inside = [low - NEAR <= place <= high + NEAR for low, high in found.values()]
     lower = closed_form.stick_limits(paper_system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
-    limit = None if lower is None else lower / OMEGA_N
-    return Finding(str(number), f"psi = 0: pure stick below {place:g}",
-                   f"lowest ratio at which the motion from (13) slips for good within {NEAR:g} of {place:g} with "
-                   "either law",
-                   {**ends, "(10), whatever mu_k": limit}, judged(all(near), any(near)),
-                   "between the lowest slip and the end of pure stick by (10) motions of both kinds exist")
+    return Measured([(hit, True) for hit in inside],
+                    {**{f"lowest slip and highest stick, {law}": x for law, x in found.items()},
+                     "end of stick by (10), whatever mu_k": None if lower is None else lower / OMEGA_N},
+                    "between the lowest slip and the end of pure stick by (10) motions of both kinds exist")
 
 
-def stick_below_018(evidence: Evidence) -> Finding:
+@claim("8", "6.1; 6.2", "psi = 0: pure stick below 0.18", Equal(f"0.18 lies in the interval {WITHIN_STICK}"))
+def stick_below_018(evidence: Evidence) -> Measured:
     """Fig. 8: pure stick."""
     return pure_stick_below(evidence, 8, 0.18)
 
 
-def delay(evidence: Evidence) -> Finding:
+@claim("9", "6.1, Fig. 9", "positive slip falls into the first half cycle at 0.15 and 0.18, into the second at 0.37 "
+       "and 0.40", Holds("more than 0.8 of the way slipped in the first half cycle at the first two ratios, less than "
+                         "0.2 at the others"), cheap=True)
+def delay(evidence: Evidence) -> Measured:
     """Fig. 9: when the slip takes place."""
-    shares = {f"{float(s.values['engine.frequency']) / OMEGA_N:.2f}":  # type: ignore[arg-type]
+    shares = {f"{float(s.values[FREQUENCY]) / OMEGA_N:.2f}":  # type: ignore[arg-type]
               first_half(evidence.last_cycles(s.values, 2, 2000)) for s in FIGURES[9].series}
-    first, second = [shares["0.15"], shares["0.18"]], [shares["0.37"], shares["0.40"]]
-    return Finding("9",
-                   "positive slip falls into the first half cycle at 0.15 and 0.18, into the second at 0.37 and 0.40",
-                   "more than 0.8 of the way slipped in the first half cycle, less than 0.2",
-                   {"part in the first half": shares},
-                   judged(min(first) > 0.8 and max(second) < 0.2))
+    parts = list(shares.values())
+    return Measured((min(parts[:2]) > 0.8 and max(parts[2:]) < 0.2,), {"part in the first half": shares})
 
 
-EXPECTED = {0.5: 2, 2.0: 1, 2.0 / 3.0: 3, 4.0 / 3.0: 3, 1.0: 1}
-"""Period by (35) for every omega_f/omega of Figs. 10 and 11."""
+def actuated(ratio: float) -> dict[str, float]:
+    """Tsp/Tsm = 0.25 at omega_f = ratio omega, mu_k = mu_s, 150 rad/s."""
+    return {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": ratio, FREQUENCY: 150.0}
 
 
-def actuation_periods(evidence: Evidence) -> Finding:
+PERIODS = {0.5: 2, 2.0: 1, 2.0 / 3.0: 3, 4.0 / 3.0: 3}
+"""Period by (35) for every omega_f/omega of Figs. 10 and 11 but 1."""
+
+
+@claim("10, 11, 12", "6.1, after (29)", "omega_f/omega = 1/2, 2, 2/3, 4/3 give period 2, 1, 3, 3", Equal(
+    "these periods from (13) at 150 rad/s, and no others at the slipping ratios from 0.05 to 0.5 of Figs. 10 and 11"))
+def actuation_periods(evidence: Evidence) -> Measured:
     """Figs. 10 to 12: periods."""
-    single = {f"{r:.3f}": evidence.motion(_actuated(r, 150.0 / OMEGA_N))["period"] for r in EXPECTED if r != 1.0}
-    exact = [single[f"{r:.3f}"] == p for r, p in EXPECTED.items() if r != 1.0]
-    along = {name: float((found == EXPECTED[ratio]).mean()) if len(found) else 1.0
-             for name, (ratio, found) in _slipping_periods(evidence).items() if ratio != 1.0}
-    return Finding("10, 11, 12", "omega_f/omega = 1/2, 2, 2/3, 4/3 give period 2, 1, 3, 3",
-                   f"these periods at 150 rad/s, and at {NEARLY_ALL:g} of the slipping ratios of Figs. 10 and 11",
-                   {"at 150 rad/s": single, "part of the slipping ratios": along},
-                   judged(all(exact) and min(along.values()) >= NEARLY_ALL, all(exact)))
+    single = {f"{r:.3f}": evidence.motion(actuated(r)).period for r in PERIODS}
+    along = {name: sorted({int(p) for p in found}) for name, found in slipping_periods(evidence).items()}
+    pairs = [(single[f"{r:.3f}"], p) for r, p in PERIODS.items()]
+    return Measured([*pairs, *((along[f"{r:.3f}"], [p]) for r, p in PERIODS.items())],
+                    {"at 150 rad/s": single, "at the slipping ratios": along})
 
 
-def actuation_bifurcations(evidence: Evidence) -> Finding:
+@claim("10, 11", "6.1, after (29)", "no bifurcations for mu_k = mu_s and any omega_f",
+       Holds("one period along every curve from 0.05 to 0.5, wherever the clutch slips"))
+def actuation_bifurcations(evidence: Evidence) -> Measured:
     """Figs. 10 and 11: no bifurcations."""
-    found = {name: sorted({int(p) for p in periods}) for name, (_, periods) in _slipping_periods(evidence).items()}
-    return Finding("10, 11", "no bifurcations for mu_k = mu_s and any omega_f",
-                   "one period along every curve, wherever the clutch slips", {"periods": found},
-                   judged(all(len(p) <= 1 for p in found.values())))
+    found = {name: sorted({int(p) for p in periods}) for name, periods in slipping_periods(evidence).items()}
+    return Measured((all(len(p) <= 1 for p in found.values()),), {"periods": found})
 
 
-def _slipping_periods(evidence: Evidence) -> dict[str, tuple[float, np.ndarray]]:
-    """omega_f/omega and the periods where the clutch slips, for every curve of Figs. 10 and 11."""
-    out: dict[str, tuple[float, np.ndarray]] = {}
-    for number in (10, 11):
-        for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS)):
-            ratio = float(row["pressure.frequency_ratio"])  # type: ignore[arg-type]
-            out[f"{ratio:.3f}"] = ratio, evidence.periods(sweep)[~sticks(sweep)]
-    return out
+def slipping_periods(evidence: Evidence) -> dict[str, np.ndarray]:
+    """The periods where the clutch slips by omega_f/omega, for every curve of Figs. 10 and 11."""
+    return {f"{row['pressure.frequency_ratio']:.3f}": evidence.periods(sweep)[~sticks(sweep)]
+            for number in (10, 11) for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS))}
 
 
-def actuation_attenuates(evidence: Evidence) -> Finding:
+def constant(evidence: Evidence) -> Floats:
+    """(frequencies,) largest slip speeds for Tsp = 0 and mu_k = mu_s."""
+    return evidence.curves([{}], AXIS)[0].column("max_slip_speed")
+
+
+def against_constant(found: Floats, still: Floats, where: np.ndarray, sign: float) -> float:
+    """The part of the slipping ratios at which a curve lies below that of Tsp = 0 (sign 1), or above it (-1)."""
+    return share_where(sign * (still - found) > SHOWS, where & (np.maximum(found, still) > 0.1))
+
+
+@claim("10, 11", "6.1, after (29)", "omega_f = omega attenuates best at low frequency", Shares(
+    LOWEST.format("to 0.25") + " of its figure, and lower than that of Tsp = 0"))
+def actuation_attenuates(evidence: Evidence) -> Measured:
     """Figs. 10 and 11: omega_f = omega."""
-    low = AXIS <= 0.25
-    shares = {str(n): best(maxima(evidence, n), 1, low) for n in (10, 11)}
-    return Finding("10, 11", "omega_f = omega attenuates best at low frequency",
-                   f"lowest maximum at {NEARLY_ALL:g} of the ratios to 0.25", {"best": shares},
-                   judged(min(shares.values()) >= NEARLY_ALL, max(shares.values()) >= NEARLY_ALL))
+    shares = {str(n): best(maxima(evidence, n), 1, LOWER) for n in (10, 11)}
+    below = _beside_constant(evidence, LOWER, 1.0)
+    return Measured([*shares.values(), below["1.000"]],
+                    {"lowest of its figure": shares, "lower than Tsp = 0, for omega_f/omega": below})
 
 
-def actuation_reversed(evidence: StableMotions) -> Finding:
-    """Figs. 10 and 11: omega_f = omega at high frequency."""
+def _beside_constant(evidence: Evidence, where: np.ndarray, sign: float) -> dict[str, float]:
+    """For every omega_f/omega of Figs. 10 and 11 the part at which its curve is below (above) that of Tsp = 0."""
+    still = constant(evidence)
+    return {f"{row['pressure.frequency_ratio']:.3f}": against_constant(found, still, where, sign)
+            for n in (10, 11) for row, found in zip(rows(n), maxima(evidence, n))}
+
+
+@claim("10, 11", "6.1, after (29)", "at higher frequency this is reversed", Shares(
+    f"slipping ratios from 0.31 to 0.45 at which the maximum of omega_f = omega is above that of Tsp = 0, and "
+    f"{HIGHEST.format('of either figure')}"))
+def actuation_reversed(evidence: StableMotions) -> Measured:
+    """Figs. 10 and 11: omega_f = omega at high frequency, beside Tsp = 0 and beside the other curves."""
     shares, above, motions = {}, {}, []
     for n in (10, 11):
         found = maxima(evidence, n)
         shares[str(n)] = best(found, 1, HIGH, worst=True)
         for k, row in ((0, rows(n)[0]), (2, rows(n)[2])):
-            slipping = HIGH & (found[[1, k]].max(axis=0) > 0.1)
-            above[f"{row['pressure.frequency_ratio']:.3f}"] = share_where(found[1] > found[k] + 0.05, slipping)
+            above[f"{row['pressure.frequency_ratio']:.3f}"] = share_where(
+                found[1] > found[k] + SHOWS, HIGH & (found[[1, k]].max(axis=0) > 0.1))
         evidence.stretches(rows(n), AXIS[HIGH])
         for row in [r for r in rows(n) if n == 10 or r["pressure.frequency_ratio"] != 1.0]:
             motions += evidence.motions(f"omega_f = {row['pressure.frequency_ratio']:.3f} omega", row, AXIS[HIGH])
-    alone = "" if any(m[end]["jumps"] for m in motions for end in ("low", "high")) else \
+    over = _beside_constant(evidence, HIGH, -1.0)
+    alone = "" if any(end.jumps for m in motions for end in (m.stretch.low, m.stretch.high)) else \
         "no stable motion ends in a jump, so no start matters; "
-    return Finding("10, 11", "at higher frequency this is reversed: omega_f = omega attenuates worst",
-                   f"highest maximum at {NEARLY_ALL:g} of the ratios from 0.31 to 0.45",
-                   {"worst": shares, "slips more than at omega_f/omega": above},
-                   judged(min(shares.values()) >= NEARLY_ALL, max(above.values()) >= 0.5),
-                   "" if min(shares.values()) >= NEARLY_ALL else alone + "it depends on what it is compared with",
-                   tuple(motions))
+    return Measured([over["1.000"], *shares.values()],
+                    {"above Tsp = 0, for omega_f/omega": over, "worst of its figure": shares,
+                     "omega_f = omega slips more than at omega_f/omega": above},
+                    alone + "beside constant load it attenuates no more; beside the other curves it is not the worst",
+                    tuple(motions))
 
 
-def amplitude_attenuates(evidence: Evidence) -> Finding:
+@claim("13", "6.1, Fig. 13", "larger Tsp attenuates more at low and less at high frequency", Shares(
+    f"slipping ratios to 0.27 at which the maxima fall with every Tsp, and from 0.31 to 0.45 at which they rise "
+    f"(within {SHOWS:g} rad/s)"))
+def amplitude_attenuates(evidence: Evidence) -> Measured:
     """Fig. 13: Tsp."""
     found = maxima(evidence, 13)
     moving = found.max(axis=0) > 0.1
-    falling = (np.diff(found, axis=0) <= 0.05).all(axis=0)
-    rising = (np.diff(found, axis=0) >= -0.05).all(axis=0)
+    falling = (np.diff(found, axis=0) <= SHOWS).all(axis=0)
+    rising = (np.diff(found, axis=0) >= -SHOWS).all(axis=0)
     low, high = share_where(falling, moving & (AXIS <= 0.27)), share_where(rising, moving & HIGH)
-    return Finding("13", "larger Tsp attenuates more at low and less at high frequency",
-                   f"maxima fall with every Tsp at {NEARLY_ALL:g} of the ratios to 0.27, and rise at as many from "
-                   f"0.31 to 0.45",
-                   {"falling at low": low, "rising at high": high},
-                   judged(low >= NEARLY_ALL and high >= NEARLY_ALL, low >= 0.8 and high >= 0.8))
+    return Measured((low, high), {"falling at low": low, "rising at high": high})
 
 
-def _actuated(ratio: float, frequency: float) -> dict[str, float]:
-    """Tsp/Tsm = 0.25 at omega_f = ratio omega, mu_k = mu_s."""
-    return {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": ratio,
-            "engine.frequency": frequency * OMEGA_N}
-
-
-def period_is_denominator(evidence: Evidence) -> Finding:
-    """(35): omega_f = (M/N) omega gives period N."""
-    frequency = 150.0 / OMEGA_N
-    pairs = [(m, n) for n in range(1, 6) for m in range(1, 6) if math.gcd(m, n) == 1]
-    found = {f"{m}/{n}": evidence.motion(_actuated(m / n, frequency))["period"] for m, n in pairs}
-    wrong = {pair: p for pair, p in found.items() if p != int(pair.split("/")[1])}
-    return Finding("(35)", "omega_f = (M/N) omega, M and N coprime, mu_k = mu_s: the response has period N",
-                   "period N for every coprime M/N up to 5/5 at 150 rad/s and Tsp/Tsm = 0.25", {"periods": found},
-                   judged(not wrong, len(wrong) < len(found)), f"not so for {wrong}" if wrong else "")
-
-
-def period_for_any(evidence: Evidence) -> Finding:
-    """(35) as printed: for M and N that are not coprime, and for mu_k < mu_s, for which Section 6.2 uses it."""
-    frequency = 150.0 / OMEGA_N
-    common = {f"{m}/{n}": evidence.motion(_actuated(m / n, frequency))["period"] for m, n in ((2, 4), (2, 2), (4, 6))}
-    falling = with_kinetic(0.75, {**_actuated(1.0, frequency)})
-    found = evidence.curves([falling], AXIS)[0]
-    periods = sorted({int(p) for p in evidence.periods(found)[~sticks(found)]})
-    wrong = [pair for pair, p in common.items() if p != int(pair.split("/")[1])]
-    return Finding("(35)", "the period is N whether or not M and N have a common factor, and whatever mu_k",
-                   "period N for 2/4, 2/2 and 4/6 at 150 rad/s, and period 1 at every slipping ratio for 1/1 and "
-                   "0.75 mu_s",
-                   {"with a common factor": common, "periods for 1/1, mu_k = 0.75 mu_s": periods},
-                   judged(not wrong and periods == [1]),
-                   "in lowest terms N is 2, 1 and 3; a falling friction law brings doublings and aperiodic motions "
-                   "of its own")
-
-
-CLAIMS = (phase_attenuates, phase_bifurcations, phase_jumps, stick_below_018, delay, actuation_periods,
-          actuation_attenuates, actuation_reversed, actuation_bifurcations, amplitude_attenuates,
-          amplitude_bifurcations)
-SERIES_CLAIMS = (period_is_denominator, period_for_any)
-"""Those about (35), which stand last."""
+@claim("13", "6.1, Fig. 13", "no bifurcations for mu_k = mu_s and any Tsp",
+       Holds("period 1 at every frequency from 0.05 to 0.5 and for every curve"))
+def amplitude_bifurcations(evidence: Evidence) -> Measured:
+    """Fig. 13: no bifurcations."""
+    return without_bifurcations(evidence, 13)

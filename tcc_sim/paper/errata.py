@@ -34,6 +34,14 @@ class Erratum:
 
 
 ERRATA: tuple[Erratum, ...] = (
+    Erratum("(3)", "psi is the phase lag between load and engine torque; Nm is the mean pressure",
+            "+psi in sin(omega_f t + psi) leads; Nm = Pm A is the mean normal force",
+            "the load's maximum comes psi/omega_f before that of sin(omega_f t); by N(t) = P(t) A of Section 2.1 a "
+            "pressure has another unit than N", "model.parameters"),
+    Erratum("Section 2.3, Table 1", "Np/Nm in [0, 1), and Pp = 0 to Pm", "Pp below Pm, or P clamped at 0",
+            "at Pp = Pm the load comes to 0 and the surfaces part; Np/Nm = Pp/Pm", "model.parameters"),
+    Erratum("Table 1", "C23 = 0.6 in Nm rad/s", "C23 = 0.6 N m s/rad", "C23 theta2' is a torque in (1b)",
+            "model.parameters"),
     Erratum("(4), (6)", "mubar in [0, mu_s/mu_k] at v = 0", "mubar in [-mu_s/mu_k, mu_s/mu_k]",
             "in stick friction holds in both directions", "solvers.event_driven"),
     Erratum("(8b), (25b)", "the arctangent of the quotient", "the four-quadrant arctangent",
@@ -47,6 +55,10 @@ ERRATA: tuple[Erratum, ...] = (
             "model.pure_stick"),
     Erratum("(11b)", "a period of 2 pi/omega", "N engine cycles for omega_f = (M/N) omega in lowest terms",
             "mu_s N(t) R repeats with omega_f, so one engine cycle does not show its least margin", "model.pure_stick"),
+    Erratum("After (14)", "a1 > 0: the motion will be of pure slip",
+            "a1 > 0 allows slip that grows; beside it a motion may stick for a part of every cycle",
+            "a1 is the trend of a motion that never sticks. While it sticks, friction carries less than Ts on average",
+            "paper.claims_model"),
     Erratum("(16)", "|a0| > |a21| + |a22|", "a0 > |a21| + |a22|, and v > 0 through the transient of (14)",
             "an a0 below 0 satisfies the print, but friction was taken for v > 0; and the transient can bring v to 0 "
             "before there is a steady state", "model.pure_slip", numbers.slip_condition),
@@ -58,6 +70,9 @@ ERRATA: tuple[Erratum, ...] = (
     Erratum("(21)", "Cf equates the cyclic energy dissipation", "that is Cf = int T v dt/int v^2 dt, above 0 always",
             "(21) weights the slope dT/dv with v^2; T is not (dT/dv) v, so it is another quantity, not an energy",
             "analysis.damping", numbers.dissipation),
+    Erratum("(22b)", "-Cf theta1' and no mean", "-Cf (theta1' - delta1c') as in (22a)",
+            "the friction torque Cf (delta1' - delta1c') acts on both inertias; otherwise (22a) and (22b) do not add "
+            "up to (1a), (1b)", "analysis.damping"),
     Erratum("(23)", "unstable where Cf < -C23", "unstable where Cf < 0; the oscillation grows from Cf near -C23 on",
             "the characteristic polynomial of (22) is I1 I2 s^3 + [I1 (C23 + Cf) + I2 Cf] s^2 + (I1 K23 + Cf C23) s "
             "+ Cf K23: its constant term makes a positive real root for any Cf < 0", "analysis.damping", numbers.roots),
@@ -81,25 +96,32 @@ ERRATA: tuple[Erratum, ...] = (
             "for mu_k = mu_s; and slip in one direction has a mean", "model.harmonic_balance", numbers.series),
     Erratum("(31)", "[Tm + Tp sin(omega t/N)]", "[Tsm + Tsp sin(M omega t/N + psi)]", "the first factor is Ts of (5b)",
             "model.harmonic_balance"),
-    Erratum("(35)", "v = N whether M and N are commensurable or not", "v = N for M/N in lowest terms and mu_k = mu_s",
-            "2/4 is 1/2: period two. For mu_k < mu_s the motion doubles or loses its period by itself: the claims on "
-            "(35) "
-            "have the periods", "paper.claims_varying_load"),
+    Erratum("Section 6.1, before (30)", "a period identical to omega/N", "a period of N 2 pi/omega",
+            "omega/N is an angular frequency", "paper.claims_series"),
+    Erratum("(35)", "v = N for any M and N", "v = N for M/N in lowest terms and mu_k = mu_s",
+            "commensurable means to the authors that one is a multiple of the other: 1/2, 2/1 and 2/3, 4/3 are as they "
+            "say. But there is no condition on mu_k: for mu_k < mu_s the motion doubles or loses its period by itself",
+            "paper.claims_series"),
+    Erratum("Proof of (35)", "v = KN is disregarded, since the least period defines the periodicity",
+            "v = KN, K > 1, is a motion of its own", "a least period may be KN: that is what a doubling makes. The "
+            "first two cases show that v is a multiple of N, no more; the claim on the proof has the periods met",
+            "paper.claims_series"),
     Erratum("Section 5, Fig. 4", "the transition moves with mu_k because the law is smoothed",
             "stick and stick-slip coexist, and (13) leads to the latter",
-            "the set-valued law moves the last slip as far: see the claim", "paper.claims_constant_load"),
+            "the set-valued law moves the last slip as far: see the claim", "paper.claims_figure4"),
     Erratum("Captions of Figs. 3 and 13", "mu_k = 0.677 mu_s; effect of omega_f",
             "0.667 is meant, if Fig. 5's is; effect of Tsp",
             "Fig. 3 and the claims on it use 0.677 as printed", "paper.catalogue"),
 )
 """In the order of the paper."""
 
-RIGHT = ("(1), (2), (3), (5), (7), (8a), (12) to (15), (19), (20), (22), (24), (25a), (26) within 0.06 rad for "
+RIGHT = ("(1), (2), (3), (5), (7), (8a), (12) to (15), (19), (20), (22a), (24), (25a), (26) within 0.06 rad for "
          "omega/omega_n up to 0.5, (28), (29a), (33)")
 """What was derived again and found as printed."""
 
 OPEN = (
     ("the mean pressure of Figs. 4 to 18", "225 kPa; the table in the page of claims has others"),
+    ("the engine speed of Figs. 4 to 18", "150 rad/s, which Fig. 2 has; numbers below"),
     ("what stays as mu_k changes", "N(t), so Tsm falls with mu_k and mu_s N R = 540 N m stays"),
     ("the step of RK4 in Fig. 2", "several are shown"),
     ("what (21) is in Fig. 5", "as printed, and the time mean of the negative slope, which has the printed order"),

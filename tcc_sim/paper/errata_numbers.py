@@ -11,7 +11,7 @@ from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.model import closed_form
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
-from tcc_sim.paper.evidence import Values, with_kinetic
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.solvers import solve
 
 
@@ -153,3 +153,14 @@ def phase_order() -> dict[str, Any]:
     return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
         closed_form.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
         for s in FIGURES[8].series] for ratio in (0.15, 0.40)}
+
+
+def engine_speeds() -> dict[str, Any]:
+    """Where period two of Fig. 6 begins from (13) as mu_k falls, for engine speeds that the paper may have used."""
+    ratios, evidence = np.round(np.arange(0.76, 0.9401, 0.005), 6), Evidence(1e-9)
+    found = {}
+    for speed in (0.0, 50.0, 100.0, 150.0, 200.0):
+        row = {"engine.frequency": 0.36 * OMEGA_N, "initial.slip_speed": speed}
+        two = ratios[evidence.periods(evidence.curves([row], ratios, over=KINETIC)[0]) == 2]
+        found[f"{speed:g}"] = float(two.max()) if len(two) else None
+    return {"highest mu_k/mu_s with period 2 in Fig. 6, for an engine speed of (rad/s)": found}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -16,11 +17,11 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
+from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.point import Plan, solve_point
 from tcc_sim.sweeps.sweep import Curve, Sweep, sweep_curves
 from tcc_sim.trajectory import State, Status, Trajectory
 
-CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
 UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
 """Values of the keys at 1 on their normalised axes; the other keys have none."""
@@ -32,29 +33,26 @@ CYCLES, DISCARD = 150, 50
 """The paper's rule."""
 LATER = 500
 """Further cycles for a motion that the paper's rule leaves before its section repeats."""
+FAILED, RUNAWAY = -1, -2
+"""What stands for the period where a point failed, and where slip grows and the clutch never sticks."""
 LAST = 100
 """Cycles at the end of a long run in which its period is looked for."""
-STEADY = 3000
-"""Cycles from (13) after which the motion of Fig. 2 is taken for its steady state."""
-
 Floats = NDArray[np.float64]
 Values = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
-class Finding:
-    """A claim judged: what was computed, the verdict by the criterion, and why where it is not plainly confirmed.
+class Settled:
+    """One motion from the initial state (13).
 
-    motions : where motions coexist, the stable ones, each with its ends and where the initial state leads to it
+    period : of the settled motion, 0 for none up to 16, RUNAWAY where slip grows without end, FAILED
+    largest : largest |slip speed| over the kept cycles, rad/s; NaN where it failed
+    lyapunov : where asked for
     """
 
-    figure: str
-    claim: str
-    criterion: str
-    values: dict[str, Any]
-    verdict: str
-    why: str = ""
-    motions: tuple[dict[str, Any], ...] = ()
+    period: int
+    largest: float
+    lyapunov: Lyapunov | None = None
 
 
 @dataclass
@@ -91,18 +89,18 @@ class Evidence:
         return Plan(cycles=CYCLES, discard=DISCARD, direction=direction, rtol=self._rtol(paper_system(row)),
                     lyapunov=lyapunov, damping=damping)
 
-    def motion(self, row: Values, *, lyapunov: bool = False) -> dict[str, Any]:
-        """The record of one motion from the initial state (13); its period is that of the settled motion."""
+    def motion(self, row: Values, *, lyapunov: bool = False) -> Settled:
+        """One motion from the initial state (13); its period is that of the settled motion."""
         name = json.dumps([sorted(row.items()), lyapunov])
         if name not in self._kept:
             point = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov))
-            record = point.as_record()
-            self._kept[name] = {**record, "period": self._period(paper_system(row), record)}
-        found: dict[str, Any] = self._kept[name]
+            largest = math.nan if point.summary is None else point.summary.max_slip_speed
+            self._kept[name] = Settled(self._period(paper_system(row), point.as_record()), largest, point.lyapunov)
+        found: Settled = self._kept[name]
         return found
 
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
-        """(n,) periods of the settled motions, 0 for none up to 16, -1 where the point failed.
+        """(n,) periods of the settled motions, as `Settled` has them.
 
         What has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor not.
         """
@@ -111,9 +109,7 @@ class Evidence:
             records = sweep.records
 
             def at(k: int) -> int:
-                record = records[k]
-                found = None if record is None else self._period(sweep.curve.at(k), record)
-                return -1 if found is None else found
+                return FAILED if (record := records[k]) is None else self._period(sweep.curve.at(k), record)
 
             with ThreadPoolExecutor(self.jobs) as threads:
                 self._settled[name] = np.array(list(threads.map(at, range(len(records)))), dtype=np.int64)
@@ -132,13 +128,15 @@ class Evidence:
         with ThreadPoolExecutor(self.jobs) as threads:
             return np.array(list(threads.map(at, range(len(sweep.records)))), dtype=bool)
 
-    def _period(self, system: System, record: dict[str, Any]) -> int | None:
+    def _period(self, system: System, record: Mapping[str, Any]) -> int:
         """The period of a record, from further cycles where its section does not repeat yet."""
         period: int | None = record["period"]
+        if record.get("runaway"):
+            return RUNAWAY
         if period is None or record.get("settled", True):
-            return period
+            return FAILED if period is None else period
         found = later(system, record, self._rtol(system))
-        return -1 if found is None else found[0].period
+        return FAILED if found is None else RUNAWAY if getattr(found[0], "runaway", False) else found[0].period
 
     def _rtol(self, system: System) -> float | None:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
@@ -149,6 +147,14 @@ class Evidence:
         system = paper_system(row)
         return solve(system, cycles=cycles, samples_per_cycle=samples, rtol=self._rtol(system)).raise_for_status()
 
+    def largest_by_cycle(self, row: Values, cycles: int) -> Floats:
+        """(cycles,) largest |slip speed| of every cycle from the initial state (13), rad/s."""
+        system = paper_system(row)
+        found = solve(system, cycles=cycles, rtol=self._rtol(system)).raise_for_status().cycles
+        assert found is not None
+        largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))
+        return largest
+
     def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
         """Some cycles with samples, after those of the paper's rule."""
         system = paper_system(row)
@@ -156,18 +162,9 @@ class Evidence:
         return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=CYCLES, state=before.final,
                      rtol=self._rtol(system)).raise_for_status()
 
-    def steady(self, row: Values) -> dict[str, Any]:
-        """`period`, `max_slip_speed` (rad/s) and `settled` of the last cycles of a long run from (13)."""
-        system = paper_system(row)
-        run = solve(system, cycles=STEADY, rtol=self._rtol(system)).raise_for_status()
-        assert run.cycles is not None
-        found = summarise_cycles(run.cycles[STEADY - LAST:], system.cycle, first=STEADY - LAST)
-        return {"period": found.period, "max_slip_speed": found.max_slip_speed, "settled": found.settled}
-
     def maximum(self, row: Values, ratio: float) -> float:
         """The largest slip speed at one frequency ratio, NaN where it could not be solved."""
-        found = self.motion({**row, FREQUENCY: ratio * OMEGA_N})["max_slip_speed"]
-        return float("nan") if found is None else float(found)
+        return self.motion({**row, FREQUENCY: ratio * OMEGA_N}).largest
 
     def jumps(self, row: Values, axis: Floats) -> list[tuple[float, float]]:
         """(omega/omega_n, change of the largest slip speed) at every true jump of a curve from cold starts.
@@ -226,15 +223,6 @@ def share_where(condition: Any, among: Any) -> float:
     return float(condition[among].mean()) if among.any() else 1.0
 
 
-def judged(value: bool, partly: bool = False) -> str:
-    """The verdict of a criterion that holds, holds in part, or does not."""
-    return CONFIRMED if value else DEPENDS if partly else NOT_CONFIRMED
-
-
 def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
     """A row with mu_k = ratio mu_s."""
     return {**(row or {}), KINETIC: ratio * STATIC}
-
-
-__all__ = ["CONFIRMED", "DEPENDS", "NOT_CONFIRMED", "Evidence", "Finding", "judged", "later", "share_where",
-           "slips_at", "steep", "sticks", "with_kinetic"]

@@ -14,8 +14,9 @@ import numpy as np
 
 from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
-from tcc_sim.paper.claims_constant_load import AT_036, NEAR, RATIOS
-from tcc_sim.paper.evidence import KINETIC, Evidence, Values, slips_at, with_kinetic
+from tcc_sim.paper.claims_figure4 import NEAR
+from tcc_sim.paper.claims_figures5to7 import AT_036, RATIOS
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, slips_at, steep, with_kinetic
 from tcc_sim.paper.settled_histories import first_half
 
 PRESSURES = (200e3, 210e3, 220e3, 225e3, 230e3, 240e3, 250e3, 260e3)
@@ -31,20 +32,43 @@ class Number:
     found: Callable[[Evidence, float], tuple[Any, bool]]
 
 
-def table(evidence: Evidence, pressures: Sequence[float] = PRESSURES) -> dict[str, Any]:
-    """`numbers`: figure and text of each; `rows`: per pressure (Pa) the values, whether each fits, and how many do."""
-    rows = []
-    for pressure in pressures:
-        found = [number.found(evidence, pressure) for number in NUMBERS]
-        rows.append({"pressure": pressure, "values": [value for value, _ in found], "fits": [fits for _, fits in found],
-                     "count": sum(fits for _, fits in found)})
-    return {"numbers": [{"figure": n.figure, "text": n.text} for n in NUMBERS], "rows": rows}
+@dataclass(frozen=True)
+class Row:
+    """What one mean pressure, Pa, makes of every number, each with whether it fits."""
+
+    pressure: float
+    found: tuple[tuple[Any, bool], ...]
+
+    @property
+    def count(self) -> int:
+        """How many numbers fit."""
+        return sum(fits for _, fits in self.found)
 
 
-def best(found: dict[str, Any]) -> list[float]:
-    """The pressures, Pa, that agree with most numbers."""
-    most = max(row["count"] for row in found["rows"])
-    return [row["pressure"] for row in found["rows"] if row["count"] == most]
+@dataclass(frozen=True)
+class PressureTable:
+    """Rows of several mean pressures over the text's numbers."""
+
+    numbers: tuple[Number, ...]
+    rows: tuple[Row, ...]
+
+    def best(self) -> list[Row]:
+        """The rows that agree with most numbers."""
+        most = max(row.count for row in self.rows)
+        return [row for row in self.rows if row.count == most]
+
+    def as_json(self) -> dict[str, Any]:
+        """`numbers`: figure and text of each; `rows`: per pressure the values, whether each fits, and how many do."""
+        return {"numbers": [{"figure": n.figure, "text": n.text} for n in self.numbers],
+                "rows": [{"pressure": row.pressure, "values": [value for value, _ in row.found],
+                          "fits": [fits for _, fits in row.found], "count": row.count} for row in self.rows]}
+
+
+def table(evidence: Evidence, pressures: Sequence[float] = PRESSURES,
+          numbers: Sequence[Number] = ()) -> PressureTable:
+    """The table of `numbers`, all of NUMBERS where empty."""
+    chosen = tuple(numbers) or NUMBERS
+    return PressureTable(chosen, tuple(Row(p, tuple(n.found(evidence, p) for n in chosen)) for p in pressures))
 
 
 def _near(value: float | None, place: float, within: float = NEAR) -> tuple[Any, bool]:
@@ -79,6 +103,15 @@ def _first_slip(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     return _near(float(found.min()) if len(found) else None, 0.15)
 
 
+def _third_jump(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
+    """Fig. 4, 0.75 mu_s: the lowest ratio that period two of 0.36 is followed down to."""
+    axis = np.round(np.arange(0.3, 0.3601, 0.002), 6)
+    found = evidence.curves([_at(pressure, with_kinetic(0.75))], axis, direction="down")[0]
+    largest = found.column("max_slip_speed")
+    drops = [float(axis[k + 1]) for k in steep(largest) if largest[k + 1] > largest[k]]
+    return _near(min(drops, key=lambda x: abs(x - 1.0 / 3.0), default=None), 1.0 / 3.0)
+
+
 def _period_two(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     """Fig. 6: end of period two, followed upward."""
     axis = RATIOS[RATIOS >= 0.74]
@@ -96,7 +129,7 @@ def _aperiodic(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
 
 def _three_periods(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     """Fig. 7: the periods, 0 for none."""
-    found = [evidence.motion(_at(pressure, with_kinetic(r, AT_036)))["period"] for r in (0.94, 0.74, 0.64)]
+    found = [evidence.motion(_at(pressure, with_kinetic(r, AT_036))).period for r in (0.94, 0.74, 0.64)]
     return found, found == [1, 2, 0]
 
 
@@ -109,6 +142,7 @@ def _halves(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
 NUMBERS = (
     Number("8", "psi = 0: pure stick below 0.18, by (10)", _stick_from_below),
     Number("4", "stick again from near 0.4, by (10)", _stick_from_above),
+    Number("4", "a jump near 0.33 at 0.75 mu_s, from 0.36 down", _third_jump),
     Number("14", "psi = 0: pure stick below 0.15, from (13)", _first_slip),
     Number("6", "period two from 0.92, followed upward", _period_two),
     Number("6", "aperiodic from about 0.7, from (13)", _aperiodic),

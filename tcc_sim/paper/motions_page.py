@@ -8,8 +8,8 @@ from typing import Any
 
 from tcc_sim.basins.compute import Basins
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.output.markdown import escape
 from tcc_sim.paper.branch_panels import UNNAMED
-from tcc_sim.paper.pages import escape
 
 Data = Mapping[str, Any]
 NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}

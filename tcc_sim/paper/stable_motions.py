@@ -19,24 +19,25 @@ from numpy.typing import NDArray
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import halton
 from tcc_sim.basins.driveline import DrivelineMotion
+from tcc_sim.basins.proximity import Attractor
 from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.errors import counted
+from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
 from tcc_sim.paper.seen_motions import RUNS, seen_in
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.sweep import Curve
+from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.sweeps.workers import workers
 
 SMOOTHING = "friction.smoothing"
 NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}
 """What the parameter of a claim is called."""
-FEW = dataclasses.replace(SWEPT, longest_period=2, max_points=60, max_branches=4)
+FEW = dataclasses.replace(SWEPT, longest_period=2, max_points=60, max_branches=5)
 """Branches over one part of an axis."""
 SEEDS = 24
 LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
@@ -61,8 +62,7 @@ class StableMotions(Evidence):
         missing = [k for k, name in enumerate(names) if name not in self.known]
         sweeps = [self.curves([rows[k] for k in missing], axis, over=over, direction=d) for d in ("cold", "up", "down")]
         with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
-            tasks = [pool.submit(_followed, directions[0].curve, [s for sweep in directions for s in seen_in(sweep)])
-                     for directions in zip(*sweeps)]
+            tasks = [pool.submit(_followed, directions) for directions in zip(*sweeps)]
             for k, task in zip(missing, tasks):
                 self.known[names[k]] = task.result()
                 bar.update()
@@ -70,21 +70,22 @@ class StableMotions(Evidence):
 
     def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
         """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
-        among, sweep = self.stretches([row], axis, over=over)[0], self.curves([row], axis, over=over)[0]
+        among = self.stretches([row], axis, over=over)[0]
+        sweep = self.curves([row], axis, over=over)[0]
         unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
         base, size = common_cycles(sweep.curve.system), amplitude_of(seen)
         at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
-    def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[dict[str, Any]]:
+    def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:
         """Every stretch of a curve with its ends, and where (13) leads to it."""
+        among = self.stretches([row], axis, over=over)[0]
         on = self.reached(row, axis, over=over)
-        return [{"curve": curve, "over": NAMES[over], "period": s.period, "low": end_as_json(s.low),
-                 "high": end_as_json(s.high), "from_start": [float(x) for x, found in zip(axis, on) if found == k]}
-                for k, s in enumerate(self.stretches([row], axis, over=over)[0])]
+        return [Motion(curve, NAMES[over], s, tuple(float(x) for x, found in zip(axis, on) if found == k))
+                for k, s in enumerate(among)]
 
     def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[SegmentEnd]:
-        """Where a stable motion ends in a jump, whatever was started from, in order."""
+        """Where a stable motion ends in a jump, in order."""
         among = self.stretches([row], axis, over=over)[0]
         found = {end.value: end for s in among for end in (s.low, s.high) if end.jumps}
         return [found[value] for value in sorted(found)]
@@ -93,8 +94,8 @@ class StableMotions(Evidence):
         """For every frequency ratio the largest slip speed of every stable motion known, that from (13) first."""
         among = self.stretches([row], axis)[0]
         cold = self.curves([row], axis)[0].column("max_slip_speed")
-        return [[float(c), *(h for s in among if math.isfinite(h := s.amplitude(float(x))))] for x,
-                c in zip(axis, cold)]
+        return [[float(c), *(h for s in among if math.isfinite(h := s.amplitude(float(x))))]
+                for x, c in zip(axis, cold)]
 
     def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
         """(n,) whether there is a stable periodic motion: one of a sweep, closed by Newton, with its multipliers."""
@@ -103,8 +104,7 @@ class StableMotions(Evidence):
             found = np.zeros(len(axis), dtype=bool)
             for direction in ("cold", "up", "down"):
                 curve = (sweep := self.curves([row], axis, direction=direction)[0]).curve
-                of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(min(curve.values),
-                                                                                    max(curve.values))
+                of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(curve.values[0], curve.values[-1])
                 for seen in seen_in(sweep):
                     k = curve.values.index(seen.value)
                     if seen.period and not found[k]:
@@ -118,18 +118,55 @@ class StableMotions(Evidence):
         """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
         name = json.dumps(["attractors", sorted(row.items())])
         if name not in self.known:
-            system = paper_system(row)
-            i = system.initial
-            own = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
-            found = find_attractors(DrivelineMotion(system), [own, *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))])
-            self.known[name] = sorted((a.period, a.largest) for a in found)
+            self.known[name] = sorted((a.period, a.largest) for a in _attractors(paper_system(row)))
         out: list[tuple[int, float]] = self.known[name]
         return out
 
 
-def _followed(curve: Curve, seen: Sequence[SettledMotion]) -> list[StableSegment]:
-    """The stable stretches of the branches through motions along a curve; what a worker does."""
+@dataclass(frozen=True)
+class Motion:
+    """A stable motion along a curve, whatever was started from.
+
+    curve : which
+    over : what the parameter is
+    stretch : period and ends
+    from_start : values at which the initial state (13) leads to it
+    """
+
+    curve: str
+    over: str
+    stretch: StableSegment
+    from_start: tuple[float, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Curve, period, both ends and `from_start` as JSON values."""
+        return {"curve": self.curve, "over": self.over, "period": self.stretch.period,
+                "low": end_as_json(self.stretch.low), "high": end_as_json(self.stretch.high),
+                "from_start": list(self.from_start)}
+
+    def __str__(self) -> str:
+        """The motion in words."""
+        at, where = self.from_start, "nowhere"
+        if at:
+            where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} " \
+                    f"({counted(len(at), 'value')})"
+        return (f"{self.curve}{': ' if self.curve else ''}period {self.stretch.period}, stable over {self.over} from "
+                f"{self.stretch.low} to {self.stretch.high}; within {CYCLES + RUNS * LATER} cycles (13) leads to it "
+                f"{where}")
+
+
+def _attractors(system: System) -> list[Attractor]:
+    """The attractors found from (13) and from points spread over states."""
+    i = system.initial
+    own = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
+    return find_attractors(DrivelineMotion(system), [own, *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))])
+
+
+def _followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
+    """The stable stretches of the branches through the motions of sweeps along a curve; what a worker does."""
+    curve = sweeps[0].curve
     low, high = min(curve.values), max(curve.values)
+    seen = [s for sweep in sweeps for s in seen_in(sweep)]
     branches = bifurcation_diagram(DrivelineMap(curve.system, (curve.key,)), ParameterRange(low, high, name=curve.key),
                                    seen, settings=FEW)
     return stable_segments(branches, low, high, UNITS.get(curve.key, 1.0))
@@ -139,20 +176,6 @@ def end_as_json(end: SegmentEnd) -> dict[str, Any]:
     """The end of a stretch; without a kind it is where the motion was followed to."""
     return {"value": end.value, "kind": end.kind or None, "residual": end.residual if end.kind else None,
             "jumps": end.jumps}
-
-
-def words_of(motion: dict[str, Any]) -> str:
-    """One entry of `motions` in words."""
-    ends = [f"{end['value']:.6g} (" + (f"{end['kind'].replace('_', ' ')}, residual {end['residual']:.0e}"
-                                       if end["kind"] else "followed no further") + ")"
-            for end in (motion["low"], motion["high"])]
-    at = motion["from_start"]
-    where = "nowhere"
-    if at:
-        where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} ({counted(len(at), 'value')})"
-    curve = f"{motion['curve']}: " if motion["curve"] else ""
-    return (f"{curve}period {motion['period']}, stable over {motion['over']} from {ends[0]} to {ends[1]}; "
-            f"within {CYCLES + RUNS * LATER} cycles (13) leads to it {where}")
 
 
 def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any, *,
@@ -176,6 +199,3 @@ def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where
         moving.append(max(max(r) for r in row) > 0.1)
     among = np.asarray(where) & np.array(moving)
     return share_where(np.array(every), among), share_where(np.array(some), among)
-
-
-__all__ = ["SMOOTHING", "StableMotions", "end_as_json", "ordered_shares", "words_of"]

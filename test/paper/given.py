@@ -9,7 +9,9 @@ import numpy as np
 
 from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.paper.evidence import Settled
 from tcc_sim.paper.stable_motions import StableMotions
+from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.point import Plan
 from tcc_sim.sweeps.sweep import Curve, Sweep
 
@@ -31,14 +33,14 @@ class Given(StableMotions):
 
     def __init__(self, at: Callable[..., dict[str, Any]] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
-                 steady: Callable[..., Any] | None = None,
+                 along: Callable[[Any], float] = lambda row: 10.0,
                  stretches: Callable[..., list[StableSegment]] = lambda row: [],
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
                  periodic: Callable[[float], bool] = lambda x: True) -> None:
         super().__init__(1e-9, 1)
         self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
-        self.at, self.leaps, self.diagnosis, self.rests = at, jumps, lyapunov, steady
+        self.at, self.leaps, self.diagnosis, self.along = at, jumps, lyapunov, along
 
     def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
         unit = OMEGA_N if over == "engine.frequency" else STATIC
@@ -47,16 +49,14 @@ class Given(StableMotions):
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
-        x = float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N
-        found = self.at(row, x, "cold")
-        return {**found, "lyapunov": {"low": 0.0, "exponent": 0.0, "high": 1.0, "diagnosis": self.diagnosis}}
+        found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold")
+        return Settled(found["period"], found["max_slip_speed"], Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
 
     def jumps(self, row, axis):  # type: ignore
-        return [(x, 10.0) for x in self.leaps(row)]
+        return [(x, 10.0 + k) for k, x in enumerate(self.leaps(row))]
 
-    def steady(self, row):  # type: ignore
-        assert self.rests is not None
-        return self.rests(row)
+    def largest_by_cycle(self, row, cycles):  # type: ignore
+        return np.full(cycles, self.along(row))
 
     def stretches(self, rows, axis, *, over="engine.frequency"):  # type: ignore
         return [self.pieces(row) for row in rows]
@@ -72,13 +72,13 @@ class Given(StableMotions):
         return self.rest_in(row)
 
 
-def stretch(low: float, high: float, period: int = 1, amplitude: float = 10.0, begins: str = "",
+def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begins: str = "",
             ends: str = "") -> StableSegment:
     """A stable motion from `low` to `high` with the bifurcations at its ends; jumps are named so."""
     def end(value: float, kind: str) -> SegmentEnd:
         return SegmentEnd(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
 
-    return StableSegment(period, end(low, begins), end(high, ends), (low, high), (amplitude, amplitude))
+    return StableSegment(period, end(low, begins), end(high, ends), (low, high), (height, height))
 
 
 def law_of(row: Any) -> str:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.paper import claims, claims_model, errata, errata_numbers, mean_pressure
+from tcc_sim.paper import claims, claims_model, errata, errata_numbers, mean_pressure, pages
 from tcc_sim.paper.evidence import Evidence
 
 
 def test_every_erratum_is_whole_and_its_module_is_there() -> None:
     import importlib
 
-    assert len({e.where + e.printed for e in errata.ERRATA}) == len(errata.ERRATA) >= 18
+    assert len({e.where + e.printed for e in errata.ERRATA}) == len(errata.ERRATA) >= 25
     for row in errata.ERRATA:
         assert row.printed != row.right
         assert row.why
@@ -79,10 +79,10 @@ def test_33_is_right_as_printed() -> None:
 
 
 def test_the_command_writes_the_page(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(claims.judge, "__kwdefaults__", {**claims.judge.__kwdefaults__,
-                                                         "claims": (claims_model.maximum_falls,)})
+    monkeypatch.setattr(claims, "CLAIMS", (claims_model.maximum_falls,))
     monkeypatch.setattr(mean_pressure, "NUMBERS", mean_pressure.NUMBERS[:1])
     monkeypatch.setattr(errata_numbers, "series", dict)
+    monkeypatch.setattr(pages, "engine_speeds", dict)
     file = tmp_path / "errata.md"
     assert main(["claims", "--errata", str(file)]) == 0
     page = file.read_text()
@@ -101,5 +101,5 @@ def test_the_mean_pressure_agrees_with_the_text_by_the_closed_forms() -> None:
         assert 300.0 + 250.0 * abs((spring - 0.02 * omega**2) / (spring - 0.22 * omega**2)) == pytest.approx(
             540.0 * pressure / 225e3, rel=2e-3)
         assert fits == (abs(value - 0.4) <= 0.02)
-    rows = [{"pressure": float(k), "count": count} for k, count in enumerate((3, 5, 5))]
-    assert mean_pressure.best({"numbers": [], "rows": rows}) == [1.0, 2.0]
+    rows = tuple(mean_pressure.Row(float(k), ((0.0, True),) * count) for k, count in enumerate((3, 5, 5)))
+    assert [row.pressure for row in mean_pressure.PressureTable((), rows).best()] == [1.0, 2.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from given import Given, record, stretch
 
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.claims import Verdict
-from tcc_sim.paper.claims_constant_load import AT_036, covered_down_to
-from tcc_sim.paper.evidence import KINETIC, Finding, with_kinetic
+from tcc_sim.paper.claims_figures5to7 import AT_036, covered_down_to
+from tcc_sim.paper.criteria import Finding
+from tcc_sim.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.paper.pages import claims_page
-from tcc_sim.paper.stable_motions import StableMotions, ordered_shares, words_of
+from tcc_sim.paper.stable_motions import StableMotions, ordered_shares
 from tcc_sim.solvers import solve
 
 AXIS = np.array([0.865, 0.88, 0.9, 0.915, 0.93])
@@ -34,9 +36,9 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     ends = [solve(paper_system(with_kinetic(float(x), AT_036)), cycles=650).cycles.section[-2:] for x in AXIS]
     once = {float(x): bool(np.abs(end[1] - end[0]).max() < 1e-3) for x, end in zip(AXIS, ends)}
     assert set(once.values()) == {True, False}
-    assert {first["period"]: first["from_start"], second["period"]: second["from_start"]} == {
+    assert {m.stretch.period: list(m.from_start) for m in (first, second)} == {
         1: [x for x, repeats in once.items() if repeats], 2: [x for x, repeats in once.items() if not repeats]}
-    json.dumps([first, second], allow_nan=False)
+    json.dumps([first.as_json(), second.as_json()], allow_nan=False)
     assert [end.value for end in evidence.ends(AT_036, AXIS, over=KINETIC)] == [two.high.value]
     assert len(evidence.known) == 1
     again = StableMotions(1e-11, 1, known=evidence.known)
@@ -48,6 +50,16 @@ def test_both_attractors_of_fig_2_and_a_stable_orbit_at_a_ratio() -> None:
     ratios = np.array([0.45, 0.46])
     assert evidence.periodic_at({}, ratios).tolist() == [True, True]  # mu_k = mu_s: pure stick above 0.412, by (10).
     assert evidence.attractors({"engine.frequency": 0.45 * 387.3}) == [(1, pytest.approx(0.0, abs=0.1))]
+
+
+def test_the_jump_near_033_is_found_from_beyond_it() -> None:
+    """Period two of 0.75 mu_s ends between 0.340 and 0.342, from 54 to 34 rad/s; (13) leads to it from 0.358 on."""
+    evidence = StableMotions(1e-9, 1)
+    axis, row = np.linspace(0.334, 0.364, 6), with_kinetic(0.75)
+    (motion,) = [m for m in evidence.motions("", row, axis) if m.stretch.period == 2 and m.stretch.low.jumps]
+    assert motion.stretch.low.kind == "fold"
+    assert 0.340 < motion.stretch.low.value < 0.342
+    assert motion.stretch.amplitude(0.343) == pytest.approx(54.0, abs=0.5)
 
 
 def test_the_order_of_curves_for_every_choice_of_motions() -> None:
@@ -70,13 +82,13 @@ def test_motions_stand_on_the_page_in_words() -> None:
     given = Given(lambda row, x, d: record(), stretches=lambda row: [stretch(0.67, 0.918464, 2, 48.0, "", "jump fold")],
                   reached=lambda row: {0})
     (motion,) = given.motions("psi = 0", AT_036, AXIS, over=KINETIC)
-    assert words_of(motion) == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
+    assert str(motion) == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
                                 "(fold, residual 1e-12); within 2650 cycles (13) leads to it at 0.865 to 0.93 "
                                 "(5 values)")
-    assert words_of({**motion, "from_start": [0.9]}).endswith("leads to it at 0.9 (1 value)")
-    assert words_of({**motion, "curve": "", "from_start": []}).endswith("cycles (13) leads to it nowhere")
-    verdict = Verdict(Finding("6", "a claim", "a criterion", {}, "confirmed", "", (motion,)), "confirmed")
+    assert str(replace(motion, from_start=(0.9,))).endswith("leads to it at 0.9 (1 value)")
+    assert str(replace(motion, curve="", from_start=())).endswith("cycles (13) leads to it nowhere")
+    verdict = Verdict(Finding("6", "5", "a claim", "a criterion", {}, "confirmed", "", (motion,)), "confirmed")
     page = claims_page([verdict], None)
-    assert "Stable motions, whatever was started from:\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
+    assert "Stable motions:\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
     assert verdict.as_json()["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
                                                       "jumps": True}

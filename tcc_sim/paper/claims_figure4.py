@@ -1,0 +1,267 @@
+"""The claims about Fig. 4: the map over the frequency, constant normal load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model import closed_form
+from tcc_sim.paper.catalogue import OMEGA_N, SUPER_HARMONICS, paper_system
+from tcc_sim.paper.criteria import Holds, Measured, Near, Shares, claim
+from tcc_sim.paper.evidence import (
+    FREQUENCY,
+    JUMP,
+    KINETIC,
+    Evidence,
+    Floats,
+    Values,
+    slips_at,
+    with_kinetic,
+)
+from tcc_sim.paper.stable_motions import Motion, StableMotions
+from tcc_sim.solvers import solve
+
+FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
+FALLING = FRICTION_RATIOS[1:]
+NEAR = 0.02
+"""How far from a printed frequency ratio or friction ratio something may be and count as there."""
+CLOSE = 0.01
+"""The same where places lie so dense that NEAR would take in most of them."""
+AXIS = np.round(np.arange(0.05, 0.5001, 0.003), 6)
+WAYS = ("cold", "up", "down")
+"""How a sweep starts every value: from (13), or from the neighbour below or above."""
+JUMPING = f"a jump is a change of more than {JUMP:g} of the curve's maximum on a 1e-5 wide interval"
+
+
+def about(place: float, width: float = NEAR) -> Floats:
+    """Frequency ratios about one that the text names, over which branches are followed."""
+    return np.round(np.linspace(place - width, place + width, 15), 6)
+
+
+def around(mark: float) -> Floats:
+    """Frequency ratios that begin so far from a super-harmonic that sweeps come to the motions which end there."""
+    return np.round(np.linspace(mark - 2.0 * NEAR, mark + 2.0 * NEAR, 21), 6)
+
+
+def nearest(places: Sequence[float], mark: float) -> float | None:
+    """The place nearest to a mark."""
+    return min(places, key=lambda x: abs(x - mark), default=None)
+
+
+def jump_places(evidence: Evidence, ratio: float) -> list[float]:
+    """Where the map of one mu_k/mu_s from (13) jumps, omega/omega_n."""
+    return [round(x, 4) for x, _ in evidence.jumps(with_kinetic(ratio), AXIS)]
+
+
+@claim("4", "5, Fig. 4(a)", "the map is a smooth curve for mu_k = mu_s", Holds(f"no jump; {JUMPING}"))
+def smooth_when_equal(evidence: Evidence) -> Measured:
+    """Fig. 4: mu_k = mu_s."""
+    jumps = evidence.jumps(with_kinetic(1.0), AXIS)
+    return Measured((not jumps,), {"jumps (omega/omega_n, rad/s)": jumps})
+
+
+PROMINENT = 0.02
+"""How far a maximum of a curve stands above what surrounds it, as a part of the curve's largest value."""
+
+
+@claim("4", "5, Fig. 4(a)", "super-harmonic peaks near 0.167, 0.20, 0.25, 0.33 appear as mu_k falls", Near(
+    "the peak nearest each, from (13) or in sweeps either way for mu_k = 0.83, 0.75 or 0.667 mu_s; a peak "
+    f"stands {PROMINENT:g} of the curve's largest value above what surrounds it;", NEAR))
+def super_harmonic_peaks(evidence: Evidence) -> Measured:
+    """Fig. 4: peaks near the ratios that the text names."""
+    peaks = {way: _peaks(evidence, way) for way in WAYS}
+    near = {way: {f"{m:.3f}": nearest([x for r in FALLING for x in peaks[way][f"{r:g}"]], m) for m in SUPER_HARMONICS}
+            for way in WAYS}
+    found = [nearest([x for way in WAYS if (x := near[way][f"{m:.3f}"]) is not None], m) for m in SUPER_HARMONICS]
+    return Measured(list(zip(found, SUPER_HARMONICS)),
+                    {"nearest peak from (13), upward, downward": list(near.values()),
+                     "peaks from (13) for mu_k/mu_s": peaks["cold"]})
+
+
+def _peaks(evidence: Evidence, way: str = "cold") -> dict[str, list[float]]:
+    """Prominent maxima for every mu_k/mu_s, omega/omega_n."""
+    curves = evidence.curves([with_kinetic(r) for r in FRICTION_RATIOS], AXIS, direction=way)
+    return {f"{r:g}": prominent_maxima(AXIS, c.column("max_slip_speed")) for r, c in zip(FRICTION_RATIOS, curves)}
+
+
+def prominent_maxima(axis: Floats, values: Floats, reach: int = 5) -> list[float]:
+    """Places of the local maxima that stand out by PROMINENT on either side within `reach` values."""
+    least = PROMINENT * float(np.nanmax(values))
+    return [float(axis[k]) for k in range(1, len(values) - 1)
+            if values[k] == np.nanmax(values[max(k - reach, 0):k + reach + 1])
+            and values[k] - np.nanmin(values[max(k - reach, 0):k]) > least
+            and values[k] - np.nanmin(values[k + 1:k + reach + 1]) > least]
+
+
+@claim("4", "5, Fig. 4(a)", "these peaks appear along with jumps", Near(
+    "the place nearest each named ratio where a stable motion of 0.83, 0.75 or 0.667 mu_s ends in a jump, found from "
+    f"(13) or in sweeps either way over {2.0 * NEAR:g} on both sides of it,", CLOSE))
+def super_harmonic_jumps(evidence: StableMotions) -> Measured:
+    """Fig. 4: jumps at the super-harmonic peaks."""
+    rows = {f"{r:g}": with_kinetic(r) for r in FALLING}
+    ends: dict[str, list[float]] = {name: [] for name in rows}
+    motions: list[Motion] = []
+    for mark in SUPER_HARMONICS:
+        axis = around(mark)
+        evidence.stretches(list(rows.values()), axis)
+        for name, row in rows.items():
+            ends[name] += [end.value for end in evidence.ends(row, axis)]
+            motions += [m for m in evidence.motions(f"mu_k = {name} mu_s", row, axis)
+                        if m.stretch.low.jumps or m.stretch.high.jumps]
+    every = [x for places in ends.values() for x in places]
+    found = {mark: nearest(every, mark) for mark in SUPER_HARMONICS}
+    where = np.concatenate([np.linspace(m - NEAR, m + NEAR, 41) for m in SUPER_HARMONICS])
+    chance = float(np.mean([any(abs(x - w) <= CLOSE for x in every) for w in where]))
+    return Measured([(x, mark) for mark, x in found.items()],
+                    {"nearest end of a stable motion": {f"{m:.3f}": x for m, x in found.items()},
+                     "ends for mu_k/mu_s": ends,
+                     f"part of the ratios within {NEAR:g} of a named one that are as near to an end": chance,
+                     "jumps from (13)": {name: jump_places(evidence, r) for name, r in zip(rows, FALLING)}},
+                    "", tuple(motions))
+
+
+@claim("4", "5, after Fig. 4", "the super-harmonic peaks shift up as mu_k falls, from mu_k = mu_s on", Holds(
+    f"the peak nearest each named ratio (within {NEAR:g}, where two curves or more have one) rises with every fall of "
+    "mu_k", "so at one of the ratios"))
+def peaks_move(evidence: Evidence) -> Measured:
+    """Fig. 4: which way the super-harmonic peaks go as mu_k falls."""
+    peaks, values, rising = _peaks(evidence), {}, []
+    for mark in SUPER_HARMONICS:
+        near = {name: x for name, row in peaks.items()
+                if (x := nearest(row, mark)) is not None and abs(x - mark) <= NEAR}
+        if len(near) > 1:
+            values[f"near {mark:.3f}, for mu_k/mu_s"] = near
+            rising.append(all(b > a for a, b in pairwise(near.values())))
+    return Measured((bool(rising) and all(rising), any(rising)), values,
+                    "" if rising and all(rising) else "they move to and fro")
+
+
+@claim("4", "5, after Fig. 4; 7", "stability is lost around the super-harmonic peaks", Shares(
+    f"jumps of the maps from (13) for 0.83, 0.75 and 0.667 mu_s within {CLOSE:g} of a peak of their curve"))
+def lost_at_peaks(evidence: Evidence) -> Measured:
+    """Fig. 4: how near to a peak the map jumps, beside how much of the axis is as near."""
+    peaks = _peaks(evidence)
+    near, covered = [], []
+    for r in FALLING:
+        row = np.array(peaks[f"{r:g}"])
+        near += [bool((np.abs(row - x) <= CLOSE).any()) for x in jump_places(evidence, r)]
+        covered.append(float((np.abs(AXIS[AXIS > 0.12, None] - row) <= CLOSE).any(axis=1).mean()))
+    share = float(np.mean(near)) if near else 0.0
+    return Measured([share], {"jumps": len(near), "part of them at a peak": share,
+                              "part of the ratios from 0.12 on that are as near, for mu_k/mu_s = 0.83, 0.75, 0.667":
+                              covered})
+
+
+@claim("4", "5, after Fig. 4", "the transition between stick and stick-slip lies near 0.4 and moves with mu_k", Holds(
+    f"the highest slipping ratio from (13) lies within {NEAR:g} of 0.4 for mu_k = mu_s, and elsewhere for every mu_k"))
+def stick_transition(evidence: Evidence) -> Measured:
+    """Fig. 4: from stick-slip to stick."""
+    found = list(last_slips(evidence, "smoothed").values())
+    return Measured((abs(found[0] - 0.4) <= NEAR and len(set(found)) == len(found),),
+                    {"last slip from (13) for mu_k/mu_s": last_slips(evidence, "smoothed")})
+
+
+@claim("4", "4, after (11); 5", "the transition moves with mu_k because the law is smoothed", Holds(
+    "from mu_k = mu_s to 0.667 mu_s it moves by less than half as far with the set-valued law"))
+def transition_by_smoothing(evidence: Evidence) -> Measured:
+    """Fig. 4: why the transition moves with mu_k."""
+    values = {law: last_slips(evidence, law) for law in ("smoothed", "set_valued")}
+    smoothed, exact = (list(v.values()) for v in values.values())
+    moved = [abs(row[-1] - row[0]) for row in (smoothed, exact)]
+    limit = closed_form.constant_load_limits(paper_system())[-1] / OMEGA_N
+    return Measured((moved[1] < 0.5 * moved[0],),
+                    {"last slip from (13)": values, "end of pure stick by (10), any mu_k": limit},
+                    "" if moved[1] < 0.5 * moved[0] else
+                    "the set-valued law moves it as far. Stick ends at one ratio for every mu_k, by (10); above it "
+                    "stick and stick-slip coexist, and (13) leads to stick-slip the farther the smaller mu_k")
+
+
+def last_slips(evidence: Evidence, law: str) -> dict[str, float]:
+    """Highest slipping ratio from (13) for every mu_k/mu_s."""
+    rows = [{**with_kinetic(r), "friction.law": law} for r in FRICTION_RATIOS]
+    upper = np.round(np.concatenate([np.arange(0.38, 0.48, 0.002), np.arange(0.48, 0.7, 0.005)]), 6)
+    return {f"{r:g}": float(slips_at(s).max(initial=0.0))
+            for r, s in zip(FRICTION_RATIOS, evidence.curves(rows, upper))}
+
+
+@claim("4", "5, Fig. 4(b)", "a jump in the maximum is a bifurcation point", Shares(
+    f"jumps of the maps from (13) for 0.83, 0.75 and 0.667 mu_s within {2.0 * NEAR:g} of the named ratios that have a "
+    "bifurcation of a stable motion within 0.001"))
+def jump_is_bifurcation(evidence: StableMotions) -> Measured:
+    """Fig. 4: what ends at each jump; a motion that goes on beside the one jumped to ends at none."""
+    kinds: dict[str, str] = {}
+    for r in FALLING:
+        ends = [end for mark in SUPER_HARMONICS for s in evidence.stretches([with_kinetic(r)], around(mark))[0]
+                for end in (s.low, s.high) if end.kind]
+        for x in jump_places(evidence, r):
+            if any(abs(x - mark) <= 2.0 * NEAR for mark in SUPER_HARMONICS):
+                end = min(ends, key=lambda e: abs(e.value - x), default=None)
+                kinds[f"{r:g} at {x:.4f}"] = "none" if end is None or abs(end.value - x) > 1e-3 else end.kind
+    share = float(np.mean([kind != "none" for kind in kinds.values()])) if kinds else 1.0
+    return Measured([share], {"part of the jumps": share, "bifurcation at each": kinds},
+                    "" if share == 1.0 else "elsewhere the basin of (13) ends, and both motions go on")
+
+
+@claim("4", "5, after Fig. 4", "a bifurcation in delta_2 shows in delta_1' too", Shares(
+    "ratios 0.05 to 0.5 in steps of 0.009, for 0.75 mu_s, whose section in delta_2 and maxima of delta_1' per cycle "
+    "have one period, or neither has one up to 16,"))
+def shows_in_both(evidence: Evidence) -> Measured:
+    """Fig. 4: the period told from the plate angle alone, and from the maxima of the slip speed alone."""
+    same, apart = [], []
+    for x in AXIS[::3]:
+        system = paper_system(with_kinetic(0.75, {FREQUENCY: float(x) * OMEGA_N}))
+        cycles = solve(system, cycles=650, rtol=evidence.rtol).raise_for_status().cycles
+        assert cycles is not None
+        last = slice(-64, None)
+        periods = [repeats(series) for series in (cycles.section[last, 1], cycles.highest[last])]
+        same.append(periods[0] == periods[1])
+        if not same[-1]:
+            apart.append([float(x), *periods])
+    return Measured([float(np.mean(same))], {"part": float(np.mean(same)), "not at (ratio, periods)": apart})
+
+
+def repeats(series: Floats) -> int:
+    """After how many of its values a series repeats to 1e-5 of its spread or size; 0 for none up to 16."""
+    size = 1e-5 * max(float(np.ptp(series)), 1e-3 * float(np.abs(series).max()))
+    return next((p for p in range(1, 17) if float(np.abs(series[p:] - series[:-p]).max()) <= size), 0)
+
+
+@claim("4", "5, after Fig. 4", "a jump near 0.20 at mu_k = 0.83 mu_s turns period one into two", Holds(
+    f"from (13) a jump within {NEAR:g} of 0.20 with period 1 at 0.002 below it and 2 at 0.002 above"))
+def jump_doubles_period(evidence: Evidence) -> Measured:
+    """Fig. 4: mu_k = 0.83 mu_s near 0.20."""
+    row = with_kinetic(0.83)
+    around = {f"{x:.4f}": [evidence.motion({**row, FREQUENCY: (x + d) * OMEGA_N}).period for d in (-2e-3, 2e-3)]
+              for x in jump_places(evidence, 0.83) if abs(x - 0.20) <= NEAR}
+    return Measured(([1, 2] in around.values(),), {"periods around": around})
+
+
+FALLS = np.round(np.arange(0.56, 0.8301, 0.01), 6)
+
+
+@claim("4", "5, after Fig. 4", "near 0.20 period two becomes quasi-periodic or chaotic as mu_k falls further",
+       Holds("0.002 above the jump period 2 at 0.83 mu_s, and at a smaller mu_k no period up to 16 and a largest "
+             "Lyapunov exponent whose confidence interval is above 0, or a narrow one around 0",
+             "at a smaller mu_k there is no period up to 16"))
+def doubling_to_chaos(evidence: Evidence) -> Measured:
+    """Fig. 4: the period-two motions behind the jump near 0.20, as mu_k falls further."""
+    places = [x for x in jump_places(evidence, 0.83) if abs(x - 0.20) <= NEAR]
+    place = (places[0] if places else 0.20) + 2e-3
+    row = {FREQUENCY: place * OMEGA_N}
+    found = evidence.periods(evidence.curves([row], FALLS, over=KINETIC)[0])
+    none = FALLS[found == 0]
+    diagnoses = {f"{r:g}": _diagnosis(evidence, with_kinetic(float(r), row)) for r in none[::-1][:6]}
+    wild = any(name in ("chaotic", "quasi-periodic") for name, *_ in diagnoses.values())
+    return Measured((int(found[-1]) == 2 and wild, len(none) > 0),
+                    {"omega/omega_n": place, "period at 0.83": int(found[-1]),
+                     "mu_k/mu_s without a period": none.tolist(),
+                     "diagnosis, exponent's interval (1/s)": diagnoses})
+
+
+def _diagnosis(evidence: Evidence, row: Values) -> list[Any]:
+    """The diagnosis of a motion, and the interval of its exponent, 1/s."""
+    found = evidence.motion(row, lyapunov=True).lyapunov
+    return ["not solved"] if found is None else [found.diagnosis, found.low, found.high]

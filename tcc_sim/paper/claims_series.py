@@ -1,0 +1,121 @@
+"""The claims about (30) to (35): the period of the response under a load of the frequency (M/N) omega."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
+from tcc_sim.paper.catalogue import paper_system
+from tcc_sim.paper.claims_model import ALIKE
+from tcc_sim.paper.claims_varying_load import AXIS, actuated, rows, slipping_periods
+from tcc_sim.paper.criteria import Equal, Holds, Measured, claim
+from tcc_sim.paper.evidence import FREQUENCY, Evidence, sticks
+
+SERIES: dict[str, tuple[float, int]] = {"1/2": (0.5, 2), "2/1": (2.0, 1), "2/3": (2.0 / 3.0, 3), "4/3": (4.0 / 3.0, 3)}
+"""M/N of Figs. 10 to 12: omega_f/omega and N."""
+HARMONICS = 40
+"""Harmonics of omega in the series."""
+
+
+@claim("(30) to (34)", "6.1", "the series of harmonic balance satisfy (1) for omega_f = (M/N) omega", Holds(
+    f"the mean of (31) as printed is Tm = 300 N m within 1 N m; and with c0 and a0 added the series of {HARMONICS} "
+    f"harmonics of omega within {ALIKE:g} of the simulation (rms)"))
+def series_balance(evidence: Evidence) -> Measured:
+    """(30) to (34): with their mean terms the series are the motion; as printed they cannot carry Tm."""
+    values: dict[str, Any] = {}
+    close, short = [], []
+    for name, (ratio, period) in SERIES.items():
+        row = actuated(ratio)
+        try:
+            found = harmonic_balance(paper_system(row), period, HARMONICS * period)
+        except NumericalFailure as failure:
+            values[name] = str(failure)
+            close.append(False)
+            continue
+        run = evidence.last_cycles(row, period, 400)
+        size = float(np.abs(run.slip_speed).max())
+        off = float(np.sqrt(np.mean((found.slip_speed(run.t) - run.slip_speed) ** 2))) / size
+        printed, corrected = (mean_friction_torque(paper_system(row), found.coefficient, period, printed=p)
+                              for p in (True, False))
+        values[name] = {"rms difference of the corrected series": off, "a0 (rad/s)": float(found.slip[0]),
+                        "mean friction torque, corrected": corrected, "as printed (N m)": printed}
+        close.append(off < ALIKE)
+        short.append(abs(printed - 300.0) > 1.0)
+    return Measured((all(close) and not any(short),), values,
+                    "without mean terms the friction torque's mean is at most (2/pi) Tsp = 86 N m; with them the "
+                    "series agrees" if all(close) else "Newton's method did not end, or the series is another motion")
+
+
+COPRIME = [(m, n) for n in range(1, 6) for m in range(1, 6) if math.gcd(m, n) == 1]
+"""Pairs M, N in lowest terms."""
+
+
+@claim("(35)", "6.1", "omega_f = (M/N) omega, mu_k = mu_s: the response has period N, whether M and N are "
+       "commensurable (1/2, 2/1: one a multiple of the other) or not (2/3, 4/3)",
+       Equal("period N from (13) for every M/N in lowest terms up to 5/5, at 150 rad/s and Tsp/Tsm = 0.25"), cheap=True)
+def period_is_denominator(evidence: Evidence) -> Measured:
+    """(35): omega_f = (M/N) omega gives period N."""
+    found = {f"{m}/{n}": evidence.motion(actuated(m / n)).period for m, n in COPRIME}
+    return Measured([(found[f"{m}/{n}"], n) for m, n in COPRIME], {"periods": found})
+
+
+@claim("(35)", "6.1, after (35)", "the response has the frequency that it would have under an excitation by 1 and M/N",
+       Equal("for every M/N of Figs. 10 to 12 constant load and a second engine torque of frequency M/N omega and "
+             "amplitude Tsp give the period of the varying load"), cheap=True)
+def as_dual_excitation(evidence: Evidence) -> Measured:
+    """After (35): periods under a torque of two frequencies and constant load."""
+    pairs, values = [], {}
+    for name, (ratio, n) in SERIES.items():
+        varying = evidence.motion(actuated(ratio)).period
+        # omega is the N-th harmonic of omega/N, and omega_f the M-th.
+        amplitudes = np.zeros(max(round(ratio * n), n))
+        amplitudes[n - 1] += 250.0
+        amplitudes[round(ratio * n) - 1] += 0.25 * paper_system().saturation_mean
+        dual = evidence.motion({FREQUENCY: 150.0 / n, "engine.torque_amplitude": float(amplitudes[0]),
+                                "engine.harmonic_amplitudes": tuple(amplitudes[1:].tolist()),
+                                "engine.harmonic_phases": (0.0,) * (len(amplitudes) - 1)}).period
+        # Whatever the response repeats after, the torque repeats after too: at least N cycles of omega.
+        values[f"{name}: varying load, two torques"] = [varying, dual * n]
+        pairs.append((dual * n, varying))
+    return Measured(pairs, values)
+
+
+@claim("(35)", "6.1, (35); 6.2", "(35) has no condition on mu_k: it holds for mu_k < mu_s too", Equal(
+    "only period N at the slipping ratios of Figs. 16 and 17 (0.05 to 0.5, 0.75 mu_s), for N = 2, 1, 1, 3, 3"))
+def period_for_any(evidence: Evidence) -> Measured:
+    """(35) for mu_k < mu_s, for which Section 6.2 has it."""
+    found = falling_periods(evidence)
+    return Measured([(periods, [n]) for n, periods in found.values()],
+                    {"periods for omega_f/omega, 0 for none": {name: periods for name, (_, periods) in found.items()}},
+                    "a falling friction law brings doublings and aperiodic motions of its own")
+
+
+@claim("(35)", "6.1, after (35)", "the cases of the proof of (35), v = N/K and v not commensurable with N, leave only "
+       "v = N; v = KN may be disregarded",
+       Holds("no period that is a multiple KN, K > 1, of N in Figs. 16 and 17 (0.05 to 0.5, 0.75 mu_s)",
+             "none in Figs. 10 and 11 (mu_k = mu_s)"))
+def proof_is_whole(evidence: Evidence) -> Measured:
+    """The proof's case v = KN: met where the friction law falls."""
+    falling = {name: [p for p in periods if p > n and p % n == 0] for name, (n, periods)
+               in falling_periods(evidence).items()}
+    equal = {name: sorted({int(p) for p in periods} - {1, 2, 3})
+             for name, periods in slipping_periods(evidence).items()}
+    return Measured((not any(falling.values()), not any(equal.values())),
+                    {"multiples of N met at 0.75 mu_s": falling, "at mu_k = mu_s": equal},
+                    "a minimal period is a multiple of N where the motion doubles; (34) then has its harmonics, and "
+                    "the first two cases do not show v = N for it")
+
+
+def falling_periods(evidence: Evidence) -> dict[str, tuple[int, list[int]]]:
+    """By omega_f/omega N of (35) and the periods where the clutch slips along the curves of Figs. 16 and 17."""
+    denominators = {0.5: 2, 1.0: 1, 2.0: 1, 2.0 / 3.0: 3, 4.0 / 3.0: 3}
+    out: dict[str, tuple[int, list[int]]] = {}
+    for number in (16, 17):
+        for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS)):
+            ratio = float(row["pressure.frequency_ratio"])  # type: ignore[arg-type]
+            out[f"{ratio:.3f}"] = denominators[ratio], sorted({int(p) for p in evidence.periods(sweep)[~sticks(sweep)]})
+    return out
