@@ -62,7 +62,7 @@ setup(
         "driveline_node = tcc_sim.nodes.executables:driveline_node",
         "recorder_node = tcc_sim.nodes.executables:recorder_node",
         "slip_controller_node = tcc_sim.nodes.executables:slip_controller_node",
-    ]},
+    ], "pytest11": ["tcc_sim = tcc_sim.testing.plugin"]},
     options={
         "develop": {"script_dir": f"$base/lib/{NAME}"},
         "install": {"install_scripts": f"$base/lib/{NAME}"},

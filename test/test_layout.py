@@ -18,11 +18,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solvers", "plant", "recording", "analysis",
-         "sweeps", "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "replay", "paper",
-         "benchmarks", "cli", "__main__"]
+         "sweeps", "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "testing", "replay",
+         "paper", "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 
-ROS = ["nodes"]
+ROS = ["nodes", "testing"]
 DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories", "benchmarks.precision_drawing",
             "benchmarks.stability_drawing"]
 ROOMS = {

@@ -40,11 +40,17 @@ COMPILING = 1.0
 
 
 class DrivelineNode(Node):
-    """The driveline as a ROS 2 node. Physics and topics run in `loop`; this class is what happens beside them."""
+    """The driveline as a ROS 2 node. Physics and topics run in `loop`; this class is what happens beside them.
 
-    def __init__(self, **options: Any) -> None:
+    Parameters
+    ----------
+    scene : what to run; None where the parameters say it
+    options : of rclpy's Node
+    """
+
+    def __init__(self, scene: Scene | None = None, **options: Any) -> None:
         super().__init__("driveline", **options)
-        self.scene = parameters.declare(self)
+        self.scene = parameters.declare(self, scene)
         self.loop = RealTimeLoop(self, self.scene)
         self._scene_text, self._changed = self.scene.text(), False
         self.loop.outputs.say("scene", cdr.string(self._scene_text))

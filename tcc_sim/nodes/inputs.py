@@ -54,7 +54,7 @@ class Command:
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take what has arrived before tick `tick`."""
         for data, _ in poll(self.subscription):
-            self._accept(data, tick)
+            self.accept(data, tick)
         if not self.fallen_back and tick - self._last_tick >= timeout_ticks:
             self.fall_back()
 
@@ -65,7 +65,7 @@ class Command:
         by count. A refused command is an answer too: the value before it holds.
         """
         while taken := poll(self.subscription, most=1):
-            if self._accept(taken[0][0], tick, stamp_ns):
+            if self.accept(taken[0][0], tick, stamp_ns):
                 return True
         return False
 
@@ -74,8 +74,11 @@ class Command:
         self.value = None
         self.timeouts += 1
 
-    def _accept(self, data: bytes, tick: int, answers: int | None = None) -> bool:
-        """Hold the value of a command, or count why not. False where its stamp says that it answers another state."""
+    def accept(self, data: bytes, tick: int, answers: int | None = None) -> bool:
+        """Hold the value of a serialised command from tick `tick` on, or count why not.
+
+        False where its stamp says that it answers another state than that of the stamp `answers`, ns.
+        """
         try:
             stamp, value = cdr.read_fluid_pressure(data) if self._stamped else (0, cdr.read_float64(data))
         except ValueError as error:

@@ -142,9 +142,13 @@ class RealTimeLoop:
     def request(self, action: Callable[[], bool], timeout: float = 1.0) -> Outcome:
         """Have the loop do `action` between two ticks; it is withdrawn where it was not done after `timeout` seconds.
 
-        An action refuses by False or by an exception, whose sentence is then the outcome's.
+        An action refuses by False or by an exception, whose sentence is then the outcome's. Where no thread runs the
+        loop it is done at once.
         """
         asked = Request(action)
+        if not self.running:
+            asked.carry_out()
+            return asked.outcome
         self._requests.put(asked)
         self._wake.set()
         if not asked.done.wait(timeout) and asked.claim.acquire(blocking=False):
@@ -174,10 +178,20 @@ class RealTimeLoop:
         """One tick while paused; False while running."""
         if not (self.paused and self.clock_started.is_set()):
             return False
+        self.step()
+        return True
+
+    def begin(self) -> None:
+        """The initial state, where the loop is stepped by its owner and not by its thread."""
+        self.plant.warm_up()
+        self.clock_started.set()
+        self._publish()
+
+    def step(self) -> None:
+        """One tick with the commands that have arrived."""
         for command in self.commands:
             command.poll(self.plant.stepper.tick, self._timeout_ticks())
         self._tick()
-        return True
 
     def use(self, scene: Scene) -> bool:
         """Take changed parameters from the next tick on, all or none; InputError where they cannot be computed."""

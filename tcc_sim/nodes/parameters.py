@@ -22,10 +22,11 @@ TEXT = "scene_text"
 BUILT_IN = ("use_sim_time", "start_type_description_service")
 
 
-def declare(node: Node) -> Scene:
+def declare(node: Node, scene: Scene | None = None) -> Scene:
     """Declare every scene key and node option on `node`, with the overrides it was started with, and give their scene.
 
-    Without `scene` they are those of NODE_SCENE. Where the overrides say where an input comes from, as the parameter
+    The overrides are changes of `scene`, where one is given, or of the scene that they name; without either they are
+    changes of NODE_SCENE. Where the overrides say where an input comes from, as the parameter
     file of a scene does, they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere.
 
     Raises
@@ -35,7 +36,7 @@ def declare(node: Node) -> Scene:
     """
     given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
-    base = load_scene(str(given.pop("scene", otherwise)))
+    base = scene or load_scene(str(given.pop("scene", otherwise)))
     warn_of_unknown(node, ("scene", *KNOWN_KEYS))
     # ROS 2 has no type for an empty list.
     known = {name: [] if value is None else value.tolist() if hasattr(value, "tolist") else value

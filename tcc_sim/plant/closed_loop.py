@@ -87,7 +87,7 @@ class Samples:
         per_pressure, *held = np.array(self._rest, dtype=np.float64).T
         system = plant.scene.system
         return {
-            "t": columns["stamp_ns"] * 1e-9, "slip_speed": columns["slip_speed"],
+            "t": columns["stamp_ns"] / 1e9, "slip_speed": columns["slip_speed"],
             "plate_angle": columns["plate_angle"], "plate_speed": columns["plate_speed"],
             "engine_torque": columns["engine_torque"],
             "saturation_torque": per_pressure * columns["applied_pressure"],

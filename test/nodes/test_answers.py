@@ -155,7 +155,7 @@ def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(b
 
         def take(value: float, command: Command = command) -> bool:
             before = command.received
-            command._accept(cdr.float64(value) if command.name == "engine_torque" else cdr.fluid_pressure(0, value), 0)
+            command.accept(cdr.float64(value) if command.name == "engine_torque" else cdr.fluid_pressure(0, value), 0)
             return command.received > before
 
         assert take(low)
@@ -169,7 +169,7 @@ def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(b
 def test_the_fallback_comes_at_the_tick_of_the_time_out_and_not_before(bench: Any) -> None:
     node = bench.add(rclpy.create_node("driveline", context=bench.context))
     command = Command(node, topic("engine_torque"))
-    assert command._accept(cdr.float64(5.0), 100)
+    assert command.accept(cdr.float64(5.0), 100)
     command.poll(149, 50.0)
     assert (command.value, command.timeouts) == (5.0, 0)
     command.poll(150, 50.0)

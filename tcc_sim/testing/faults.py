@@ -1,0 +1,117 @@
+"""What happens to commands between a controller and the driveline: nothing, or faults by count. Free of ROS."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
+from tcc_sim.model.parameters import PRESSURE_MAXIMUM
+
+
+@dataclass(frozen=True)
+class Faults:
+    """One of every so many commands of each topic is hit, drawn with the seed; 0: none.
+
+    drop : it never arrives
+    delay, delay_ticks : it arrives so many ticks later, behind those that were sent meanwhile
+    duplicate : it arrives once more with the next tick
+    corrupt : its value is not a number, beyond every limit, or its bytes are cut short
+    seed : two runs with the same seed are the same
+
+    Raises
+    ------
+    InputError
+        A number that is not a whole one from 0 (`delay_ticks`: from 1) on.
+    """
+
+    drop: int = 0
+    delay: int = 0
+    duplicate: int = 0
+    corrupt: int = 0
+    delay_ticks: int = 3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for item in dataclasses.fields(self):
+            value, low = getattr(self, item.name), int(item.name == "delay_ticks")
+            if isinstance(value, bool) or not isinstance(value, int) or value < low:
+                raise InputError(f"faults: {item.name} is {value!r}; it must be a whole number from {low} on")
+
+    @staticmethod
+    def of(given: Faults | Mapping[str, int] | None) -> Faults:
+        """Faults as they are, by name, or none."""
+        if given is None or isinstance(given, Faults):
+            return given or Faults()
+        known = [item.name for item in dataclasses.fields(Faults)]
+        for name in given:
+            if name not in known:
+                raise InputError(f"{name} is not a fault; there are {', '.join(known)}")
+        return Faults(**given)
+
+
+class Schedule:
+    """Which commands one kind of fault hits: one of each `every`, at a place drawn anew for each such block."""
+
+    def __init__(self, every: int, seed: str) -> None:
+        self._every, self._draw = every, random.Random(seed)
+        self._number = self._place = 0
+
+    def hits(self) -> bool:
+        """Whether the next command is hit."""
+        if not self._every:
+            return False
+        if self._number % self._every == 0:
+            self._place = self._draw.randrange(self._every)
+        self._number += 1
+        return (self._number - 1) % self._every == self._place
+
+
+class Line:
+    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it.
+
+    Attributes
+    ----------
+    sent, delivered : commands so far
+    """
+
+    def __init__(self, name: str, faults: Faults) -> None:
+        self._delay_ticks = faults.delay_ticks
+        self._schedules = {kind: Schedule(getattr(faults, kind), f"{faults.seed} {name} {kind}")
+                           for kind in ("drop", "delay", "duplicate", "corrupt")}
+        self._draw = random.Random(f"{faults.seed} {name}")
+        self._waiting: list[tuple[int, bool, bytes]] = []
+        self.sent = self.delivered = 0
+
+    def send(self, data: bytes, tick: int) -> None:
+        """A serialised command that was sent in answer to the state of `tick`."""
+        self.sent += 1
+        hit = {kind: schedule.hits() for kind, schedule in self._schedules.items()}
+        if hit["drop"]:
+            return
+        data = self._corrupted(data) if hit["corrupt"] else data
+        self._waiting.append((tick + (self._delay_ticks if hit["delay"] else 0), hit["delay"], data))
+        if hit["duplicate"]:
+            self._waiting.append((tick + 1, False, data))
+
+    def deliver(self, tick: int) -> list[bytes]:
+        """The commands that arrive before the tick that follows the state of `tick`, those that were delayed last."""
+        due = [data for late in (False, True) for when, delayed, data in self._waiting
+               if when <= tick and delayed == late]
+        self._waiting = [row for row in self._waiting if row[0] > tick]
+        self.delivered += len(due)
+        return due
+
+    def _corrupted(self, data: bytes) -> bytes:
+        """A command with a value that makes no sense, or cut short."""
+        value = self._draw.choice((math.nan, math.inf, -2.0 * PRESSURE_MAXIMUM, 2.0 * PRESSURE_MAXIMUM, None))
+        if value is None:
+            return data[:-5]
+        try:
+            return cdr.fluid_pressure(cdr.read_fluid_pressure(data)[0], value)
+        except ValueError:
+            return cdr.float64(value)

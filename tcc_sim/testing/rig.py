@@ -1,0 +1,292 @@
+"""A driveline node and the nodes under test in one process, stepped by the answers, with faults on request."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+import rclpy
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64
+
+from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.inputs import Command
+from tcc_sim.nodes.qos import LATCHED
+from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.plant.closed_loop import INPUTS, Samples
+from tcc_sim.scene import Scene, load_scene
+from tcc_sim.testing.faults import Faults, Line
+from tcc_sim.testing.run import ControllerFailed, LockstepRun
+from tcc_sim.testing.worker import Worker
+from tcc_sim.topics import FLUID_PRESSURE, topic
+
+PATIENCE = 20.0
+"""Real time, s, that an answer may take."""
+LOOK = 0.005
+"""Real time, s, that the nodes under test are waited for at a time."""
+MOST_CALLBACKS = 1000
+"""Callbacks that are executed where nothing is waited for; a node may be never done."""
+PAUSE = 0.05
+"""Real time, s, of a pause."""
+SERVED = 20
+"""Ticks between two looks at what is asked of the driveline's services, which take longer than a tick; counted, so that
+a run is the same each time.
+"""
+
+
+class Rig:
+    """One driveline for a test: it waits for the commands that answer a state before it makes the next tick.
+
+    Parameters
+    ----------
+    scene : a scene, its name or its file
+    changes : scene keys to change first
+    rate : ticks a second, Hz
+    faults : what happens to commands on their way
+    patience : real time, s, that an answer may take before the test fails
+
+    Raises
+    ------
+    InputError
+        A scene that the real-time solver cannot run, or wrong changes or faults.
+    """
+
+    def __init__(self, scene: Scene | str, changes: Mapping[str, object] | None = None, rate: float = 1000.0,
+                 faults: Faults | Mapping[str, int] | None = None, patience: float = PATIENCE) -> None:
+        base = load_scene(scene) if isinstance(scene, str) else scene
+        wanted = base.with_values({**(changes or {}), "rate": rate, "pacing": "lockstep"})
+        self._patience = patience
+        self._lines = {name: Line(name, Faults.of(faults)) for name in INPUTS}
+        self._node = DrivelineNode(wanted)
+        self._loop, self._plant = self._node.loop, self._node.loop.plant
+        self._executor = SingleThreadedExecutor(context=self._node.context)
+        self._requests = SingleThreadedExecutor(context=self._node.context)
+        self._requests.add_node(self._node)
+        self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
+        self._under_test: list[Node] = []
+        self._target: float | None = None
+        self._worker = Worker()
+        self._closed = False
+
+    def add(self, node: Node) -> Node:
+        """Put a node under test: it is spun while the driveline runs, and destroyed at the end; gives it back.
+
+        Raises
+        ------
+        InputError
+            A node of another ROS 2 context, which would not hear the driveline.
+        """
+        if node.context is not self._node.context:
+            raise InputError(f"{node.get_name()} has a context of its own; make it with the default one")
+        self._executor.add_node(node)
+        self._under_test.append(node)
+        return node
+
+    def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None) -> LockstepRun:
+        """Make so many ticks, each once the commands that answer the state before it are there.
+
+        Parameters
+        ----------
+        seconds, ticks : one of the two; simulated time, of which whole ticks are taken
+        target : slip speed that the controller is to hold, rad/s, where it does not publish target_slip_speed
+
+        Returns
+        -------
+        LockstepRun, a Trajectory with a sample for every tick and the state at which this run began; the nodes under
+        test have done by then what its last state lets them do
+
+        Raises
+        ------
+        ControllerFailed
+            A node under test died, hangs, or does not answer.
+        """
+        if (seconds is None) == (ticks is None):
+            raise InputError("give either seconds or ticks")
+        count = ticks if ticks is not None else round((seconds or 0.0) * self._node.scene.operation.rate)
+        if count < 1:
+            raise InputError(f"{seconds if ticks is None else ticks} is no run; it must have at least one tick")
+        return self._worker.run(lambda: self._run(count, target), self._patience, self._failed)
+
+    def change(self, values: Mapping[str, object] | None = None, **more: object) -> None:
+        """Change parameters from the next tick on, all or none: ``change({"engine.mean_torque": 300.0})``, or
+        ``change(engine__mean_torque=300.0)``.
+
+        Raises
+        ------
+        InputError
+            The driveline refuses; in its own words.
+        """
+        changes = {**(values or {}), **{key.replace("__", "."): value for key, value in more.items()}}
+        self._plant.warm_up()
+        if self._plant.needs_general(self._node.scene.with_values(changes)):
+            self._plant.warm_up_general()
+        result = self._node.set_parameters_atomically([Parameter(key, value=value) for key, value in changes.items()])
+        if not result.successful:
+            raise InputError(result.reason)
+
+    def pause(self, seconds: float = PAUSE) -> None:
+        """Let the driveline stand still for so many seconds of real time, in which the nodes under test are spun."""
+        end = time.monotonic() + seconds
+
+        def spin() -> None:
+            while (left := end - time.monotonic()) > 0.0:
+                self._spin(min(left, LOOK))
+                self._requests.spin_once(timeout_sec=0.0)
+
+        self._worker.run(spin, self._patience + seconds, self._failed)
+
+    def close(self) -> None:
+        """Destroy the driveline and every node under test."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._worker.stuck:  # A node that hangs holds the executor.
+            return
+        for executor in (self._executor, self._requests):
+            executor.shutdown()
+        for node in [*self._under_test, self._node]:
+            node.destroy_node()
+
+    def _run(self, count: int, target: float | None) -> LockstepRun:
+        """In the worker: the ticks of one run."""
+        commands = self._begin()
+        samples = Samples(self._plant)
+        samples.add(self._plant, *self._held())
+        before = {command.name: command.refused for command in commands}
+        missed, said = 0, (None if target is None else (target, 0))
+        if said is None and self._hear_target() is not None:
+            said = (float(self._target or 0.0), 0)
+        for _ in range(count):
+            if self._plant.stepper.tick % SERVED == 0:
+                self._requests.spin_once(timeout_sec=0.0)
+            self._await_answers(commands)
+            missed += self._deliver(commands)
+            self._loop.step()
+            self._loop.outputs.flush()
+            samples.add(self._plant, *self._held())
+            if target is None and self._hear_target() is not None and (said is None or said[0] != self._target):
+                said = (float(self._target or 0.0), len(samples) - 1)
+            self._worker.beat()
+        self._settle()
+        refused = sum(command.refused - before[command.name] for command in commands)
+        return LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
+                         refusal=next((command.refusal for command in commands if command.refusal), ""), target=said)
+
+    def _begin(self) -> list[Command]:
+        """The commands that are waited for; the initial state is said when those who take part are there."""
+        commands = [command for command in self._loop.commands if command.subscription.get_publisher_count()]
+        if self._loop.commands and not commands:
+            names = " and ".join(command.name for command in self._loop.commands)
+            raise ControllerFailed(f"no node that was added publishes {names}, which the scene "
+                                   f"{self._node.scene.name} takes")
+        if not self._loop.clock_started.is_set():
+            self._loop.begin()
+        return commands
+
+    def _await_answers(self, commands: list[Command]) -> None:
+        """Spin the nodes under test until every command that answers the state is there."""
+        plant = self._plant
+        tick, stamp, since = plant.stepper.tick, plant.stamp_ns, time.monotonic()
+        missing, others = list(commands), 0
+        if not missing:
+            self._settle()
+        while missing:
+            for command in tuple(missing):
+                for data, _ in poll(command.subscription):
+                    self._lines[command.name].send(data, tick)
+                    if _answers(command.name, data, stamp):
+                        missing = [other for other in missing if other is not command]
+                    else:
+                        others += 1
+            if missing:
+                if time.monotonic() - since > self._patience:
+                    raise ControllerFailed(self._no_answer(missing[0].name, others))
+                self._spin(LOOK)
+                if time.monotonic() - since > LOOK:
+                    self._requests.spin_once(timeout_sec=0.0)
+            self._worker.beat()
+
+    def _deliver(self, commands: list[Command]) -> int:
+        """Hand over what arrives before the next tick; how many inputs have nothing new."""
+        tick, missed = self._plant.stepper.tick, 0
+        for command in commands:
+            received = command.received
+            for data in self._lines[command.name].deliver(tick):
+                command.accept(data, tick)
+            missed += command.received == received
+        return missed
+
+    def _spin(self, seconds: float) -> bool:
+        """Execute one callback that is ready within so many seconds; whether there was one."""
+        try:
+            callback, *_ = self._executor.wait_for_ready_callbacks(timeout_sec=seconds)
+        except TimeoutException:
+            return False
+        except ShutdownException:
+            raise ControllerFailed(f"ROS 2 was shut down at {self._now()}") from None
+        self._worker.beat()
+        callback()
+        self._worker.beat()
+        error = callback.exception()
+        if error is not None:
+            raise ControllerFailed(f"{self._names()} died at {self._now()}: {type(error).__name__}: "
+                                   f"{error}") from error
+        return True
+
+    def _settle(self) -> None:
+        """Let the nodes under test do what is left to do."""
+        for _ in range(MOST_CALLBACKS):
+            if not self._spin(0.0):
+                break
+
+    def _held(self) -> tuple[float | None, float | None]:
+        """Engine torque and pressure that hold."""
+        return tuple(None if command is None else command.value  # type: ignore[return-value]
+                     for command in (self._loop.engine_command, self._loop.pressure_command))
+
+    def _hear_target(self) -> float | None:
+        """The slip speed that was last asked for, rad/s."""
+        for data, _ in poll(self._target_topic):
+            self._target = cdr.read_float64(data)
+        return self._target
+
+    def _now(self) -> str:
+        """Simulation time in words."""
+        return f"{self._plant.stamp_ns * 1e-9:.9g} s of simulated time"
+
+    def _names(self) -> str:
+        """Who is under test."""
+        return " or ".join(node.get_name() for node in self._under_test) or "no node"
+
+    def _no_answer(self, name: str, others: int) -> str:
+        """The sentence for a state that nobody answers."""
+        sent = f"; it sent {others} with the stamps of other states" if others else ""
+        return (f"{self._names()} did not answer the state of {self._now()} on {name} within {self._patience:g} s"
+                f"{sent}: a command answers with the stamp of the state, or with stamp 0")
+
+    def _failed(self, where: str) -> ControllerFailed:
+        """The exception for a callback that does not return."""
+        return ControllerFailed(f"{self._names()} hangs at {self._now()}: for {self._patience:g} s it has not come "
+                                f"back from {where}")
+
+
+def _answers(name: str, data: bytes, stamp: int) -> bool:
+    """Whether a command answers the state of this stamp, ns: by its own stamp, or by count where it has none."""
+    if topic(name).type != FLUID_PRESSURE:
+        return True
+    try:
+        return cdr.read_fluid_pressure(data)[0] in (0, stamp)
+    except ValueError:
+        return True
+
+
+def initialise() -> bool:
+    """Initialise ROS 2's default context for tests, unless it is; whether it has to be shut down again."""
+    if rclpy.ok():
+        return False
+    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    return True

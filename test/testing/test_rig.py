@@ -1,0 +1,228 @@
+"""The fixture `driveline`: nodes under test in lock-step in this process, faults by count, and what fails a test."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from rclpy.context import Context
+from rclpy.node import Node
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64
+
+import tcc_sim
+from tcc_sim.errors import InputError
+from tcc_sim.nodes.slip_controller import SlipControllerNode
+from tcc_sim.plant.slip_control import SlipController, Tuning
+from tcc_sim.testing.run import ControllerFailed
+
+
+class Controller(Node):
+    """Answers every state with what a function makes of it; it may be any node of a user."""
+
+    def __init__(self, answer: Callable[[JointState], float | None]) -> None:
+        super().__init__("my_controller")
+        self.answer, self.states = answer, []
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.on_state, 10)
+
+    def on_state(self, state: JointState) -> None:
+        self.states.append(state)
+        pressure = self.answer(state)
+        if pressure is not None:
+            command = FluidPressure(fluid_pressure=pressure)
+            command.header.stamp = state.header.stamp
+            self.publisher.publish(command)
+
+
+class Counting:
+    """100 kPa and 1 Pa more for every state: each command tells which state it answers."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, state: JointState) -> float:
+        self.count += 1
+        return 1e5 + self.count - 1
+
+
+def test_a_controller_holds_its_target_and_the_run_is_that_of_its_law_without_ros(driveline: Any) -> None:
+    plant = driveline("controlled", changes={"engine.mean_torque": 250.0})
+    plant.add(SlipControllerNode())
+    run = plant.run(seconds=1.5)
+    assert run.tracking.rms_error < 0.5
+    assert run.tracking.target == 20.0
+    assert (run.missed, run.refused, len(run.t)) == (0, 0, 1501)
+    scene = tcc_sim.load_scene("controlled").with_values({"engine.mean_torque": 250.0})
+    law = SlipController(Tuning())
+    alone = tcc_sim.closed_loop(scene, lambda r: law.update(r.flywheel_speed - r.plate_speed, r.engine_torque),
+                                1.5)
+    for name in ("t", "plate_angle", "friction_torque", "saturation_torque", "flywheel_angle", "applied_pressure"):
+        assert getattr(run, name).tobytes() == getattr(alone, name).tobytes(), name
+    assert run.commands["actuation_pressure"].tobytes() == alone.commands["actuation_pressure"].tobytes()
+
+
+def test_runs_go_on_where_the_one_before_ended_with_changed_parameters_and_a_target_of_the_test(
+        driveline: Any) -> None:
+    plant = driveline("controlled", rate=500.0)
+    controller = plant.add(Controller(lambda state: 1e5 + 1e3 * (state.velocity[0] - state.velocity[1] - 20.0)))
+    first = plant.run(ticks=100)
+    plant.pause(0.02)
+    plant.change({"engine.mean_torque": 300.0})
+    with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m; it must be -100000 to 100000 N m"):
+        plant.change(engine__mean_torque=1e6)
+    second = plant.run(seconds=0.5, target=30.0)
+    assert (first.t[0], first.t[-1], second.t[0], second.t[-1]) == (0.0, 0.2, 0.2, 0.7)
+    assert first.slip_speed[-1] == second.slip_speed[0]
+    mean = np.round(np.concatenate([first.engine_torque, second.engine_torque[1:]]) - 250.0 * np.sin(
+        150.0 * np.concatenate([first.t, second.t[1:]])), 6)
+    assert mean.tolist() == [200.0] * 101 + [300.0] * 250
+    assert [state.header.stamp.nanosec for state in controller.states] == [k * 2_000_000 for k in range(351)]
+    assert second.tracking.target == 30.0
+    with pytest.raises(InputError, match="no target: no node published target_slip_speed"):
+        _ = first.tracking
+    with pytest.raises(InputError, match="give either seconds or ticks"):
+        plant.run()
+    with pytest.raises(InputError, match="0 is no run"):
+        plant.run(ticks=0)
+
+
+def held(run: Any) -> list[int]:
+    """Which state's command was held through each tick."""
+    return [round(value - 1e5) for value in run.commands["actuation_pressure"][1:]]
+
+
+def test_faults_hit_one_of_every_so_many_commands_and_do_what_they_say(driveline: Any) -> None:
+    def run(**faults: int) -> Any:
+        plant = driveline("controlled", faults=faults)
+        plant.add(Controller(Counting()))
+        return plant.run(ticks=60)
+
+    plain, doubled = run(), run(duplicate=4)
+    assert held(plain) == held(doubled) == list(range(60))
+    assert (plain.missed, doubled.missed, doubled.refused) == (0, 0, 0)
+    dropped = run(drop=10, seed=1)
+    lost = [tick for tick, number in enumerate(held(dropped)) if number != tick]
+    assert [tick // 10 for tick in lost] == [0, 1, 2, 3, 4, 5]
+    assert all(held(dropped)[tick] == tick - 1 for tick in lost if tick)
+    assert (dropped.missed, dropped.refused) == (6, 0)
+    late = run(delay=20, delay_ticks=5, seed=1)
+    behind = {tick: number for tick, number in enumerate(held(late)) if number != tick}
+    for tick, number in behind.items():
+        assert number in (tick - 1, tick - 5)
+    assert sum(number == tick - 5 for tick, number in behind.items()) == late.missed == 3
+    spoilt = run(corrupt=10, seed=2)
+    assert (spoilt.refused, spoilt.missed) == (6, 6)
+    assert "actuation_pressure" in spoilt.refusal
+    again = run(drop=10, seed=1)
+    assert again.slip_speed.tobytes() == dropped.slip_speed.tobytes()
+    assert run(drop=10, seed=3).slip_speed.tobytes() != dropped.slip_speed.tobytes()
+
+
+def test_without_commands_for_its_time_out_the_driveline_falls_back(driveline: Any) -> None:
+    plant = driveline("controlled", changes={"command_timeout": 0.005}, faults={"drop": 1})
+    plant.add(Controller(Counting()))
+    run = plant.run(ticks=20)
+    assert np.isnan(run.commands["actuation_pressure"]).all()
+    assert set(run.applied_pressure) == {1e5}
+    assert run.missed == 20
+
+
+def test_both_inputs_are_waited_for_where_a_node_gives_both(driveline: Any) -> None:
+    plant = driveline("commands")
+    controller = Controller(lambda state: 2e5)
+    torque = controller.create_publisher(Float64, "engine_torque", 10)
+    controller.create_subscription(JointState, "joint_states", lambda _: torque.publish(Float64(data=123.0)), 10)
+    plant.add(controller)
+    run = plant.run(ticks=30)
+    assert set(run.engine_torque[1:]) == {123.0}
+    assert set(run.applied_pressure[1:]) == {2e5}
+
+
+def test_a_node_that_only_listens_hears_every_state_of_a_scene_that_takes_no_commands(driveline: Any) -> None:
+    plant = driveline("fig02")
+    heard: list[JointState] = []
+    listener = Node("listener")
+    listener.create_subscription(JointState, "joint_states", heard.append, 1000)
+    plant.add(listener)
+    run = plant.run(ticks=50)
+    assert [state.velocity[0] - state.velocity[1] for state in heard] == pytest.approx(run.slip_speed.tolist(),
+                                                                                      abs=1e-12)
+
+
+def dies(state: JointState) -> float:
+    if state.header.stamp.nanosec == 7_000_000:
+        raise ValueError("no such gear")
+    return 1e5
+
+
+def never_comes_back(state: JointState) -> float:
+    while state.header.stamp.nanosec == 7_000_000:
+        pass
+    return 1e5
+
+
+def waits_for_ever(state: JointState) -> float:
+    if state.header.stamp.nanosec == 7_000_000:
+        threading.Event().wait()
+    return 1e5
+
+
+def falls_silent(state: JointState) -> float | None:
+    return None if state.header.stamp.nanosec == 7_000_000 else 1e5
+
+
+@pytest.mark.parametrize(("answer", "sentence"), [
+    (dies, "my_controller died at 0.007 s of simulated time: ValueError: no such gear"),
+    (never_comes_back, r"my_controller hangs at 0.007 s of simulated time: for 0.5 s it has not come back from "
+                       r"never_comes_back \(test_rig.py:\d+\)"),
+    (waits_for_ever, r"my_controller hangs at .* from waits_for_ever \(test_rig.py:\d+\)"),
+    (falls_silent, "my_controller did not answer the state of 0.007 s of simulated time on actuation_pressure within "
+                   "0.5 s: a command answers with the stamp of the state, or with stamp 0"),
+])
+def test_a_controller_that_fails_fails_the_test_with_that_sentence(driveline: Any, answer: Callable[..., Any],
+                                                                    sentence: str) -> None:
+    plant = driveline("controlled", patience=0.5)
+    plant.add(Controller(answer))
+    with pytest.raises(ControllerFailed, match=sentence):
+        plant.run(seconds=1.0)
+
+
+def test_what_cannot_be_waited_for_is_said(driveline: Any) -> None:
+    plant = driveline("controlled", patience=0.3)
+    with pytest.raises(ControllerFailed, match="no node that was added publishes actuation_pressure, which the scene"):
+        plant.run(ticks=1)
+    elsewhere = Context()
+    elsewhere.init()
+    node = Node("my_node", context=elsewhere)
+    with pytest.raises(InputError, match="my_node has a context of its own"):
+        plant.add(node)
+    node.destroy_node()
+    elsewhere.shutdown()
+    controller = Controller(lambda state: None)
+    clock = controller.create_publisher(FluidPressure, "actuation_pressure", 10)
+
+    def with_its_own_clock(_: JointState) -> None:
+        command = FluidPressure(fluid_pressure=1e5)
+        command.header.stamp.sec = 1_700_000_000
+        clock.publish(command)
+
+    controller.create_subscription(JointState, "joint_states", with_its_own_clock, 10)
+    plant.add(controller)
+    with pytest.raises(ControllerFailed, match="it sent 1 with the stamps of other states"):
+        plant.run(ticks=1)
+
+
+@pytest.mark.parametrize(("faults", "match"), [
+    ({"drop": -1}, "faults: drop is -1; it must be a whole number from 0 on"),
+    ({"delay_ticks": 0}, "delay_ticks is 0; it must be a whole number from 1 on"),
+    ({"loss": 3}, "loss is not a fault; there are drop, delay, duplicate, corrupt, delay_ticks, seed")])
+def test_senseless_faults_are_refused(driveline: Any, faults: dict[str, int], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        driveline("controlled", faults=faults)
