@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import random
 import shutil
 import signal
@@ -150,7 +149,8 @@ def driveline(start):
     return node
 
 
-def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recovered(driveline, start, tmp_path, capsys):
+def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recovered(driveline, start, tmp_path,
+                                                                                     capsys):
     """Also that each has its scene, though the readers that died before it are still known to the driveline."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     draw = random.Random(11)
