@@ -88,17 +88,17 @@ def _print(found: Motions) -> None:
         for sentence in dict.fromkeys(branch.ended):
             say(f"  {sentence}")
     for index, item in enumerate(found.bifurcations):
-        limit = ""
-        if found.plan.limit:
-            value = found.limits.get(index)
-            limit = "  of the smoothing" if value is None else f"  limit {value:.9g}"
+        limit = f"  {found.limits[index]}" if index in found.limits else ""
         say(f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
             f"max slip {item.point.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
         say(f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
             f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
     for curve in found.curves:
-        say(f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {'; '.join(dict.fromkeys(curve.ended))}")
+        ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
+        say(f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}")
+        for point in curve.special:
+            say(f"{point.kind:>22}  {point.value:.9g}  {point.second:.9g}")
 
 
 @contextmanager

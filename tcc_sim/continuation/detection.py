@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.continuation.codim2 import locate
+from tcc_sim.continuation.augmented import locate
 from tcc_sim.continuation.newton import shifts
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.problem import Floats

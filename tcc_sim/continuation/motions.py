@@ -13,7 +13,7 @@ from tcc_sim.continuation.codim2 import KINDS, Curve, bifurcation_curve, border_
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.smoothing_limit import limit_of
+from tcc_sim.continuation.smoothing_limit import Limit, limit_of
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
@@ -82,7 +82,7 @@ class Motions:
     branches: list[Branch] = field(default_factory=list)
     at: list[dict[str, Any]] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
-    limits: dict[int, float | None] = field(default_factory=dict)
+    limits: dict[int, Limit] = field(default_factory=dict)
     complete: bool = False
 
     @property
@@ -96,15 +96,14 @@ class Motions:
         for number, item in enumerate(self.bifurcations):
             entry = item.as_json()
             if self.plan.limit:
-                entry["limit"] = self.limits.get(number)
+                entry |= self.limits.get(number, Limit(None, why="not looked for: interrupted")).as_json()
             found.append(entry)
         out: dict[str, Any] = {"over": self.plan.over, "range": [self.plan.low, self.plan.high], "law": self.law,
                                "branches": [b.as_json() for b in self.branches], "at": self.at, "bifurcations": found,
                                "complete": self.complete}
         if self.plan.second is not None:
             out["second_over"] = self.plan.second[0]
-            out["curves"] = [{"kind": c.kind, "value": list(c.values), "second": list(c.second), "ended": list(c.ended)}
-                             for c in self.curves]
+            out["curves"] = [curve.as_json() for curve in self.curves]
         return out
 
 
@@ -220,7 +219,7 @@ def _curves(system: System, plan: Plan, span: ParameterRange, out: Motions) -> N
     """Two-parameter curves of every bifurcation that has one."""
     assert plan.second is not None
     key, low, high = plan.second
-    ranges, present = (span, ParameterRange(low, high)), _present(system, key)
+    ranges, present = (span, ParameterRange(low, high, name=key)), _present(system, key)
     map_ = DrivelineMap(system, (plan.over, key))
     for item in out.bifurcations:
         if item.kind not in KINDS:

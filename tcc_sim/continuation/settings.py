@@ -51,6 +51,7 @@ class Settings:
     spurious : residual above which a change of sign is one of rounding, not of a bifurcation
     merged : distance, relative to the range, at which a branch ends in a doubling, or two begin in one
     same_end : distance, relative to the range, at which a fold is the end where a branch passes into its own shift
+    located : last Newton step at which a bifurcation counts as found
     beside : how far beyond a change of the event sequence its other side is looked at
     border : margin, relative to its natural size, at which a sliding bifurcation counts as found
     amplitudes : distances from a doubling at which its branch is looked for; next to a canard, where the map bends
@@ -99,6 +100,7 @@ class Settings:
     spurious: float = 1e-2
     merged: float = 1e-5
     same_end: float = 1e-6
+    located: float = 1e-8
     beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)
     border: float = 1e-12
     amplitudes: tuple[float, ...] = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)

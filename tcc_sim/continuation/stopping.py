@@ -7,7 +7,9 @@ from enum import Enum
 
 
 class StopReason(Enum):
-    """Each with its sentence; `name` and `value` are the parameter's, `limit` a count or a bound that was met."""
+    """Each with its sentence: `name` and `value` are the parameter's, `limit` a count or a bound that was met,
+    `what` a special point.
+    """
 
     RANGE = "{name} reached {value:.9g}, the end of the range"
     CLOSED = "closed: back at its first point, {name} = {value:.9g}"
@@ -15,12 +17,15 @@ class StopReason(Enum):
     BEGAN = "began in the period doubling at {name} = {value:.9g}"
     CANARD = ("ended at {name} = {value:.9g}: beyond it a multiplier is above {limit:g}, a canard, which double "
               "precision does not resolve")
+    CANARD_CURVE = ("ended at {name} = {value:.9g} in a canard, along which a multiplier grows without bound and the "
+                    "parameters stand still")
     FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value:.9g}: no branch can be "
               "followed through it")
     POINTS = "stopped after {limit:g} points at {name} = {value:.9g}"
     TRIES = "given up after {limit:g} steps tried at {name} = {value:.9g}: no progress"
     STEP = ("no further point was found beyond {name} = {value:.9g}: no step, however short, met a residual of "
             "{limit:g}")
+    SPECIAL = "ended in a {what} at {name} = {value:.9g}"
     INTERRUPTED = "interrupted at {name} = {value:.9g}"
 
 
@@ -32,7 +37,8 @@ class End:
     name: str
     value: float
     limit: float = 0.0
+    what: str = ""
 
     def __str__(self) -> str:
         """The sentence."""
-        return self.reason.value.format(name=self.name, value=self.value, limit=self.limit)
+        return self.reason.value.format(name=self.name, value=self.value, limit=self.limit, what=self.what)

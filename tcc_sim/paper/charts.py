@@ -17,6 +17,7 @@ from tcc_sim.continuation.codim2 import Curve, bifurcation_curve, border_curve
 from tcc_sim.continuation.diagram import SWEPT
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
@@ -34,10 +35,8 @@ FEW = replace(SWEPT, longest_period=LONGEST)
 """Longest period, in those of the excitation, whose bifurcations are followed."""
 ENDING = 1.001
 """Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
-SMALLEST = 1e-4
-"""Shortest step along a curve, in natural sizes: what moves less is a canard, and does not move in the chart."""
-MOST_POINTS = 50
-"""Points of a curve either way; the ends of a curve say where it was stopped."""
+CHARTED = Settings(smallest_step=1e-6, max_points=1000)
+"""Curves are followed until something ends them."""
 PASSED = 4e-3
 """Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""
 UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "pressure.phase": math.pi}
@@ -62,8 +61,8 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     plan = Plan(cycles=100 if options.quick else 150, discard=50)
     grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan,
                       jobs=options.jobs, progress=options.progress)
-    ranges = (ParameterRange(row.span[0] * units[0], row.span[1] * units[0]),
-               ParameterRange(row.second_span[0] * units[1], row.second_span[1] * units[1]))
+    ranges = (ParameterRange(row.span[0] * units[0], row.span[1] * units[0], name=row.over),
+               ParameterRange(row.second_span[0] * units[1], row.second_span[1] * units[1], name=row.second))
     curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), ranges)
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
@@ -94,7 +93,7 @@ def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange
                                for a, b in zip(curve["value"], curve["second"])])
             if distance(at, points) < PASSED:
                 return None
-    return bifurcation_curve(found, of, ranges, second, SMALLEST, MOST_POINTS)
+    return bifurcation_curve(found, of, ranges, second, CHARTED)
 
 
 def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
@@ -102,7 +101,8 @@ def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
     words = f"{curve.kind}, period {period}".replace("_", " ")
     words = "pure stick ends, by (10)" if curve.kind == "stick_border" else words
     return {"label": words, "kind": curve.kind, "period": period, "creep": creep, "value": list(curve.values),
-            "second": list(curve.second), "ended": list(curve.ended)}
+            "second": list(curve.second), "ended": [str(end) for end in curve.ended],
+            "special": [s.as_json() for s in curve.special]}
 
 
 def distance(at: Floats, line: Floats) -> float:

@@ -10,12 +10,10 @@ from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, log
 
 from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.branch_switching import switch
-from tcc_sim.continuation.codim2 import bialternate, bifurcation_curve
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.palc import predictor
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.continuation.stopping import StopReason
 
@@ -145,68 +143,6 @@ def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
     assert orbits_at(branch, -0.5) == []
 
 
-@pytest.mark.parametrize(("kind", "law"), [("fold", lambda b: -0.25 * (1.0 - b) ** 2),
-                                           ("period_doubling", lambda b: 0.75 * (1.0 - b) ** 2)])
-def test_curves_of_the_henon_map_in_two_parameters(kind: str, law) -> None:
-    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
-    curve = bifurcation_curve(of_kind(branch, kind), TextbookMap(henon, 2),
-                              (ParameterRange(-1.0, 2.5), ParameterRange(-0.5, 0.9)), 0.3)
-    assert curve is not None
-    assert curve.kind == kind
-    assert (min(curve.second), max(curve.second)) == pytest.approx((-0.5, 0.9), abs=1e-12)
-    assert curve.values == pytest.approx([law(b) for b in curve.second], abs=1e-8)
-
-
-def test_the_curve_of_a_neimark_sacker_bifurcation() -> None:
-    def slowed(x, p):  # The delayed logistic map with y' = b x: det = r - 1 on the fixed point whatever b is.
-        r, b = p[0], p[1] if len(p) > 1 else 1.0
-        by = np.array([[x[0] * (1.0 - x[1]), 0.0], [0.0, x[0]]])[:, :len(p)]
-        return (np.array([r * x[0] * (1.0 - x[1]), b * x[0]]), np.array([[r * (1.0 - x[1]), -r * x[0]], [b, 0.0]]), by)
-
-    branch = branch_of(slowed, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
-    curve = bifurcation_curve(of_kind(branch, "neimark_sacker"), TextbookMap(slowed, 2),
-                              (ParameterRange(1.1, 2.6), ParameterRange(0.5, 1.5)), 1.0)
-    assert curve is not None
-    assert (min(curve.second), max(curve.second)) == pytest.approx((0.5, 1.5), abs=1e-12)
-    assert curve.values == pytest.approx([2.0] * len(curve.values), abs=1e-8)
-
-
-def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -> None:
-    def smoothed(x, p):  # A fold at p = -1/sigma.
-        e = 1.0 / p[1] if len(p) > 1 else 0.0
-        return (x + 0.2 * (p[0] - x**2 + e), np.array([[1.0 - 0.4 * x[0]]]),
-                np.array([[0.2, -0.2 * e * e]])[:, :len(p)])
-
-    def vanishing(x, p):  # Folds of p = x^3 - 3 (e - 0.01) x at x^2 = e - 0.01: gone once e = 1/sigma falls below 0.01.
-        e = 1.0 / p[1]
-        gap = 3.0 * (e - 0.01)
-        return (x + 0.2 * (p[0] - x**3 + gap * x), np.array([[1.0 + 0.2 * (gap - 3.0 * x[0] ** 2)]]),
-                np.array([[0.2, -0.6 * e * e * x[0]]]))
-
-    span, sigma = ParameterRange(-1.0, 1.0), 5.0
-
-    def fold(step: Step, guess: float) -> Bifurcation:
-        def fixed(x, p):
-            value, by_state, by = step(x, (p[0], sigma))
-            return value, by_state, by[:, :1]
-
-        branch = branch_of(fixed, 1, -1.0, 1.0, 0.5, [guess])
-        return of_kind(branch, "fold")
-
-    stays = limit_of(fold(smoothed, 0.8), TextbookMap(smoothed, 1), TextbookMap(smoothed, 1), span, sigma)
-    assert stays == pytest.approx(0.0, abs=1e-9)
-    gone = limit_of(fold(vanishing, 1.0), TextbookMap(vanishing, 1), TextbookMap(vanishing, 1), span, sigma)
-    assert gone is None
-
-
-def test_the_bialternate_product_has_the_products_of_pairs() -> None:
-    m = np.array([[0.3, 1.0, 0.2], [-0.7, 0.1, 0.4], [0.0, 0.5, -0.9]])
-    values = np.linalg.eigvals(m)
-    pairs = [values[i] * values[j] for i in range(3) for j in range(i)]
-    found = np.sort_complex(np.linalg.eigvals(bialternate(m)))
-    assert found == pytest.approx(np.sort_complex(np.array(pairs)), abs=1e-12)
-
-
 def test_the_predictor_is_exact_for_a_polynomial_with_its_slope_or_without() -> None:
     def at(s: float) -> np.ndarray:
         return np.array([s**3 - 2.0 * s, 0.5 * s**2 + s])
@@ -214,15 +150,6 @@ def test_the_predictor_is_exact_for_a_polynomial_with_its_slope_or_without() -> 
     known = [(s, at(s)) for s in (-0.1, -0.3, -0.35)]
     for nodes in ([(0.0, at(0.0)), (0.0, np.array([-2.0, 1.0])), *known], [(0.0, at(0.0)), *known]):
         assert predictor(nodes, 0.7) == pytest.approx(at(0.7), abs=1e-12)
-
-
-def test_a_curve_takes_few_evaluations_a_point() -> None:
-    branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
-    of = TextbookMap(henon, 2)
-    curve = bifurcation_curve(of_kind(branch, "fold"), of, (ParameterRange(-1.0, 2.5), ParameterRange(-0.5, 0.9)), 0.3)
-    assert curve is not None
-    # Newton's method takes two or three, each with four differences where no gradient is kept.
-    assert of.evaluations < 11 * len(curve.values)
 
 
 def test_a_bifurcation_takes_few_evaluations() -> None:

@@ -64,8 +64,8 @@ def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
     assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
     if law == "smoothed":  # The limit is that of the set-valued law, though it lies outside the range.
         limit = found.limits[0]
-        assert limit is not None
-        assert limit / 0.3 == pytest.approx(0.80787675, abs=1e-7)
+        assert limit.value is not None
+        assert limit.value / 0.3 == pytest.approx(0.80787675, abs=1e-7)
     assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
 
 

@@ -1,0 +1,254 @@
+"""A curve of bifurcations in two parameters as a stream, each point with what is special between it and the one before.
+
+Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, chapter 9: cusp, generalised doubling, fold-flip, the strong
+resonances 1:1 to 1:4, Chenciner; and changes of the event sequence.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.newton import multipliers_of
+from tcc_sim.continuation.palc import (
+    Equations,
+    Solution,
+    StepSize,
+    corrector,
+    next_solution,
+    null_direction,
+    solution_at,
+)
+from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.settings import DEFAULTS
+from tcc_sim.continuation.sliding import differ, kind_of_change
+from tcc_sim.continuation.sliding_location import nearest
+from tcc_sim.continuation.special_points import chandrupatla
+from tcc_sim.continuation.stopping import StopReason
+
+ENDING = {"neimark_sacker": ("resonance_1_1", "resonance_1_2")}
+"""Special points in which curves of a kind end: the pair of multipliers becomes real there."""
+CANARD_RUN, STANDS_STILL, CANARD_GROWTH = 12, 1e-4, 1.0
+"""Points, changes of the parameters in parts of their ranges, and decades by which a multiplier grows on a canard."""
+Bounds = tuple[tuple[int, float, float], ...]
+"""(index of an unknown, low, high) of both parameters."""
+
+
+class CurveStep(NamedTuple):
+    """A point of a curve, what is special between it and the one before (names and unknowns), and its equations."""
+
+    solution: Solution
+    special: list[tuple[str, Floats]]
+    equations: Equations
+
+
+@dataclass
+class CurveState:
+    """A curve on its way, from its last point."""
+
+    equations: Equations
+    here: Solution
+    bounds: Bounds
+    step_size: StepSize
+    before: list[Solution] = field(default_factory=list)
+
+    @property
+    def augmented(self) -> MinimallyAugmented | None:
+        """The equations, where they are those of orbits."""
+        return self.equations if isinstance(self.equations, MinimallyAugmented) else None
+
+
+def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
+                 step_size: StepSize | None = None) -> Generator[CurveStep, None, tuple[StopReason, int]]:
+    """Points of a curve from `u` one way, each with what is special between it and the one before.
+
+    forward : whether the first of the bounded unknowns grows at the start
+
+    Returns
+    -------
+    Why it ended and, at the end of a range, the number of the bound; as the value of the generator.
+    """
+    settings = equations.settings
+    found = equations.linearise(u)
+    tangent = null_direction(found)
+    first = solution_at(u, found, tangent if (tangent[bounds[0][0]] > 0.0) == forward else -tangent)
+    state, run = CurveState(equations, first, bounds, step_size or StepSize(settings)), deque[Floats](maxlen=CANARD_RUN)
+    remeshed = -1
+    tests = _tests(state, first)
+    yield CurveStep(first, [], equations)
+    count = 0
+    while count < settings.max_points:
+        if state.step_size.tried > settings.max_tries:
+            return StopReason.TRIES, 0
+        edge = _at_a_bound(state)
+        length = state.step_size.length
+        new = edge[0] if edge else _next(state)
+        if new is None:
+            if remeshed < count and _remesh(state, anew=True):
+                tests, remeshed = _tests(state, state.here), count
+                continue
+            return StopReason.STEP, 0
+        if edge is None and any(not low <= new.z[k] <= high for k, low, high in bounds):
+            state.step_size.length = 0.5 * length
+            continue
+        if _on_a_canard(state, new, run):
+            return StopReason.CANARD_CURVE, 0
+        after = _tests(state, new)
+        special = _special_between(state, new, tests, after)
+        end = next((s for s in special if state.augmented and s[0] in ENDING.get(state.augmented.kind, ())), None)
+        if end is not None:
+            yield CurveStep(new._replace(z=end[1]), special, state.equations)
+            return StopReason.SPECIAL, 0
+        if count > 3 and _comes_back(first, state.here, new):
+            yield CurveStep(first, special, equations)
+            return StopReason.CLOSED, 0
+        count += 1
+        yield CurveStep(new, special, state.equations)
+        if edge is not None:
+            return StopReason.RANGE, edge[1]
+        state.before, state.here, tests = [*state.before[1 - settings.nodes:], state.here], new, after
+        if state.augmented is not None:
+            state.augmented.update_borders(new.z, new.found)
+            if _remesh(state, fewer=count % settings.fewer_after == 0):
+                tests = _tests(state, state.here)
+    return StopReason.POINTS, 0
+
+
+def _on_a_canard(state: CurveState, new: Solution, run: deque[Floats]) -> bool:
+    """Whether a multiplier has grown far while both parameters stood still, over the last points; or is beyond double
+    precision.
+    """
+    if state.augmented is None:
+        return False
+    largest = float(abs(multipliers_of(*new.found.blocks)[0]))
+    run.append(np.array([*(new.z[k] for k, _, _ in state.bounds), np.log10(max(largest, 1e-300))]))
+    if not largest <= state.equations.settings.canard:
+        return True
+    moved = np.ptp(np.array(run), axis=0)
+    return len(run) == CANARD_RUN and moved[:-1].max() <= STANDS_STILL and moved[-1] >= CANARD_GROWTH
+
+
+def _next(state: CurveState) -> Solution | None:
+    """The next point along the curve."""
+    try:
+        return next_solution(state.equations, state.here, state.before, state.step_size)
+    except FAILURES:
+        return None
+
+
+def _at_a_bound(state: CurveState) -> tuple[Solution, int] | None:
+    """The point on a bound that the next step would pass, and the number of the bound; None where it passes none."""
+    here, step_size = state.here, state.step_size
+    for number, (k, low, high) in enumerate(state.bounds):
+        edge = high if here.tangent[k] > 0.0 else low
+        while abs(room := edge - float(here.z[k])) <= abs(step_size.length * here.tangent[k]):
+            row = np.zeros(len(here.z))
+            row[k] = 1.0
+            guess = here.z + room / float(here.tangent[k]) * here.tangent if room != 0.0 else here.z.copy()
+            guess[k] = edge
+            last = corrector(state.equations, guess, row)
+            if last is not None and last.distance <= 0.5 * step_size.length + 1e-9:
+                return solution_at(last.z, last.found, here.tangent), number
+            step_size.length *= 0.5
+            if step_size.length < step_size.smallest:
+                break
+    return None
+
+
+def _remesh(state: CurveState, anew: bool = False, fewer: bool = False) -> bool:
+    """Go on in other segments where the growth over one is large, or fewer may do, or `anew`; whether there are any."""
+    old = state.augmented
+    if old is None or not len(state.here.found.blocks):
+        return False
+    settings, shooting = old.settings, old.shooting
+    large = float(np.abs(state.here.found.blocks).max()) > settings.regrowth * settings.growth
+    if not (large or anew or (fewer and len(shooting.segments) > 1)) or (
+            not shooting.map.divisible and len(shooting.segments) == shooting.period):
+        return False
+    try:
+        finer, z = shooting.cut(state.here.z[:old.unknowns])
+        if finer.segments == shooting.segments:
+            return False
+        other = MinimallyAugmented(old.kind, finer, z)
+        along, n = np.zeros(len(other.start)), shooting.map.dimension
+        along[:n] = state.here.tangent[:n]
+        along[finer.size:] = state.here.tangent[shooting.size:]
+        polished = corrector(other, np.append(z, state.here.z[-1:]) if old.turning else z, along)
+    except FAILURES:
+        return False
+    if polished is None:
+        return False
+    sign = 1.0 if float(polished.tangent @ along) > 0.0 else -1.0
+    moved = finer.size - shooting.size
+    state.equations, state.here, state.before = other, solution_at(polished.z, polished.found,
+                                                                   sign * polished.tangent), []
+    state.bounds = tuple((k + moved, low, high) for k, low, high in state.bounds)
+    return True
+
+
+def _tests(state: CurveState, at: Solution) -> dict[str, float]:
+    """The test functions at a point, those that have a value there."""
+    out: dict[str, float] = {}
+    if state.augmented is not None:
+        for name, test in state.augmented.tests(at.z, at.found).items():
+            try:
+                out[name] = test()
+            except FAILURES:
+                continue
+    return out
+
+
+def _special_between(state: CurveState, new: Solution, before: dict[str, float],
+                     after: dict[str, float]) -> list[tuple[str, Floats]]:
+    """Name and unknowns of what is special between two points of a curve, in order."""
+    out, here, augmented = [], state.here, state.augmented
+    if augmented is None:
+        return []
+    one, two = here.found.seen, new.found.seen
+    if augmented.shooting.map.piecewise and one is not None and two is not None and differ(one.events, two.events):
+        near = [nearest(augmented.shooting, u[:augmented.unknowns]).margins for u in (here.z, new.z)]
+        return [(kind_of_change(one.events, two.events, (near[0], near[1])), new.z)]
+    for name in before.keys() & after.keys():
+        if not before[name] * after[name] < 0.0 or max(abs(before[name]), abs(after[name])) < DEFAULTS.neutral:
+            continue
+        at = _located(augmented, here, new, name)
+        if at is not None:
+            out.append((name, at))
+    way = new.z - here.z
+    return sorted(out, key=lambda s: float(way @ s[1]))
+
+
+def _located(equations: MinimallyAugmented, here: Solution, new: Solution, name: str) -> Floats | None:
+    """Unknowns where a test function vanishes between two points; None where it jumps or the curve is lost."""
+    way, known = new.z - here.z, dict[float, Floats]()
+
+    def test(part: float) -> float:
+        found = corrector(equations, here.z + part * way, way / float(np.linalg.norm(way)))
+        if found is None:
+            raise ValueError("the curve is lost")
+        known[part] = found.z
+        at = equations.linearise(found.z)
+        return equations.tests(found.z, at)[name]()
+
+    try:
+        part = chandrupatla(test, 0.0, 1.0, 1e-9)
+        ends = [abs(test(k)) for k in (0.0, 1.0)]
+        return known[part] if abs(test(part)) <= 1e-2 * max(ends) else None
+    except FAILURES:
+        return None
+
+
+def _comes_back(first: Solution, here: Solution, new: Solution) -> bool:
+    """Whether the step from `here` to `new` passes the first point of the curve."""
+    if len(first.z) != len(new.z) or len(here.z) != len(new.z):
+        return False
+    ahead, behind = (float(first.tangent @ (s.z - first.z)) for s in (new, here))
+    step = new.z - here.z
+    part = -behind / max(ahead - behind, 1e-300)
+    return behind < 0.0 <= ahead and float(np.linalg.norm(here.z + part * step - first.z)) <= 0.2 * float(
+        np.linalg.norm(step))

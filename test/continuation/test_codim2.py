@@ -1,0 +1,183 @@
+"""Curves of bifurcations of textbook maps in two parameters: where they are, what lies on them, and why they end."""
+
+import math
+
+import numpy as np
+import pytest
+from test_branches import branch_of, of_kind
+from textbook_maps import Step, TextbookMap, henon
+
+from tcc_sim.continuation.codim2 import Curve, bifurcation_curve
+from tcc_sim.continuation.settings import Settings
+from tcc_sim.continuation.shooting import ParameterRange
+from tcc_sim.continuation.smoothing_limit import limit_of
+from tcc_sim.continuation.special_points import Bifurcation
+from tcc_sim.continuation.stopping import StopReason
+
+P, Q = ParameterRange(-1.0, 5.0, name="p"), ParameterRange(-1.5, 1.5, name="q")
+
+
+def at_second(step: Step, second: float) -> Step:
+    """The map with its first parameter free alone."""
+    def fixed(x, p):
+        value, by_state, by = step(x, (p[0], second))
+        return value, by_state, by[:, :1]
+
+    return fixed
+
+
+def curve_of(step: Step, dimension: int, kind: str, start: tuple[float, float], guess: list[float], *,
+             first=P, second=Q, settings=None, period: int = 1) -> tuple[Curve, TextbookMap]:
+    """The curve of the first bifurcation of a kind on the branch through a guess."""
+    branch = branch_of(at_second(step, start[1]), dimension, first.low, first.high, start[0], guess, period)
+    of = TextbookMap(step, dimension)
+    curve = bifurcation_curve(of_kind(branch, kind), of, (first, second), start[1], settings)
+    assert curve is not None
+    return curve, of
+
+
+def special(curve: Curve) -> dict[str, tuple[float, float]]:
+    return {s.kind: (s.value, s.second) for s in curve.special}
+
+
+@pytest.mark.parametrize(("kind", "law", "points"), [
+    ("fold", lambda b: -0.25 * (1.0 - b) ** 2, {"resonance_1_1": (-1.0, -1.0), "fold_flip": (0.0, 1.0)}),
+    ("period_doubling", lambda b: 0.75 * (1.0 - b) ** 2, {"resonance_1_2": (3.0, -1.0), "fold_flip": (0.0, 1.0)})])
+def test_curves_of_the_henon_map(kind: str, law, points) -> None:
+    # Multipliers on the fold are 1 and -b, on the doubling -1 and b.
+    curve, of = curve_of(henon, 2, kind, (0.1, 0.3), [0.1, 0.1])
+    assert curve.values == pytest.approx([law(b) for b in curve.second], abs=1e-8)
+    assert {end.reason for end in curve.ended} == {StopReason.RANGE}
+    assert max(curve.second) == pytest.approx(1.5, abs=1e-12)
+    found = special(curve)
+    assert found.keys() == points.keys()
+    assert all(found[name] == pytest.approx(points[name], abs=1e-6) for name in points)
+    # Two evaluations for each of some three iterations, and two for the coefficient of third order.
+    assert of.evaluations < 22 * len(curve.values)
+
+
+def test_a_cusp_is_where_two_folds_meet() -> None:
+    def cubic(x, p):  # p + q x - x^3 = 0: folds at q = 3 x^2, p = -2 x^3.
+        return (x + 0.2 * (p[0] + p[1] * x - x**3), np.array([[1.0 + 0.2 * (p[1] - 3.0 * x[0] ** 2)]]),
+                np.array([[0.2, 0.2 * x[0]]]))
+
+    curve, _ = curve_of(cubic, 1, "fold", (0.9, 1.0), [1.4], first=ParameterRange(-1.0, 1.0))
+    assert special(curve) == {"cusp": pytest.approx((0.0, 0.0), abs=1e-6)}
+    assert [27.0 * p**2 for p in curve.values] == pytest.approx([4.0 * q**3 for q in curve.second], abs=1e-7)
+    assert curve.values[0] * curve.values[-1] < 0.0
+
+
+def test_a_generalised_doubling_is_where_the_doubled_motion_changes_its_side() -> None:
+    def quintic(x, p):  # Period two at p - q x^2 + x^4 = 0.
+        return (-(1.0 + p[0]) * x + p[1] * x**3 - x**5,
+                np.array([[-(1.0 + p[0]) + 3.0 * p[1] * x[0] ** 2 - 5.0 * x[0] ** 4]]),
+                np.array([[-x[0], x[0] ** 3]]))
+
+    first = ParameterRange(-0.5, 0.5)
+    curve, _ = curve_of(quintic, 1, "period_doubling", (-0.2, 0.6), [0.0], first=first)
+    assert special(curve) == {"generalised_doubling": pytest.approx((0.0, 0.0), abs=1e-5)}
+    assert curve.values == pytest.approx([0.0] * len(curve.values), abs=1e-9)
+
+
+def turning(x, p):
+    """Turns by 1.2 + q and grows by 1 + p + (q - 0.1) |x|^2: Chenciner at q = 0.1, 1:4 at q = pi/2 - 1.2, 1:3 at
+    2 pi/3 - 1.2.
+    """
+    c, s = math.cos(1.2 + p[1]), math.sin(1.2 + p[1])
+    turn, by_turn = np.array([[c, -s], [s, c]]), np.array([[-s, -c], [c, -s]])
+    square = float(x @ x)
+    grown = 1.0 + p[0] + (p[1] - 0.1) * square
+    jacobian = turn @ (grown * np.eye(2) + 2.0 * (p[1] - 0.1) * np.outer(x, x))
+    return turn @ x * grown, jacobian, np.column_stack([turn @ x, by_turn @ x * grown + turn @ x * square])
+
+
+def test_chenciner_and_the_resonances_1_3_and_1_4_lie_on_a_neimark_sacker_curve() -> None:
+    curve, _ = curve_of(turning, 2, "neimark_sacker", (-0.2, 0.0), [0.0, 0.0], first=ParameterRange(-0.5, 0.5))
+    assert curve.values == pytest.approx([0.0] * len(curve.values), abs=1e-9)
+    found = special(curve)
+    assert found["chenciner"] == pytest.approx((0.0, 0.1), abs=1e-5)
+    assert found["resonance_1_4"] == pytest.approx((0.0, 0.5 * math.pi - 1.2), abs=1e-8)
+    assert found["resonance_1_3"] == pytest.approx((0.0, 2.0 * math.pi / 3.0 - 1.2), abs=1e-8)
+
+
+def generalised_henon(x, p):
+    """x' = y, y' = p - q x - y^2 + R x y with R = -0.1: Neimark-Sacker at q = 1 + R y with 2 cos theta = (R - 2) y."""
+    r = -0.1
+    by = np.array([[0.0, 0.0], [1.0, -x[0]]])
+    return (np.array([x[1], p[0] - p[1] * x[0] - x[1] ** 2 + r * x[0] * x[1]]),
+            np.array([[0.0, 1.0], [-p[1] + r * x[1], -2.0 * x[1] + r * x[0]]]), by)
+
+
+def test_a_neimark_sacker_curve_ends_in_the_resonances_1_1_and_1_2() -> None:
+    def place(angle: float) -> tuple[float, float]:
+        y = 2.0 * math.cos(angle) / (-2.1)
+        q = 1.0 - 0.1 * y
+        return y + q * y + y**2 + 0.1 * y**2, q
+
+    curve, _ = curve_of(generalised_henon, 2, "neimark_sacker", (1.6, 0.95), [0.55, 0.55],
+                        second=ParameterRange(0.5, 2.0))
+    assert {(end.reason, end.what) for end in curve.ended} == {(StopReason.SPECIAL, "resonance 1 1"),
+                                                               (StopReason.SPECIAL, "resonance 1 2")}
+    found = special(curve)
+    angles = {"resonance_1_1": 0.0, "resonance_1_4": 0.5 * math.pi, "resonance_1_3": 2.0 * math.pi / 3.0,
+              "resonance_1_2": math.pi}
+    assert angles.keys() <= found.keys()
+    for name, angle in angles.items():
+        assert found[name] == pytest.approx(place(angle), abs=1e-5)
+
+
+def test_a_curve_that_comes_back_is_closed() -> None:
+    def ring(x, p):  # Folds where p^2 + q^2 = 1.
+        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
+                np.array([[0.4 * p[0], 0.4 * p[1]]]))
+
+    curve, _ = curve_of(ring, 1, "fold", (0.0, 0.3), [-0.9], first=ParameterRange(-2.0, 2.0),
+                        second=ParameterRange(-2.0, 2.0))
+    assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
+    assert [p**2 + q**2 for p, q in zip(curve.values, curve.second)] == pytest.approx([1.0] * len(curve.values))
+
+
+def test_a_curve_stops_after_as_many_points_as_are_allowed() -> None:
+    curve, _ = curve_of(henon, 2, "fold", (0.1, 0.3), [0.1, 0.1], settings=Settings(max_points=3))
+    assert {end.reason for end in curve.ended} == {StopReason.POINTS}
+
+
+def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -> None:
+    def smoothed(x, p):  # A fold at p = -1/sigma.
+        e = 1.0 / p[1] if len(p) > 1 else 0.0
+        return (x + 0.2 * (p[0] - x**2 + e), np.array([[1.0 - 0.4 * x[0]]]),
+                np.array([[0.2, -0.2 * e * e]])[:, :len(p)])
+
+    def vanishing(x, p):  # Folds of p = x^3 - 3 (e - 0.01) x at x^2 = e - 0.01: gone once e = 1/sigma falls below 0.01.
+        e = 1.0 / p[1]
+        gap = 3.0 * (e - 0.01)
+        return (x + 0.2 * (p[0] - x**3 + gap * x), np.array([[1.0 + 0.2 * (gap - 3.0 * x[0] ** 2)]]),
+                np.array([[0.2, -0.6 * e * e * x[0]]]))
+
+    def elsewhere(x, p):  # No fold near.
+        return x + 0.5 * (p[0] - x), np.array([[0.5]]), np.array([[0.5]])
+
+    def torn(x, p):  # As the first one, but there is no map between sigma = 50 and 100.
+        if 50.0 < p[1] < 100.0:
+            raise ArithmeticError("no map")
+        return smoothed(x, p)
+
+    span, sigma = ParameterRange(-1.0, 1.0), 5.0
+
+    def fold(step: Step, guess: float) -> Bifurcation:
+        return of_kind(branch_of(at_second(step, sigma), 1, -1.0, 1.0, 0.5, [guess]), "fold")
+
+    def limit(step: Step, guess: float, other: Step):
+        return limit_of(fold(step, guess), TextbookMap(step, 1), TextbookMap(other, 1), span, sigma)
+
+    stays = limit(smoothed, 0.8, smoothed)
+    assert stays.value == pytest.approx(0.0, abs=1e-9)
+    assert (stays.error, stays.why) == (pytest.approx(2e-9), "")
+    far = limit(smoothed, 0.8, elsewhere)
+    assert abs(far.value) <= far.error < 1e-4
+    gone = limit(vanishing, 1.0, vanishing)
+    assert gone.value is None
+    assert gone.why.startswith("of the smoothing: there is none beyond sigma = 9")  # 100, between two of its points.
+    lost = limit(torn, 0.8, smoothed)
+    assert lost.value is None
+    assert lost.why.startswith("not found: the curve of the bifurcation was lost at sigma = ")
