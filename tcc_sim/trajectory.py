@@ -67,6 +67,7 @@ class Cycles:
     highest, lowest : (N,) arrays, largest and smallest (signed) slip speed within each cycle, rad/s
     stick_time : (N,) array, time in stick within each cycle, s
     loads : of clutch and shaft within each cycle; None where nobody asked for them
+    starts : (N + 1,) array, s, when each starts and the last one ends; None where cycle n starts at t = 2 pi n/omega
     """
 
     section: Floats
@@ -74,6 +75,7 @@ class Cycles:
     lowest: Floats
     stick_time: Floats
     loads: Loads | None = None
+    starts: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.highest)
@@ -83,9 +85,16 @@ class Cycles:
         first, last, stride = kept.indices(len(self))
         if stride != 1:
             raise ValueError("cycles are taken consecutively")
+        ends = slice(first, max(first, last) + 1)
         loads = None if self.loads is None else Loads(*(column[first:last] for column in self.loads.columns()))
-        return Cycles(self.section[first:max(first, last) + 1], self.highest[first:last], self.lowest[first:last],
-                      self.stick_time[first:last], loads)
+        return Cycles(self.section[ends], self.highest[first:last], self.lowest[first:last],
+                      self.stick_time[first:last], loads, None if self.starts is None else self.starts[ends])
+
+
+def no_cycles() -> Cycles:
+    """None at all, as where nobody knows when they start."""
+    nothing = np.empty(0)
+    return Cycles(np.empty((0, 3)), nothing, nothing, nothing, starts=nothing)
 
 
 def concatenated(parts: Sequence[Cycles]) -> Cycles:
@@ -93,8 +102,10 @@ def concatenated(parts: Sequence[Cycles]) -> Cycles:
     sections = [p.section[:-1] for p in parts[:-1]] + [parts[-1].section]
     loads = [p.loads for p in parts if p.loads is not None]
     joined = Loads(*map(np.concatenate, zip(*(x.columns() for x in loads)))) if len(loads) == len(parts) else None
+    starts = [p.starts for p in parts if p.starts is not None]
     return Cycles(np.concatenate(sections), np.concatenate([p.highest for p in parts]),
-                  np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]), joined)
+                  np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]), joined,
+                  np.concatenate([s[:-1] for s in starts[:-1]] + starts[-1:]) if len(starts) == len(parts) else None)
 
 
 @dataclass(frozen=True)

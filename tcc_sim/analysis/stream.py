@@ -8,23 +8,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tcc_sim.analysis.cycles import accelerations_of, default_discard
+from tcc_sim.analysis.engine_clock import SLACK, EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
 
 RECORDING_TOLERANCE = 2e-3
 """Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse.
 """
-_SLACK = 1e-9
+DRIFTING, AT_THE_END = 5e-3, 16
+"""A cycle that differs by this part of the length of the last ones, so many, belongs to no period."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Consecutive whole engine cycles of one run; cycle n starts at t = 2 pi n/omega of its simulation time."""
+    """Consecutive whole engine cycles of one run, with the times at which they start."""
 
     run: int
     first: int
@@ -82,15 +84,18 @@ def _follows(a: Piece, b: Piece) -> bool:
 def _join(parts: list[Cycles], follows: list[bool]) -> Cycles:
     """Cycles one after the other, with one NaN cycle between two of them unless the second follows the first."""
     gap = np.array([math.nan])
-    section = [p.section[:-1] if adjacent else p.section for p, adjacent in zip(parts, [*follows, False])]
+    last = [*follows, False]
     columns = []
     for of_parts in zip(*map(_columns, parts)):
         column = [of_parts[0]]
         for part, adjacent in zip(of_parts[1:], follows):
             column += [part] if adjacent else [gap, part]
         columns.append(np.concatenate(column))
+    starts = [p.starts[:-1] if adjacent else p.starts for p, adjacent in zip(parts, last) if p.starts is not None]
     highest, lowest, stick_time, *loads = columns
-    return Cycles(np.concatenate(section), highest, lowest, stick_time, Loads(*loads))
+    return Cycles(np.concatenate([p.section[:-1] if adjacent else p.section for p, adjacent in zip(parts, last)]),
+                  highest, lowest, stick_time, Loads(*loads),
+                  np.concatenate(starts) if len(starts) == len(parts) else None)
 
 
 def _columns(part: Cycles) -> list[Floats]:
@@ -99,16 +104,28 @@ def _columns(part: Cycles) -> list[Floats]:
     return [part.highest, part.lowest, part.stick_time, *part.loads.columns()]
 
 
+def lengths_of(cycles: Cycles) -> Floats:
+    """How long each cycle takes, s, (n,)."""
+    assert cycles.starts is not None
+    return np.diff(cycles.starts)
+
+
 class CycleStream:
     """Works out engine cycles from batches of samples in the order of recording.
 
     Samples are kept for no longer than the engine cycle that they lie in. The accelerations that interpolation needs
     come from (2a) and (2b) with the recorded torques. A gap ends the cycle that it touches; a stamp that goes back
     starts a new run.
+
+    Parameters
+    ----------
+    system : whose equations give the accelerations
+    clock : when the engine cycles start; by default as the system's frequency says. One that counts slices of time
+        gives their extremes, and neither section nor period
     """
 
-    def __init__(self, system: System, cycle: float | None = None) -> None:
-        self.cycle = system.cycle if cycle is None else cycle
+    def __init__(self, system: System, clock: EngineClock | None = None) -> None:
+        self.clock = clock or clock_of_scene(system)
         self.continuity = StampCounter()
         self.not_finite = 0
         self.runs: list[RunCycles] = []
@@ -117,7 +134,7 @@ class CycleStream:
         self._system = system
         self._stick_speed, self._linear = stick_speed_of(terms_of(system)), terms_of(system).linear
         self._waiting: list[Floats] = []
-        self._next = 0
+        self._from = 0.0
 
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
              engine_torque: Floats, friction_torque: Floats, run: int = 0) -> list[Piece]:
@@ -144,7 +161,7 @@ class CycleStream:
                 self.runs.append(RunCycles())
             if preceded is not Break.NOTHING:
                 self._waiting = []
-            found += self._take(rows[:, piece])
+            found += self._take(rows[:, piece], run)
         return found
 
     def longest(self) -> tuple[int, RunCycles]:
@@ -170,32 +187,46 @@ class CycleStream:
             No whole cycle, or none left after `discard`.
         """
         run = self.longest()[1] if number is None else self.runs[number]
+        if not self.clock.told:
+            cycles = run.kept(0)[0]
+            return replace(summarise_cycles(cycles, lengths_of(cycles)), period=0, section=[], cycles=0, settled=False,
+                           section_change=math.nan)
         cycles, first, dropped = run.kept(discard)
-        return replace(summarise_cycles(cycles, self.cycle, first=first, tolerance=tolerance), cycles=run.observed(),
-                       discarded=dropped)
+        cycle: float | Floats = self.clock.cycle
+        varied = 0
+        if not isinstance(self.clock, Uniform):
+            cycle = lengths_of(cycles)
+            drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-AT_THE_END:]) - 1.0) > DRIFTING)
+            varied = int(drifts[-1]) + 1 if len(drifts) else 0
+        return replace(summarise_cycles(cycles, cycle, first=first, tolerance=tolerance, varied=varied),
+                       cycles=run.observed(), discarded=dropped)
 
-    def _take(self, rows: Floats) -> list[Piece]:
+    def _take(self, rows: Floats, run: int) -> list[Piece]:
         """Add samples that follow those waiting, and work out the cycles that are now whole."""
         if not self._waiting:
-            self._next = math.ceil(float(rows[0, 0]) / self.cycle - _SLACK)
+            self._from = float(rows[0, 0])
         self._waiting.append(rows)
-        if rows[0, -1] < (self._next + 1 - _SLACK) * self.cycle:
+        begin, end = float(self._waiting[0][0, 0]), float(rows[0, -1])
+        held = sum(part.shape[1] for part in self._waiting)
+        if (end - begin) / self.clock.cycle > held:
+            raise InputError(f"{held} stamps lie {end - begin:.3g} s apart and an engine cycle takes "
+                             f"{self.clock.cycle:.3g} s: there must be at least one for each cycle")
+        stretches = self.clock.stretches(run, self._from, end)
+        whole = [(first, starts) for first, starts in stretches if len(starts) > 1]
+        if not whole:
+            if not stretches:
+                self._waiting, self._from = [rows[:, -1:].copy()], end
             return []
         rows = np.concatenate(self._waiting, axis=1)
-        if (rows[0, -1] - rows[0, 0]) / self.cycle > rows.shape[1]:
-            raise InputError(f"{rows.shape[1]} stamps lie {rows[0, -1] - rows[0, 0]:.3g} s apart and an engine cycle "
-                             f"takes {self.cycle:.3g} s: there must be at least one for each cycle")
         t, slip_speed, plate_angle, plate_speed, engine, friction = rows
         slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
-        cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate,
-                                     starts=cycle_starts(self._next, float(t[-1]), self.cycle),
-                                     stick_speed=self._stick_speed, linear=self._linear)
-        piece = Piece(len(self.runs) - 1, self._next, cycles)
-        if not len(cycles):
-            self._waiting = [rows]
-            return []
-        self.runs[-1].add(piece)
-        self._next += len(cycles)
-        start = int(np.searchsorted(t, self._next * self.cycle + _SLACK * self.cycle, side="right")) - 1
+        found = []
+        for first, starts in whole:
+            cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
+                                         stick_speed=self._stick_speed, linear=self._linear)
+            found.append(Piece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
+            self.runs[-1].add(found[-1])
+        self._from = float(whole[-1][1][-1])
+        start = int(np.searchsorted(t, self._from + SLACK * self.clock.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
-        return [piece]
+        return found

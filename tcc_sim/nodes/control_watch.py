@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from tcc_sim.analysis.control import Event
-from tcc_sim.analysis.cycle_means import CycleMeans
+from tcc_sim.analysis.cycle_means import CycleMeans, joined_means
+from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import CHANGES, COMMANDS, LATCHED, states
@@ -50,7 +51,7 @@ class ControlWatch:
                                for name, profile in PROFILES.items()}
         self._waiting: dict[str, deque[tuple[int, int | None, Any]]] = {name: deque(maxlen=MOST_WAITING)
                                                                         for name in PROFILES}
-        self._means = CycleMeans(cycle)
+        self._means = CycleMeans(Uniform(cycle))
         self._applied = math.nan
         self._last_ns = -1
 
@@ -102,5 +103,4 @@ class ControlWatch:
         if new_run or stamp_ns[0] - self._last_ns > 1.5 * tick:
             self._means.restart()
         self._last_ns = int(stamp_ns[-1])
-        ends, means = self._means.feed(stamp_ns.astype(np.float64) * 1e-9, slip_speed)
-        return np.rint(ends * 1e9).astype(np.int64), means
+        return joined_means(self._means.feed(stamp_ns.astype(np.float64) * 1e-9, slip_speed))

@@ -49,8 +49,10 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
         period = f"none up to {MAXIMUM_PERIOD} engine cycles, as far as can be told yet"
     out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
            ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
-           ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time"),
-           ("period", period)]
+           ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]
+    if not summary.cycles:
+        return out
+    out.append(("period", period))
     for number, (angle, speed) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
         out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
     if not summary.period and summary.section:

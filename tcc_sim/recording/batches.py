@@ -26,7 +26,7 @@ class JointStates:
     """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles
     (rad), speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one
     message of it is missing. `run` counts how often simulation time has started again within the recording, `began`
-    says how this run came to start.
+    says how this run came to start, `index` is the place of the first of them among all that the recording gives.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -41,6 +41,7 @@ class JointStates:
     applied_pressure: Floats | None = None
     run: int = 0
     began: Break = Break.START
+    index: int = 0
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -49,7 +50,8 @@ class JointStates:
         """Some of the rows."""
         columns: dict[str, Any] = {name: column[kept] for name,
                                    column in vars(self).items() if isinstance(column, np.ndarray)}
-        return replace(self, **columns)
+        first = kept.indices(len(self))[0] if isinstance(kept, slice) else 0
+        return replace(self, index=self.index + first, **columns)
 
 
 class Heads(NamedTuple):

@@ -37,8 +37,8 @@ class Run:
     size : bytes of all files
     """
 
-    def __init__(self, paths: list[Path], topic: str | None = None) -> None:
-        self.paths = paths
+    def __init__(self, path: Path, paths: list[Path], topic: str | None = None) -> None:
+        self.path, self.paths = path, paths
         self.warnings = Warnings()
         self.messages: dict[str, int] = {}
         self.stamps = StampCounter()
@@ -90,7 +90,10 @@ class Run:
             Nothing can be read, there are no joint_states, or several publishers are mixed in them with nothing to tell
             them apart.
         """
-        yield from self.read(tap)
+        count = 0
+        for batch in self.read(tap):
+            yield replace(batch, index=count)
+            count += len(batch)
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
@@ -234,7 +237,7 @@ def open_run(path: Path | str, topic: str | None = None) -> Run:
     paths = sorted(path.glob("*.mcap"), key=_number) if path.is_dir() else [path]
     if not paths:
         raise RecordingError(f"{path} holds no .mcap file")
-    return Run(paths, topic)
+    return Run(path, paths, topic)
 
 
 def _number(path: Path) -> tuple[int, str]:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import MOST_STEPS, Control, Event, Steps
-from tcc_sim.analysis.cycle_means import CycleMeans
+from tcc_sim.analysis.cycle_means import CycleMeans, joined_means
+from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
@@ -47,14 +48,14 @@ class ControlLog:
     ----------
     scene : the recording's first
     scenes, places : all that it holds, and from which state on they hold
-    cycle : engine cycle, s
+    clock : when engine cycles start
     """
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], cycle: float) -> None:
-        self._scene, self._scenes, self._cycle = scene, scenes, cycle
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place],
+                 clock: EngineClock) -> None:
+        self._scene, self._scenes, self._cycle = scene, scenes, clock.cycle
         self._places = deque(place for place in places if place.number)
-        self._index = 0
-        self._means = CycleMeans(cycle)
+        self._means = CycleMeans(clock)
         self._run = -1
         self._kept: tuple[int, Control] | None = None
         self._target: float | None = None
@@ -88,7 +89,7 @@ class ControlLog:
         if not len(batch):
             return fresh
         t = batch.stamp_ns.astype(np.float64) * 1e-9
-        self._means_of(t, slip_speed, fresh)
+        self._means_of(t, slip_speed, batch.run, fresh)
         for name, (rows, values) in commands.items():
             if name != SOURCE:
                 fresh.signals[name] = batch.stamp_ns[rows], values
@@ -121,19 +122,19 @@ class ControlLog:
             held[:] = [(np.concatenate([part[0] for part in held])[-MOST_STEPS:],
                         np.concatenate([part[1] for part in held])[-MOST_STEPS:])]
 
-    def _means_of(self, t: Floats, slip_speed: Floats, fresh: Fresh) -> None:
+    def _means_of(self, t: Floats, slip_speed: Floats, run: int, fresh: Fresh) -> None:
         """Cycle means; a gap starts them anew."""
         if math.isfinite(self._end) and len(t) > 1 and t[0] - self._end > 1.5 * float(np.median(np.diff(t))):
             self._means.restart()
-        ends, means = self._means.feed(t, slip_speed)
+        ends, means = joined_means(self._means.feed(t, slip_speed, run))
         if len(ends):
-            fresh.signals["mean_slip"] = np.rint(ends * 1e9).astype(np.int64), means
+            fresh.signals["mean_slip"] = ends, means
 
     def _changes(self, batch: JointStates, fresh: Fresh) -> None:
         """Parameters that were changed up to the end of a batch; what a new run begins with is no event of it."""
-        while self._places and self._places[0].index < self._index + len(batch):
+        while self._places and self._places[0].index < batch.index + len(batch):
             place = self._places.popleft()
-            record, row = self._scenes[place.number], max(place.index - self._index, 0)
+            record, row = self._scenes[place.number], place.index - batch.index
             try:
                 scene = parse_scene(record.text, self._scene.name)
             except InputError:
@@ -142,9 +143,8 @@ class ControlLog:
             changed = [f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
                        for key, value in after.items() if value != before[key]]
             self._scene = scene
-            if changed and record.first_stamp_ns:
+            if changed and record.first_stamp_ns and row >= 0:
                 fresh.events.append(Event(int(batch.stamp_ns[row]) * 1e-9, ", ".join(changed)))
-        self._index += len(batch)
 
     def _carry_target(self, batch: JointStates, fresh: Fresh) -> None:
         """The target of the run before holds in the next one too, until another is said."""

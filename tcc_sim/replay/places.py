@@ -59,7 +59,7 @@ class Places:
         self._likely: list[list[int]] = [[] for _ in stamps]
         self._possible: list[list[int]] = [[] for _ in stamps]
         self._weighed = 0
-        self._index = 0
+        self._end = 0
         self._run = -1
         self._last_stamp = self._last_sent = -(2**63)
 
@@ -78,13 +78,13 @@ class Places:
             between, set_back = (earlier <= said) & (said <= sent), sent < earlier
             sure = between | (set_back & ((said <= sent) | (said >= earlier)))
             for number, row in zip(numbers[sure].tolist(), rows[sure].tolist()):
-                self._sure[number].append(self._index + row)
+                self._sure[number].append(batch.index + row)
             others = np.flatnonzero(~sure)[:MOST_CANDIDATES - self._weighed]
             self._weighed += len(others)
             for number, row, before_it in zip(numbers[others].tolist(), rows[others].tolist(),
                                               (said <= sent)[others].tolist()):
-                (self._likely if before_it else self._possible)[number].append(self._index + row)
-        self._run, self._index = batch.run, self._index + len(batch)
+                (self._likely if before_it else self._possible)[number].append(batch.index + row)
+        self._run, self._end = batch.run, batch.index + len(batch)
         self._last_stamp, self._last_sent = int(batch.stamp_ns[-1]), int(batch.sent_ns[-1])
 
     def places(self) -> list[Place]:
@@ -95,7 +95,7 @@ class Places:
             where = next((index for index in sure if index >= last), None)
             found.append(where)
             last = last if where is None else where
-        end = self._index
+        end = self._end
         ends = []
         for where in reversed(found):
             end = end if where is None else where

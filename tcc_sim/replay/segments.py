@@ -15,6 +15,7 @@ import numpy as np
 
 from tcc_sim.analysis.cycle_means import MeansOfCycles
 from tcc_sim.analysis.cycles import default_discard
+from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.analysis.tracking import Tracking, tracking
@@ -97,22 +98,22 @@ class SegmentLog:
     ----------
     scene : the first
     scenes, places : all that the recording holds, and from which state on they hold
-    frequency : of the engine torque, rad/s, for every segment; None takes each scene's own
+    clock : when engine cycles start, in every segment; None takes each scene's own frequency
     controlled : a target slip speed was recorded
     stream : the whole recording's, which has each batch before this: where every segment is a run, its cycles serve
     discard : engine cycles dropped from each segment; None for the default
     """
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], frequency: float | None,
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], clock: EngineClock | None,
                  controlled: bool, stream: CycleStream, discard: int | None) -> None:
         self.segments: list[Segment] = []
         self.count = 0
-        self._scene, self._scenes, self._frequency, self._discard = scene, scenes, frequency, discard
+        self._scene, self._scenes, self._clock, self._discard = scene, scenes, clock, discard
         self._places = deque(place for place in places if place.number)
         self._targets: deque[tuple[int, float]] = deque()
         self._shared = None if self._places or controlled else stream
         self._target: float | None = None
-        self._index, self._run = 0, -1
+        self._run = -1
         self._open: _Open | None = None
 
     def feed(self, batch: JointStates, slip_speed: Floats, targets: tuple[Rows, Floats] | None = None) -> None:
@@ -132,7 +133,6 @@ class SegmentLog:
             self._take(batch[begin:end], slip_speed[begin:end])
             begin = end
         self._targets.clear()
-        self._index += len(batch)
 
     def finish(self, solver: str, elapsed_s: float) -> list[Segment]:
         """All segments."""
@@ -143,7 +143,7 @@ class SegmentLog:
     def _enter(self, batch: JointStates, row: int) -> None:
         """Begin a segment where there is a reason to at this state."""
         before, target = dict(values_of(self._scene.system)), self._target
-        while self._places and self._places[0].index <= self._index + row:
+        while self._places and self._places[0].index <= batch.index + row:
             self._use(self._scenes[self._places.popleft().number])
         while self._targets and self._targets[0][0] <= row:
             self._target = self._targets.popleft()[1]
@@ -157,7 +157,7 @@ class SegmentLog:
             self._run = batch.run
             self._open = self._opened(batch.began.value if fresh else "parameters", changes, int(batch.stamp_ns[row]))
         if self._target is not None and self._open is not None and self._open.means is None:
-            self._open.means, self._open.target = MeansOfCycles(self._open.stream.cycle), self._target
+            self._open.means, self._open.target = MeansOfCycles(self._open.stream.clock), self._target
 
     def _use(self, record: SceneRecord) -> None:
         """Go on with another scene."""
@@ -173,10 +173,7 @@ class SegmentLog:
             return None
         if self._shared is not None:
             return _Open(began_by, changes, self._shared, self._run, stamp_ns)
-        system = self._scene.system
-        if self._frequency is not None:
-            system = replace(system, engine=replace(system.engine, frequency=self._frequency))
-        return _Open(began_by, changes, CycleStream(system), None, stamp_ns)
+        return _Open(began_by, changes, CycleStream(self._scene.system, self._clock), None, stamp_ns)
 
     def _next_cut(self, batch: JointStates, row: int) -> int:
         """The next state at which something may have changed."""
@@ -184,7 +181,7 @@ class SegmentLog:
         if self.count > MOST_SEGMENTS:
             return end
         if self._places:
-            end = min(end, max(self._places[0].index - self._index, row + 1))
+            end = min(end, max(self._places[0].index - batch.index, row + 1))
         if self._targets:
             end = min(end, self._targets[0][0])
         return end
@@ -196,7 +193,7 @@ class SegmentLog:
             return
         if now.run is None:
             now.stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
-                            batch.friction_torque)
+                            batch.friction_torque, batch.run)
         if now.means is not None:
             stamps, tick = batch.stamp_ns[np.isfinite(slip_speed)], now.stream.continuity.tick
             slip_speed = slip_speed[np.isfinite(slip_speed)]
@@ -205,7 +202,8 @@ class SegmentLog:
                 if begin in gaps:
                     now.means.interrupt()
                 if end > begin:
-                    now.means.feed(stamps[begin:end].astype(np.float64) * 1e-9, slip_speed[begin:end])
+                    now.means.feed(stamps[begin:end].astype(np.float64) * 1e-9, slip_speed[begin:end],
+                                   batch.run)
         now.end_ns = int(batch.stamp_ns[-1])
 
     def _close(self) -> None:
@@ -222,6 +220,6 @@ class SegmentLog:
         if now.means is not None:
             means = now.means.means()
             dropped = default_discard(len(means)) if self._discard is None else self._discard
-            judged = tracking(now.target, means, now.stream.cycle, dropped)
+            judged = tracking(now.target, means, now.stream.clock.cycle, dropped)
         self.segments.append(Segment(now.start_ns * 1e-9, now.end_ns * 1e-9, now.began_by, now.changes, summary,
                                      judged))

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Floats, Modes, Trajectory
+from tcc_sim.trajectory import Floats, Modes, Trajectory, no_cycles
 
 TAIL_CYCLES = 24
 """Engine cycles kept as samples, for a picture of the end of the run."""
@@ -25,10 +26,10 @@ _Part = tuple[JointStates, Floats, Modes]
 class Tail:
     """The last samples of the longest run so far, bounded."""
 
-    def __init__(self, system: System, cycle: float) -> None:
+    def __init__(self, system: System, clock: EngineClock) -> None:
         self.stick_speed = stick_speed_of(terms_of(system))
         self.run_started = False
-        self._system, self._cycle = system, cycle
+        self._system, self._clock, self._cycle = system, clock, clock.cycle
         self._parts: deque[_Part] = deque()
         self._held = 0
         self._kept: tuple[int, deque[_Part]] | None = None
@@ -72,7 +73,7 @@ class Tail:
             plate_speed=plate_speed,
             engine_torque=engine, saturation_torque=load[late], friction_torque=friction,
             state=_joined([part[2] for part in parts])[late], cycle=self._cycle, solver=solver, system=self._system,
-            flywheel_angle=flywheel)
+            flywheel_angle=flywheel, cycles=None if self._clock.told else no_cycles())
 
     def _keep_longer(self, stream: CycleStream) -> None:
         """Keep the end of the run at hand unless the one kept has more whole cycles."""

@@ -91,7 +91,6 @@ class Verifier:
         self._commanded = self._sources[0][1] if self._sources else frozenset(INPUTS)
         self._told_sources = bool(self._sources)
         self._place = -1
-        self._index = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
         self._scene, self._general = fallback, False
@@ -119,18 +118,17 @@ class Verifier:
             if batch.run != self._run:
                 self._begin(batch)
                 begin = 1
-                self._follow_sources(self._index)
+                self._follow_sources(batch.index)
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
                 if not self._exact:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
             for k in range(begin, len(batch)):
-                solved[k] = self._next(int(batch.stamp_ns[k]), self._index + k, rows[k], pressure[k])
+                solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k])
                 exact[k] = self._exact
         except InputError as error:
             self._refusal = str(error)
             return
-        self._index += len(batch)
         self._compare(batch, recorded, solved, exact)
 
     def result(self) -> Verification:
@@ -153,7 +151,7 @@ class Verifier:
     def _begin(self, batch: JointStates) -> None:
         """Start on a new run with the scene in force."""
         stamp = int(batch.stamp_ns[0])
-        if not self._take_over(self._index, stamp) and self._place < 0 and self._scenes:
+        if not self._take_over(batch.index, stamp) and self._place < 0 and self._scenes:
             self._take_scene(0)
         scene = self._scene
         self._run = batch.run

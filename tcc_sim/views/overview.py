@@ -18,6 +18,8 @@ from tcc_sim.views.dense import between
 
 HISTORY_CYCLES = 6
 """Engine cycles shown in the time histories."""
+VARYING = 1e-3
+"""Relative differences of the cycles' length from which on what they come to is drawn over time."""
 ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 
@@ -155,9 +157,13 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
 
 def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
     """Largest slip speed of each cycle, those that the summary drops in grey."""
-    number = first_cycle + np.arange(len(cycles))
+    number: NDArray[Any] = first_cycle + np.arange(len(cycles))
     largest = np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest))
     dropped = number < first_cycle + summary.discarded
+    over_time = cycles.starts is not None and (not summary.cycles or np.ptp(np.diff(cycles.starts)) > VARYING * float(
+        np.nanmedian(np.diff(cycles.starts))))
+    if over_time and cycles.starts is not None:
+        number = cycles.starts[:-1]
     size = 3.0 if len(cycles) <= 300 else 1.5
     known = largest[~dropped & np.isfinite(largest)]
     top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else max(1.6 * summary.max_slip_speed, 1e-6)
@@ -171,7 +177,7 @@ def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> No
     axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
                   ha="right",
                   xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
-    axis.set_xlabel("engine cycle")
+    axis.set_xlabel("time (s)" if over_time else "engine cycle")
     axis.set_ylabel("max |slip speed| (rad/s)")
     axis.set_ylim(0.0, top)
     style.legend_above(axis)

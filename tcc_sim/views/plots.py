@@ -10,7 +10,7 @@ from typing import Any
 from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
 from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
 from tcc_sim.errors import InputError, require
-from tcc_sim.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
@@ -92,15 +92,8 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
     if summary is None:
         summary = summarise(solved) if whole else summarise_samples(solved)
     tail = last_cycles(solved, max(summary.period or ORBIT_CYCLES, HISTORY_CYCLES))
-    cycles = solved.cycles if solved.cycles is not None else Cycles(*(_nothing() for _ in range(4)))
+    cycles = solved.cycles if solved.cycles is not None else no_cycles()
     return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title, width=width)
-
-
-def _nothing() -> Any:
-    """No cycle."""
-    import numpy as np
-
-    return np.empty(0)
 
 
 def _name(result: Any) -> str:

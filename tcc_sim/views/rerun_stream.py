@@ -141,8 +141,8 @@ class RerunStream:
         """Send what whole engine cycles, from number `first` on, came to; the samples of them were sent before."""
         if not len(cycles):
             return
-        ends = np.rint((first + 1 + np.arange(len(cycles))) * self._cycle * 1e9).astype(np.int64)
-        index = self._index(ends)
+        ends = (first + 1 + np.arange(len(cycles))) * self._cycle if cycles.starts is None else cycles.starts[1:]
+        index = self._index(np.rint(ends * 1e9).astype(np.int64))
         for path, values in (("cycles/largest", cycles.highest), ("cycles/smallest", cycles.lowest)):
             self._recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
         points = self._plane(cycles.section[1:, 1], cycles.section[1:, 0])

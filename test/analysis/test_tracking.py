@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.cycle_means import CycleMeans, MeansOfCycles
+from tcc_sim.analysis.engine_clock import Uniform, slices
 from tcc_sim.analysis.tracking import tracking
 
 CYCLE = 0.05
@@ -50,7 +51,7 @@ def test_cycles_that_were_not_observed_do_not_count_as_settled():
 @pytest.mark.parametrize("size", [1, 7, 10**6])
 def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
     t = np.arange(3000) * 1e-3
-    means = MeansOfCycles(CYCLE * math.sqrt(2.0) / 1.3)
+    means = MeansOfCycles(Uniform(CYCLE * math.sqrt(2.0) / 1.3))
     v = 5.0 + 3.0 * np.sin(2.0 * math.pi * t / (CYCLE * math.sqrt(2.0) / 1.3))
     for start in range(0, len(t), size):
         means.feed(t[start:start + size], v[start:start + size])
@@ -59,7 +60,7 @@ def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
 
 
 def test_a_gap_leaves_out_the_cycles_that_it_touches():
-    means = MeansOfCycles(0.1)
+    means = MeansOfCycles(Uniform(0.1))
     means.feed(np.arange(0, 255) * 1e-3, np.full(255, 2.0))
     means.interrupt()
     means.feed(np.arange(430, 701) * 1e-3, np.full(271, 4.0))
@@ -67,8 +68,14 @@ def test_a_gap_leaves_out_the_cycles_that_it_touches():
 
 
 def test_a_leap_of_time_costs_no_memory_and_gives_no_mean():
-    means = CycleMeans(0.1)
-    assert len(means.feed(np.array([0.0, 0.05, 1e6]), np.full(3, 2.0))[0]) == 0
-    ends, found = means.feed(1e6 + np.arange(1, 400) * 1e-3, np.full(399, 2.0))
+    means = CycleMeans(Uniform(0.1))
+    assert means.feed(np.array([0.0, 0.05, 1e6]), np.full(3, 2.0)) == []
+    ((_, ends, found),) = means.feed(1e6 + np.arange(1, 400) * 1e-3, np.full(399, 2.0))
     assert found == pytest.approx(2.0)
     assert len(ends) in (2, 3)
+
+
+def test_slices_of_time_have_no_means():
+    means = MeansOfCycles(slices(0.1))
+    means.feed(np.arange(1000) * 1e-3, np.full(1000, 2.0))
+    assert len(means.means()) == 0

@@ -90,12 +90,12 @@ def test_the_pace_does_not_count_a_step(tmp_path):
     assert found.pace == pytest.approx(1.0, abs=0.5)
 
 
-def states(run, ticks, sent):
+def states(run, ticks, sent, index=0):
     """Stamps and times of sending; the values do not matter here."""
     import numpy as np
 
     zero = np.zeros(len(ticks))
-    return JointStates(np.array(ticks) * TICK, np.array(sent), np.array(sent), *[zero] * 6, run=run)
+    return JointStates(np.array(ticks) * TICK, np.array(sent), np.array(sent), *[zero] * 6, run=run, index=index)
 
 
 def record(stamp, said, general=False):
@@ -107,8 +107,8 @@ def test_places_of_scenes():
                record(99 * TICK, 2030)]
     found = Places(records)
     found.feed(states(0, [0, 1], [1000, 1010]))
-    found.feed(states(0, [2, 3, 4], [1020, 1030, 1040]))
-    found.feed(states(1, [0, 1, 2, 3], [2010, 2015, 2020, 2030]))
+    found.feed(states(0, [2, 3, 4], [1020, 1030, 1040], 2))
+    found.feed(states(1, [0, 1, 2, 3], [2010, 2015, 2020, 2030], 5))
     assert found.places() == [Place(0, 0), Place(3, 1), Place(5, 2), Place(7, 3)]  # The last never came into force.
 
 

@@ -120,8 +120,13 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
     assert (given.frequency, given.frequency_source) == (75.0, "given")
     assert given.summary.cycles == 35
     constant = by_hand(2.0, *SLIP[:3], lambda t: 300.0, SLIP[4])
-    fallback = replay(bag(tmp_path / "constant", constant, scene))
-    assert (fallback.frequency, fallback.frequency_source) == (99.0, "scene")
+    unknown = replay(bag(tmp_path / "constant", constant, scene))
+    values = unknown.json()
+    assert (values["frequency"], values["frequency_source"], values["frequency_range"]) == (None, "none", [None, None])
+    assert (values["period"], values["section"], values["cycles"], values["settled"]) == (0, [], 0, False)
+    assert values["max_slip_speed"] == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
+    assert [text for text in unknown.warnings if "cycle" in text] == [
+        "no engine cycle can be told, so there is no section, period or cycle mean: the engine torque is constant"]
 
 
 @pytest.mark.parametrize(("keywords", "words"), [
@@ -214,3 +219,53 @@ def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
     assert (found.summary.period, found.summary.settled) == (period, False)
     said = "no period is given: it takes 16 engine cycles or more after the last gap" in found.warnings
     assert said is (period == 0)
+
+
+@pytest.fixture(scope="module")
+def run_up():
+    """A commanded run-up from 100 to 200 rad/s in 10 s: the driveline itself, with the scene's frequency elsewhere."""
+    scene = load_scene("commands").with_values({"engine.frequency": 150.0, "friction.kinetic_coefficient": 0.27})
+
+    def torque(k):
+        t = k * 1e-3
+        return 300.0 + 250.0 * math.sin(100.0 * t + 5.0 * t * t)
+
+    return scene, ticked(scene, 10_000, torque=torque, pressure=lambda k: 260e3)
+
+
+def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
+    scene, rows = run_up
+    found = replay(bag(tmp_path / "run", rows, scene), discard=10)
+    values = found.json()
+    assert values["frequency_source"] == "found"
+    assert values["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
+    starts = found.cycles.starts
+    turns = (100.0 * starts + 5.0 * starts * starts) / (2.0 * math.pi)
+    # The torque of a tick is held since the tick before.
+    assert np.abs(turns - np.rint(turns)).max() < 0.02
+    assert len(found.cycles) == pytest.approx(1500.0 / (2.0 * math.pi), abs=3)
+    v = np.array([row[3] - row[4] for row in rows])
+    late = v[round(float(starts[10]) * 1000):]
+    assert values["max_slip_speed"] == pytest.approx(np.abs(late).max(), rel=0.02)
+    stuck = np.abs(late) <= 0.03
+    assert values["stick_fraction"] == pytest.approx(stuck.mean(), abs=0.05)
+    text = "\n".join(found.lines())
+    assert re.search(r"frequency +1\d\d[.\d]* to \d+[.\d]* rad/s, found", text)
+
+
+def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up):
+    """A torque that jumps at random: extremes and stick, a picture, and one line."""
+    pytest.importorskip("matplotlib")
+    scene, _ = run_up
+    random = np.random.default_rng(4).uniform(0.0, 600.0, 200)
+    rows = ticked(scene, 3000, torque=lambda k: float(random[k // 15]), pressure=lambda k: 260e3)
+    path = bag(tmp_path / "run", rows, scene)
+    found = replay(path)
+    v = np.array([row[3] - row[4] for row in rows])
+    assert (found.summary.cycles, found.summary.period, found.summary.section) == (0, 0, [])
+    assert found.summary.max_slip_speed == pytest.approx(np.abs(v[:2900]).max(), rel=0.02)
+    assert len([text for text in found.warnings if text.startswith("no engine cycle can be told")]) == 1
+    assert "frequency" in "\n".join(found.lines())
+    from tcc_sim.views.plots import plot
+
+    assert plot(found, tmp_path / "o.png").stat().st_size > 10_000

@@ -1,0 +1,317 @@
+"""The phase of a recorded engine torque, where no scene says it: followed from block to block while the frequency
+drifts.
+
+The torque is a mean, which may drift, and a strongest line A sin(phi); phi = 2 pi n is where engine cycle n starts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.analysis.engine_clock import Tracked
+from tcc_sim.analysis.phase_cycles import MEMORY, RunPhase, Stretch, cycles_between
+from tcc_sim.recording.stamps import Break, StampCounter, Stamps
+from tcc_sim.trajectory import Floats
+
+SHORTEST_OPENING, LONGEST_OPENING = 1 << 8, 1 << 14
+"""Samples from which the line is found before it is followed; the shortest stretch that shows it serves."""
+OPENING_CYCLES = 6.0
+"""Cycles of the line that such a stretch must hold."""
+DRIFTS = np.linspace(-0.12, 0.12, 13)
+"""Relative changes of frequency, 1/s, that are tried on it."""
+CYCLES_PER_BLOCK, SAMPLES_PER_BLOCK = 2, 32
+"""Least size of a block, which comes to one phase."""
+STRONGEST_LINE = 0.2
+"""Part of the variance of a block, its drift apart, that the line must hold."""
+LARGEST_SURPRISE = 1.0
+"""Largest difference, rad, of a block's phase from what the blocks before it let expect."""
+FASTEST_DRIFT = 0.3
+"""Largest relative change of frequency, 1/s, that is expected."""
+MISSES = 2
+"""Blocks one after the other that may fail within a stretch."""
+FEWEST_BLOCKS, FEW_BLOCKS = 4, 12
+"""A run of fewer than these is fitted as a whole, with a constant frequency: in any case, or where that holds as much
+of its variance as the blocks do."""
+AS_MUCH = 0.02
+"""Part of the variance by which these may differ."""
+LEAST_KNOWN = 0.25
+"""Part of a run in which the phase must be known."""
+
+
+class _Fit(NamedTuple):
+    """Part of the variance that a sine holds beside a mean that drifts, how far it is ahead (rad), its amplitude."""
+
+    share: float
+    ahead: float
+    amplitude: float
+
+
+class PhaseTracker:
+    """Follows the torque's phase in batches in the order of recording; memory is a few numbers for each block."""
+
+    def __init__(self) -> None:
+        self._continuity = StampCounter()
+        self._runs: dict[int, _Run] = {}
+
+    def feed(self, stamp_ns: Stamps, engine_torque: Floats, run: int = 0) -> None:
+        """Take the next batch of a run: stamps in ns, torques in N m."""
+        finite = np.isfinite(engine_torque)
+        stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
+        for piece, preceded in self._continuity.pieces(stamp_ns, run):
+            if preceded is not Break.NOTHING and run in self._runs:
+                self._runs[run].interrupt()
+            now = self._runs.setdefault(run, _Run())
+            now.take(stamp_ns[piece].astype(np.float64) * 1e-9, engine_torque[piece])
+
+    @property
+    def tick(self) -> float:
+        """Distance of stamps, s."""
+        return self._continuity.tick * 1e-9
+
+    def runs(self) -> dict[int, RunPhase]:
+        """What every run comes to, by its number."""
+        return {number: run.result() for number, run in self._runs.items()}
+
+    def longest(self) -> int:
+        """The number of the run with the most samples, the last of several."""
+        return max(self._runs, key=lambda number: (self._runs[number].samples, number))
+
+
+def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
+    """The cycles of all runs; None where no run has any."""
+    lengths = [np.diff(found.starts)[np.diff(found.numbers) == 1] for found in runs.values()]
+    every = np.concatenate(lengths) if lengths else np.empty(0)
+    if not len(every):
+        return None
+    return Tracked(float(np.median(every)), {number: (found.numbers, found.starts) for number, found in runs.items()})
+
+
+class _Run:
+    """One run: samples that wait, the stretch that is being followed, and those that are done."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self._t = self._torque = np.empty(0)
+        self._opening: tuple[Floats, Floats] = self._t, self._torque
+        self._tried = 0
+        self._low, self._high, self._size = math.inf, -math.inf, 0.0
+        self._span: list[float] = []
+        self._model: tuple[float, float, float, float] | None = None
+        self._sure_until = -math.inf
+        self._misses = 0
+        self._stretch: Stretch | None = None
+        self._done: list[Stretch] = []
+
+    def take(self, t: Floats, torque: Floats) -> None:
+        """Add samples that follow the last without a gap."""
+        self.samples += len(t)
+        self._span = [self._span[0] if self._span else float(t[0]), float(t[-1])]
+        self._low, self._high = min(self._low, float(torque.min())), max(self._high, float(torque.max()))
+        if len(self._opening[0]) < LONGEST_OPENING:
+            self._opening = (np.concatenate([self._opening[0], t])[:LONGEST_OPENING],
+                             np.concatenate([self._opening[1], torque])[:LONGEST_OPENING])
+        self._t, self._torque = np.concatenate([self._t, t]), np.concatenate([self._torque, torque])
+        while self._search() if self._model is None else self._follow():
+            pass
+
+    def interrupt(self) -> None:
+        """A gap, or the end: nothing that waits may be joined with what comes."""
+        if self._model is None and len(self._t) >= SHORTEST_OPENING // 2:
+            while self._search(last=True) if self._model is None else self._follow():
+                pass
+        if self._stretch is not None and not self._misses and len(self._t):
+            self._take_rest(self._stretch)
+        self._release()
+        self._t = self._torque = np.empty(0)
+        self._tried = 0
+
+    def result(self) -> RunPhase:
+        """The cycles of this run."""
+        self.interrupt()
+        none = np.empty(0, np.int64), np.empty(0), math.nan, math.nan
+        if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
+            return RunPhase(*none, why="the engine torque is constant")
+        shares = [share for stretch in self._done for share in stretch.share]
+        short = len(shares) < FEW_BLOCKS and self.samples <= LONGEST_OPENING
+        whole = _fitted(*self._opening) if short else None
+        if whole is not None and (len(shares) < FEWEST_BLOCKS or whole.share[0] >= float(np.mean(shares)) - AS_MUCH):
+            self._done = [whole]
+        elif len(shares) < FEWEST_BLOCKS:
+            return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that "
+                            "changes by 10 % a second or less")
+        known = sum(stretch.end - stretch.begin for stretch in self._done) / (self._span[1] - self._span[0])
+        if known < LEAST_KNOWN:
+            return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
+                            f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are needed")
+        return cycles_between(self._done, known)
+
+    def _search(self, last: bool = False) -> bool:
+        """Look for the line in the first samples that wait; whether there is more to be done with those that do."""
+        size = max(2 * self._tried, SHORTEST_OPENING)
+        if len(self._t) < size:
+            if not last or len(self._t) == self._tried:
+                return False
+            size = len(self._t)
+        self._tried = size
+        found = _line(self._t[:size], self._torque[:size])
+        if found is not None:
+            frequency, drift = found
+            self._model = float(self._t[0]), 0.0, frequency, drift * frequency
+            count = self._block()
+            ahead = _fit(self._t[:count], self._torque[:count], self._expected(self._t[:count])).ahead
+            self._model = float(self._t[0]), ahead, frequency, drift * frequency
+            self._sure_until, self._misses, self._tried = float(self._t[size - 1]), 0, 0
+        elif size >= LONGEST_OPENING:
+            self._t, self._torque, self._tried = self._t[size // 2:], self._torque[size // 2:], 0
+        return True
+
+    def _expected(self, t: Floats) -> Floats:
+        """The phase that the model lets expect."""
+        assert self._model is not None
+        at, phase, frequency, change = self._model
+        expected: Floats = phase + (t - at) * (frequency + 0.5 * change * (t - at))
+        return expected
+
+    def _block(self) -> int:
+        """Samples of the next block."""
+        assert self._model is not None
+        at, _, frequency, change = self._model
+        now = max(frequency + change * (float(self._t[0]) - at), 0.5 * frequency)
+        end = float(self._t[0]) + CYCLES_PER_BLOCK * 2.0 * math.pi / now
+        return max(int(np.searchsorted(self._t, end)), SAMPLES_PER_BLOCK)
+
+    def _follow(self) -> bool:
+        """Turn the next samples into a block; whether there were enough."""
+        count = self._block()
+        if len(self._t) <= count:
+            return False
+        t = self._t[:count]
+        found = _fit(t, self._torque[:count], self._expected(t))
+        # The first block says where the phase is, which the opening does not where it begins before the oscillation.
+        if found.share >= STRONGEST_LINE and (abs(found.ahead) <= LARGEST_SURPRISE or self._stretch is None):
+            self._stretch = self._stretch or Stretch()
+            self._misses = 0
+            self._add(self._stretch, found, float(t[0]), float(self._t[count]), float(t[-1]))
+            self._learn()
+        else:
+            self._misses += 1
+            if self._misses > MISSES and float(t[0]) > self._sure_until:
+                self._release()
+                return True
+        self._t, self._torque = self._t[count:], self._torque[count:]
+        return True
+
+    def _add(self, stretch: Stretch, found: _Fit, begin: float, end: float, last: float) -> None:
+        """Add a block to a stretch: its samples go from `begin` to `last`, the next one begins at `end`."""
+        middle = 0.5 * (begin + last)
+        phase = float(self._expected(np.array(middle))) + found.ahead
+        stretch.add(middle, phase, found.amplitude, found.share, (begin, end))
+
+    def _take_rest(self, stretch: Stretch) -> None:
+        """Make what is left at the end a block of its own, or a part of the last one where it is short."""
+        begin, last = float(self._t[0]), float(self._t[-1])
+        if 2 * len(self._t) >= self._block():
+            found = _fit(self._t, self._torque, self._expected(self._t))
+            if found.share >= STRONGEST_LINE and abs(found.ahead) <= LARGEST_SURPRISE:
+                self._add(stretch, found, begin, last, last)
+                return
+        stretch.bounds[-1] = stretch.bounds[-1][0], last
+
+    def _learn(self) -> None:
+        """Expect what the last blocks say."""
+        assert self._stretch is not None
+        assert self._model is not None
+        t, phase = np.array(self._stretch.t[-MEMORY:]), np.array(self._stretch.phase[-MEMORY:])
+        at, now, (frequency, change) = float(t[-1]), float(phase[-1]), self._model[2:]
+        frequency += change * (at - self._model[0])
+        if len(t) > 3:
+            half, frequency, now = np.polyfit(t - at, phase, 2).tolist()
+            change = 2.0 * half
+        elif len(t) > 1:
+            frequency = float(phase[-1] - phase[-2]) / float(t[-1] - t[-2]) + 0.5 * change * float(t[-1] - t[-2])
+        limit = FASTEST_DRIFT * abs(frequency)
+        self._model = at, now, frequency, min(max(change, -limit), limit)
+
+    def _release(self) -> None:
+        """End the stretch that was followed."""
+        if self._stretch is not None and len(self._stretch.t) > MISSES:
+            self._stretch.trim()
+            self._done.append(self._stretch)
+        self._stretch, self._model, self._misses = None, None, 0
+
+
+def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
+    """A sine of this phase and a mean that drifts, by least squares."""
+    design = np.stack([np.ones_like(t), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
+    found = np.linalg.lstsq(design, torque, rcond=None)[0]
+    without = torque - np.polyval(np.polyfit(t - t[0], torque, 1), t - t[0])
+    left, variance = torque - design @ found, float(without @ without)
+    smallest = len(t) * (1e-9 * float(np.abs(torque).max())) ** 2
+    return _Fit(1.0 - float(left @ left) / variance if variance > smallest else 0.0, math.atan2(found[3], found[2]),
+                math.hypot(found[2], found[3]))
+
+
+def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
+    """Frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None where there is none.
+
+    In the time s = (t - t0) + drift (t - t0)^2/2 a drifting line is one of constant frequency.
+    """
+    span, best = float(t[-1] - t[0]), (0.0, 0.0, 0.0)
+    middle = t - t[0] - 0.5 * span
+    for drift in DRIFTS[np.abs(DRIFTS) * span <= 1.0].tolist():
+        warped = middle + 0.5 * drift * middle * middle
+        even = np.linspace(warped[0], warped[-1], len(t))
+        height, frequency = _strongest(even, np.interp(even, warped, torque))
+        if height > best[0] * (1.0 + 1e-6 * (drift != 0.0)):
+            best = height, frequency, drift
+    _, frequency, drift = best
+    if frequency * span < 2.0 * math.pi * OPENING_CYCLES:
+        return None
+    if _fit(t, torque, frequency * (middle + 0.5 * drift * middle * middle)).share < STRONGEST_LINE:
+        return None
+    return frequency * (1.0 - 0.5 * drift * span), drift
+
+
+def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
+    """Height and frequency (rad/s) of the largest peak of the Fourier transform of uniform samples under a Hann window,
+    refined by a parabola; 0 where there is none.
+    """
+    if len(t) < 16:
+        return 0.0, 0.0
+    step = float(t[-1] - t[0]) / (len(t) - 1)
+    size = 4 * (1 << (len(t) - 1).bit_length())
+    spectrum = np.abs(np.fft.rfft((torque - torque.mean()) * np.hanning(len(t)), size))
+    lowest = 8 * size // (2 * len(t))
+    k = lowest + int(np.argmax(spectrum[lowest:]))
+    if spectrum[k] <= 1e-9 * max(float(np.abs(torque).max()), 1e-300) * len(t):
+        return 0.0, 0.0
+    shift = 0.0
+    if 0 < k < len(spectrum) - 1 and spectrum[k - 1] > 0.0 and spectrum[k + 1] > 0.0:
+        a, b, c = np.log(spectrum[k - 1:k + 2])
+        shift = 0.5 * (a - c) / (a - 2.0 * b + c) if a - 2.0 * b + c != 0.0 else 0.0
+    return float(spectrum[k]), 2.0 * math.pi * (k + float(shift)) / (size * step)
+
+
+def _fitted(t: Floats, torque: Floats) -> Stretch | None:
+    """A sine of constant frequency fitted to few cycles, whose Fourier peak is only near (0.6 to 1.4 times)."""
+    from scipy.optimize import minimize_scalar
+
+    rough = _strongest(t, torque)[1]
+    if not rough:
+        return None
+
+    def left(factor: float) -> float:
+        return -_fit(t, torque, factor * rough * (t - t[0])).share
+
+    guess = min(np.linspace(0.6, 1.4, 81).tolist(), key=left)
+    best = minimize_scalar(left, bounds=(guess - 0.01, guess + 0.01), method="bounded", options={"xatol": 1e-10})
+    found, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
+    if found.share < STRONGEST_LINE:
+        return None
+    whole = Stretch()
+    for at in ends:
+        whole.add(at, found.ahead + float(best.x) * rough * (at - ends[0]), found.amplitude, found.share, ends)
+    return whole

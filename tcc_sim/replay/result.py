@@ -1,0 +1,140 @@
+"""What a recording comes to: its figures as an object, as JSON, and for people."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tcc_sim.analysis.control import Control
+from tcc_sim.analysis.damping import Damping, damping_as_json
+from tcc_sim.analysis.summary import Summary
+from tcc_sim.errors import counted, printable
+from tcc_sim.output.table import damping_row, rows, summary_rows
+from tcc_sim.recording.stamps import StampCounter
+from tcc_sim.replay.segments import Segment
+from tcc_sim.replay.timing import Timing
+from tcc_sim.replay.verification import Verification
+from tcc_sim.scene import Scene
+from tcc_sim.trajectory import Cycles, Trajectory
+
+SEGMENTS_SHOWN = 20
+"""Most segments in the table; --json has them all."""
+
+
+@dataclass(frozen=True, repr=False)
+class Replay:
+    """What a recording comes to.
+
+    summary : of its longest run
+    trajectory : the last cycles of that run, at most 200 000 samples
+    cycles, first_cycle : every engine cycle of that run, NaN where a gap was, and the number of the first
+    timing : how the engine cycles are counted
+    continuity : what the stamps say: gaps, missing ones, uneven ones, runs, resets and restarts
+    messages, lost_messages : joint_states read, and those missing between them
+    complete : False where the recording was cut short
+    warnings : one sentence per damage
+    pace : simulated seconds per second of real time between the first and the last message, by when they were received
+    control : target, pressures, cycle means and events of that run
+    segments : the figures from each start, reset, restart or change of parameters to the next
+    verification, damping : where they were asked for
+    """
+
+    path: Path
+    scene: Scene
+    summary: Summary
+    trajectory: Trajectory
+    cycles: Cycles
+    first_cycle: int
+    timing: Timing
+    continuity: StampCounter
+    messages: int
+    lost_messages: int
+    complete: bool
+    warnings: tuple[str, ...]
+    pace: float
+    control: Control
+    segments: tuple[Segment, ...] = ()
+    verification: Verification | None = None
+    damping: Damping | None = None
+
+    def __repr__(self) -> str:
+        found, ended = self.summary, "complete" if self.complete else "cut short"
+        period = f"period {found.period}" if found.period else "no period"
+        return (f"<Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
+                f"{ended}; {counted(found.cycles, 'cycle')}, {period}, {found.regime}; largest |slip speed| "
+                f"{found.max_slip_speed:.5g} rad/s>")
+
+    @property
+    def frequency(self) -> float:
+        """That of a typical engine cycle, rad/s; NaN where no cycle is known."""
+        return self.timing.frequency
+
+    @property
+    def frequency_source(self) -> str:
+        """given, scene, found, or none."""
+        return self.timing.source
+
+    def json(self) -> dict[str, Any]:
+        """The values of `analyse --json`."""
+        found = self.summary.as_json()
+        found.update(messages=self.messages, lost_messages=self.lost_messages, complete=self.complete,
+                     warnings=list(self.warnings), scene=self.scene.description or self.scene.name,
+                     frequency=_number(self.frequency), frequency_source=self.timing.source,
+                     frequency_range=[_number(self.timing.low), _number(self.timing.high)],
+                     gaps=self.continuity.gaps, uneven_stamps=self.continuity.uneven,
+                     tick_s=self.continuity.tick * 1e-9, runs=self.continuity.runs,
+                     real_time_factor=_number(self.pace),
+                     segments=[segment.as_json() for segment in self.segments])
+        if self.damping is not None:
+            found.update(damping_as_json(self.damping))
+        if self.verification is not None:
+            found.update(verified=self.verification.verified,
+                         largest_difference=_number(self.verification.largest_difference),
+                         verification=self.verification.sentence())
+        return found
+
+    def lines(self) -> list[str]:
+        """The result for a terminal."""
+        stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
+        gaps = self.continuity.gaps
+        stamps += f", {counted(gaps, 'gap')}" if gaps else ", no gap"
+        if self.continuity.uneven:
+            stamps += f", {self.continuity.uneven} of them uneven"
+        if self.continuity.runs > 1:
+            stamps += f"; {self.continuity.runs} runs, the figures are those of the longest"
+        table = [("recording", "complete" if self.complete else "cut short; what was flushed is read"),
+                 ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps),
+                 *self._pace(),
+                 ("frequency", self.timing.sentence()),
+                 *summary_rows(self.summary)]
+        if self.damping is not None:
+            table.append(damping_row(self.damping))
+        if self.verification is not None:
+            table.append(("solved again", self.verification.sentence()))
+        if len(self.segments) > 1 or any(segment.tracking is not None for segment in self.segments):
+            for number, segment in enumerate(self.segments[:SEGMENTS_SHOWN], 1):
+                table += segment.rows(number)
+            if len(self.segments) > SEGMENTS_SHOWN:
+                table.append(("", f"--json has {counted(len(self.segments) - SEGMENTS_SHOWN, 'more segment')}"))
+        notes = [f"  note: {text}" for text in self.warnings]
+        lines = [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
+        return [printable(line) for line in lines]
+
+    def _pace(self) -> list[tuple[str, str]]:
+        """The rate that was reached, where real time was recorded."""
+        if not math.isfinite(self.pace) or not self.continuity.tick:
+            return []
+        return [("rate", f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time")]
+
+    def markdown(self) -> str:
+        """The result as a Markdown table."""
+        cells = [line.strip().split("  ", 1) for line in self.lines()[1:]]
+        table = [f"| {cell[0]} | {cell[1].strip()} |" if len(cell) > 1 else f"| | {cell[0]} |" for cell in cells]
+        return "\n".join([f"# {self.path.name}", "", "| | |", "|---|---|", *table, ""])
+
+
+def _number(value: float) -> float | None:
+    """A value for JSON; None where it is not finite."""
+    return value if math.isfinite(value) else None
