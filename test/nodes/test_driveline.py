@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.qos import states
 from tcc_sim.scene import load_scene, parse_scene
 from tcc_sim.solvers import solve
-from tcc_sim.topics import TOPICS
 
 STEP_NS = 1_000_000
 MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}
@@ -301,31 +299,3 @@ def test_every_tick_counts_as_stick_or_slip(bench: Any, scene: str, stick: bool)
     ticks = node.loop.stick_ticks if stick else node.loop.slip_ticks
     assert ticks == node.loop.plant.stepper.tick + 1
     assert node.loop.stick_ticks + node.loop.slip_ticks == ticks
-
-
-def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> None:
-    page = (Path(__file__).parents[2] / ".github" / "nodes.md").read_text().split("Quality of service, as")[1]
-    said = {}
-    for line in page.splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if len(cells) == 4 and cells[0].startswith("`"):
-            said |= {name.strip("`/ "): cells[1:] for name in cells[0].split(",")}
-        elif said:
-            break
-    patient = start(bench, scene="commands", publish_clock=True, pacing="lockstep")
-    node = start(bench, scene="commands", publish_clock=True)
-    kept = {p.topic_name.strip("/"): p.qos_profile.history.name for p in patient.publishers}
-    node.loop.outputs.unsent["joint_states"] = 1
-    node.loop.outputs.tell_unsent()
-    ends = {end.topic_name.strip("/"): end.qos_profile for end in (*node.publishers, *node.subscriptions)}
-    assert set(said) == {row.name.strip("/") for row in TOPICS}
-    for name, (reliability, durability, history) in said.items():
-        if name == "target_slip_speed":  # From the controller.
-            continue
-        profile = ends[name]
-        assert reliability == profile.reliability.name.lower()
-        assert durability == profile.durability.name.lower().replace("_", " ")
-        if history.startswith("the last 0.25 s"):
-            assert (profile.depth, kept[name]) == (250, "KEEP_ALL")
-        else:
-            assert history == f"last {profile.depth}"

@@ -1,0 +1,48 @@
+"""The page's table of the quality of service is what the driveline offers and asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from rclpy.parameter import Parameter
+
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.topics import TOPICS
+
+
+def start(bench: Any, **parameters: Any) -> DrivelineNode:
+    overrides = [Parameter(key, value=value) for key, value in parameters.items()]
+    return bench.add(DrivelineNode(context=bench.context, parameter_overrides=overrides))
+
+
+def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> None:
+    page = (Path(__file__).parents[2] / ".github" / "nodes.md").read_text().split("Quality of service, as")[1]
+    said = {}
+    for line in page.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 4 and cells[0].startswith("`"):
+            said |= {name.strip("`/ "): cells[1:] for name in cells[0].split(",")}
+        elif said:
+            break
+    patient = start(bench, scene="commands", publish_clock=True, pacing="lockstep")
+    node = start(bench, scene="commands", publish_clock=True)
+    kept = {p.topic_name.strip("/"): p.qos_profile.history.name for p in patient.publishers}
+    node.loop.outputs.unsent["joint_states"] = 1
+    node.loop.outputs.tell_unsent()
+    ends = {end.topic_name.strip("/"): end.qos_profile for end in (*node.publishers, *node.subscriptions)}
+    assert set(said) == {row.name.strip("/") for row in TOPICS}
+    for name, (reliability, durability, history) in said.items():
+        if name == "target_slip_speed":  # From the controller.
+            continue
+        profile = ends[name]
+        assert reliability == profile.reliability.name.lower()
+        assert durability == profile.durability.name.lower().replace("_", " ")
+        if history.startswith("the last 0.25 s"):
+            assert (profile.depth, kept[name]) == (250, "KEEP_ALL")
+        else:
+            assert history == f"last {profile.depth}"
