@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from tcc_sim.errors import InputError, require
 from tcc_sim.output.files import check_name, replaceable
@@ -115,3 +116,32 @@ def check_plot(arguments: argparse.Namespace, *others: Path | None) -> None:
     if any(other is not None and other.absolute() == arguments.plot.absolute() for other in others):
         raise InputError(f"{arguments.plot} is asked for twice")
     new_file(arguments.plot, arguments.force)
+
+
+def add_measurement(parser: argparse.ArgumentParser, shortest: float, default: float) -> None:
+    """--rate, --duration and --json of the verbs that run nodes for a while and tell how well they did."""
+    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
+                        help="ticks a second, and commands where there are any (1000)")
+    parser.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
+                        help=f"of what is measured, seconds ({default:g})")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+
+
+def check_measurement(arguments: argparse.Namespace) -> None:
+    """Raise before anything is started where ROS 2 is not installed or --json cannot become a new file."""
+    from tcc_sim.nodes.children import require_ros
+
+    require_ros()
+    if arguments.json is not None:
+        new_file(arguments.json)
+
+
+def write_measurement(arguments: argparse.Namespace, found: dict[str, Any], scene: str) -> None:
+    """Write the figures where --json asks for them."""
+    if arguments.json is not None:
+        from tcc_sim.output.files import write_json
+        from tcc_sim.output.provenance import document
+        from tcc_sim.scene import load_scene
+
+        ran = load_scene(scene).with_values({"rate": arguments.rate})
+        write_json(arguments.json, document(arguments.verb, found, ran, arguments.words))

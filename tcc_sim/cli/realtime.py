@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file, number, whole_number
+from tcc_sim.cli.arguments import add_measurement, check_measurement, whole_number, write_measurement
 from tcc_sim.output.terminal import say
-
-LABELS = {"ticks": "ticks", "missed_ticks": "missed ticks", "drift_s": "drift (ms)"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Rate, duration and where the figures go."""
-    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
-                        help="tick rate (1000)")
-    parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=60.0, metavar="S",
-                        help="of each loop (60)")
+    add_measurement(parser, 0.5, 60.0)
     parser.add_argument("--recorder", action="store_true",
                         help="publish to a recorder in a process of its own, which competes for the cores")
     parser.add_argument("--thread-priority", type=whole_number(0, 99), default=0, metavar="N",
@@ -24,18 +18,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cpu-affinity", type=whole_number(0, 1023), nargs="+", default=[], metavar="CORE",
                         help="cores that both loops may run on (all)")
     parser.add_argument("--lock-memory", action="store_true", help="lock the memory of both loops")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write JSON."""
     from tqdm import tqdm
 
-    from tcc_sim.nodes.children import require_ros
-
-    require_ros()
-    if arguments.json is not None:
-        new_file(arguments.json)
+    check_measurement(arguments)
     from tcc_sim.benchmarks.pacing_benchmark import Settings, measure
 
     settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
@@ -58,11 +47,5 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"{trial['name']:<26}{figures}{'  refused' if trial['refused'] else ''}")
     for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
         say(f"  {sentence}")
-    if arguments.json is not None:
-        from tcc_sim.output.files import write_json
-        from tcc_sim.output.provenance import document
-        from tcc_sim.scene import load_scene
-
-        scene = load_scene("fig02").with_values({"rate": arguments.rate})
-        write_json(arguments.json, document("realtime", found, scene, arguments.words))
+    write_measurement(arguments, found, "fig02")
     return 0

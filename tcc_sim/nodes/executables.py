@@ -6,27 +6,9 @@ there is one line.
 
 from __future__ import annotations
 
+from functools import partial
+
 from tcc_sim.nodes import signals
-
-
-def driveline_node() -> int:
-    """Run the driveline node; the exit status."""
-    return _run("driveline")
-
-
-def recorder_node() -> int:
-    """Run the recorder node; the exit status."""
-    return _run("recorder")
-
-
-def slip_controller_node() -> int:
-    """Run the slip controller example; the exit status."""
-    return _run("slip_controller")
-
-
-def commander() -> int:
-    """Run the node that sends commands for `tcc-sim soak`; the exit status."""
-    return _run("commander")
 
 
 def _run(name: str) -> int:
@@ -57,3 +39,10 @@ def _run(name: str) -> int:
     except Exception:
         sys.excepthook(*sys.exc_info())
     return signals.end(status)
+
+
+driveline_node = partial(_run, "driveline")
+recorder_node = partial(_run, "recorder")
+slip_controller_node = partial(_run, "slip_controller")
+commander = partial(_run, "commander")
+"""The node that sends commands for `tcc-sim soak`; the others have the names of their modules."""

@@ -241,6 +241,37 @@ def test_a_state_that_is_none_is_said_and_the_next_one_answered(bench: Any, capf
     controller.destroy_node()
 
 
+def test_a_parameter_of_a_type_that_there_is_not_is_said_and_the_node_goes_on(
+        bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    from rcl_interfaces.msg import Parameter as ParameterMessage
+    from rcl_interfaces.msg import ParameterValue
+    from rcl_interfaces.srv import GetParameters, SetParameters
+
+    from tcc_sim.nodes.context import Spinner
+
+    controller = SlipControllerNode(context=bench.context)
+    spinner = Spinner(controller)
+    stranger = bench.add(rclpy.create_node("stranger", context=bench.context))
+    wrong = stranger.create_client(SetParameters, "slip_controller/set_parameters")
+    right = stranger.create_client(GetParameters, "slip_controller/get_parameters")
+    bench.until(lambda: wrong.service_is_ready() and right.service_is_ready())
+    said = ""
+
+    def told() -> bool:
+        nonlocal said
+        wrong.call_async(SetParameters.Request(parameters=[
+            ParameterMessage(name="target", value=ParameterValue(type=77))]))
+        spinner.once(0.01)
+        said += capfd.readouterr().err
+        return "a message or request was not understood" in said
+
+    bench.until(told)
+    answer = right.call_async(GetParameters.Request(names=["target"]))
+    bench.until(lambda: spinner.once(0.01) or answer.done())
+    assert answer.result().values[0].double_value == controller.controller.tuning.target
+    controller.destroy_node()
+
+
 def test_a_senseless_parameter_is_refused(bench: Any) -> None:
     for name, value in (("target", -3.0), ("bandwidth", "fast"), ("step", 0)):
         with pytest.raises(InputError, match=f"{name} is"):
