@@ -51,7 +51,7 @@ SOLVERS: dict[str, Entry] = {
     "fixed_step": Entry("fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
                         SMOOTHED, "step", 1e-3),
     "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
-                      SMOOTHED, "rtol", 1e-8, profiles=False),
+                      SMOOTHED, "rtol", 1e-8),
     "event_driven": Entry("event_driven.solve", "solve", "exact: closed forms between located events",
                           SET_VALUED, "rtol", 1e-10, profiles=False),
     "rk45": Entry(SCIPY, "rk45", "SciPy, Dormand and Prince 5(4)", SMOOTHED, "rtol", 1e-6),

@@ -48,7 +48,11 @@ def loads_of(records: NDArray[Any] | None, moves: Transitions, problem: Problem,
     """The loads of the first `whole` cycles of a run, from their records and its transitions."""
     if records is None:
         return None
-    number = np.floor(moves.time[moves.before == 0] / problem.system.cycle).astype(np.int64) - problem.start_cycle
+    left = moves.time[moves.before == 0]
+    if problem.system.course is None:
+        number = np.floor(left / problem.system.cycle).astype(np.int64) - problem.start_cycle
+    else:
+        number = np.searchsorted(problem.cycle_starts(), left, side="right") - 1
     counts = np.bincount(np.clip(number, 0, whole), minlength=whole + 1)[:whole].astype(np.float64)
     names = ("energy", "peak_power", "highest_shaft_torque", "lowest_shaft_torque")
     told = records["wanted"][:whole] > 0.0

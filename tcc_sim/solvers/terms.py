@@ -181,6 +181,17 @@ def excitation_frequency(terms: Terms) -> float:
     return max(found) * (1.0 if terms.course is None else float(terms.course[:, FREQUENCY].max()))
 
 
+def load_frequency(terms: Terms) -> float:
+    """The largest angular frequency of the load, rad/s; 0 where it is constant."""
+    rate = 0.0 if terms.pulsation is None else terms.pulsation[1]
+    return rate * (1.0 if terms.course is None else float(terms.course[:, FREQUENCY].max()))
+
+
+def largest_mean_torque(terms: Terms) -> float:
+    """The largest size of the mean engine torque, N m."""
+    return abs(terms.mean_torque) if terms.course is None else float(np.abs(terms.course[:, TORQUE]).max())
+
+
 def natural_frequency(terms: Terms) -> float:
     """omega_n = sqrt(K23/I2), rad/s."""
     return math.sqrt(terms.linear[3] / terms.linear[1])

@@ -15,7 +15,7 @@ from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
 from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
-from tcc_sim.solvers.torques import torques_now
+from tcc_sim.solvers.torques import piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 STEPS = 2_000_000_000
@@ -84,7 +84,7 @@ def rk4(problem: Problem) -> Trajectory:
 @compiled
 def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: Any) -> tuple[float, float]:
     """v' and omega2' of (2) with the smoothed law (7), rad/s^2; `terms` are Terms."""
-    engine, load = torques_now(t, 0, terms.course, terms)
+    engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
     friction = smoothed_coefficient(v, terms.smoothing, terms.stribeck) * load
     return accelerations(plate_angle, plate_speed, engine, friction, terms.linear)  # type: ignore[no-any-return]
 

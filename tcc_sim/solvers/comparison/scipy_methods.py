@@ -16,7 +16,7 @@ from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
-from tcc_sim.solvers.torques import torques_now
+from tcc_sim.solvers.torques import piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory
 
 STEPS = 10_000_000
@@ -76,7 +76,7 @@ def _rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
 def jacobian(t: float, y: Floats, terms: Any) -> Floats:
     """The derivative of `rates_of` with respect to y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
-    rate = slope * torques_now(t, 0, terms.course, terms)[1]
+    rate = slope * torques_now(t, piece_at(terms.course, t), terms.course, terms)[1]
     flywheel, plate, damping, stiffness = terms.linear
     out = np.zeros((len(y), len(y)))
     out[0, 0] = -rate * (1.0 / flywheel + 1.0 / plate)

@@ -16,12 +16,12 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
     FROM_ANGLE,
     FROM_MEAN,
     FROM_SPEED,
-    FROM_WAVES,
     NODES,
     TERMS,
     C,
     Tables,
 )
+from tcc_sim.solvers.smoothed.drive import grip_at_nodes, weigh_torque
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.stages import add_slip, follow_manifold, guess, slip_polynomial, solve_stages, to_powers
 from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
@@ -38,35 +38,25 @@ CONVERGED = 0.01
 
 
 @fast
-def weigh(state: Any, limits: Limits, mean_torque: float, waves: Any, work: Any) -> None:
+def weigh(state: Any, h: float, limits: Limits, mean_torque: float, waves: Any, course: Any, work: Any) -> None:
     """How much of every source there is at the start of a step."""
     weights = work.weights
     weights[FROM_ANGLE] = state.plate_angle
     weights[FROM_SPEED] = state.plate_speed + limits.kappa * state.slip_speed
     weights[FROM_MEAN] = mean_torque
-    for i in range(waves.shape[0]):
-        wave = waves[i]
-        weights[FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
-        weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
+    weigh_torque(state.tau, h, mean_torque, waves, course, weights)
 
 
 @fast
-def balance(sources: Any, level: int, turn: Any, loaded: bool, beta: float, mean_load: float,
-            pulsation: tuple[float, float, float] | None, drive: Any, work: Any) -> None:
-    """b without the share of v(0), and beta Ts, at the nodes."""
-    total, grip, weights = work.balance, work.grip, work.weights
+def balance(sources: Any, level: int, work: Any) -> None:
+    """b without the share of v(0) at the nodes."""
+    total, weights = work.balance, work.weights
     for i in range(NODES):
         total[i] = 0.0
     for k in range(sources.shape[1]):
         weight, share = weights[k], sources[level, k].balance
         for i in range(NODES):
             total[i] += weight * share[i]
-    cosine, sine = turn.cosine, turn.sine
-    for i in range(NODES):
-        load = mean_load
-        if pulsation is not None:
-            load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
-        grip[i] = beta * load if loaded else 0.0
 
 
 @fast
@@ -139,9 +129,10 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
     rung = tables.rungs[level]
     h = rung.length
-    weigh(state, limits, terms.mean_torque, waves, work)
-    balance(tables.sources, level, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation, drive,
-            work)
+    weigh(state, h, limits, terms.mean_torque, waves, terms.course, work)
+    balance(tables.sources, level, work)
+    grip_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
+                  terms.course, drive, work.grip)
     accuracy = CONVERGED * limits.creep_tolerance
     if control.method == CREEP:
         beyond = first_beyond(limits.peak, work)

@@ -183,6 +183,16 @@ def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int,
 
 
 @lru_cache(maxsize=16)
+def nodal_tables(linear: Linear, top: int, levels: int) -> Tables:
+    """The tables of a system whose torque is given at the nodes: there are NODES sources of it, one for each."""
+    known = response(linear, top, levels)
+    sources = np.concatenate([known.fixed, known.torque.transpose(0, 2, 1)], axis=1)
+    named = np.ascontiguousarray(sources).view(SOURCE)[..., 0]
+    named.setflags(write=False)
+    return Tables(known.rungs, named, turns_of(0.0, top, levels))
+
+
+@lru_cache(maxsize=16)
 def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
     """Cosine and sine of the load's angle at the nodes of every rung, from its start."""
     angles = load_rate * (2.0 ** (-0.5 * (top + np.arange(levels))))[:, None] * C

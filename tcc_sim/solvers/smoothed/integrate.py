@@ -11,11 +11,12 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.excitation import TWO_PI
 from tcc_sim.solvers.loads import keep_loads
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
+from tcc_sim.solvers.smoothed.drive import edge_after, excite_now, started
 from tcc_sim.solvers.smoothed.sensitivity_carried import carry
 from tcc_sim.solvers.smoothed.sensitivity_step import resolved
 from tcc_sim.solvers.smoothed.series_step import friction_here, series_step
@@ -142,9 +143,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if counters.steps + counters.rejected >= step_limit:
             return STEP_LIMIT
         tau = state.tau
-        edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation)
+        edge, loaded = edge_after(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
         stop = min(edge, end)
-        excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        excite_now(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.course, drive)
         place = locate(state, loaded, control, limits, terms, drive)
         friction = friction_here(place, state, limits, terms, drive)
         if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
@@ -188,8 +189,8 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if tangent is not None:
             carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
         keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear)
-        record(work.rows, degree, step.unit, x, cut, tau, (first + output.cycle) * period + tau, period,
-               limits.stick_speed, output, store, angle, work.bernstein)
+        record(work.rows, degree, step.unit, x, cut, tau, started(first + output.cycle, period, terms.course) + tau,
+               period, limits.stick_speed, output, store, angle, work.bernstein)
         finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)
         if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
             state.tau = after

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, expand
+from tcc_sim.solvers.smoothed.drive import expand_drive
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import ACCEPTED, FAILED, FALLING, LAYER, SLIDING, Place, Step
 from tcc_sim.solvers.smoothed.step_size import converging_length, series_length
@@ -119,7 +119,8 @@ def series_step(place: Place, friction: Friction, remaining: float, loaded: bool
     rows[SLIP, 0] = state.slip_speed
     rows[ANGLE, 0] = state.plate_angle
     rows[SPEED, 0] = state.plate_speed
-    expand_excitation(rows, order, unit, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+    expand_drive(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+                 terms.course, drive)
     if place.region == LAYER:
         expand_layer(order, rows, unit, terms, limits.sigma, place.sign, friction, terms.pulsation, terms.stribeck)
     elif place.region == FALLING:

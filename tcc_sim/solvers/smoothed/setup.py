@@ -11,7 +11,15 @@ import numpy as np
 
 from tcc_sim.model import friction
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
-from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, stick_speed_of
+from tcc_sim.solvers.terms import (
+    Terms,
+    excitation_frequency,
+    largest_mean_torque,
+    load_frequency,
+    peak_load,
+    steps_allowed,
+    stick_speed_of,
+)
 
 LOCAL = 0.1
 """Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
@@ -98,7 +106,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
     far = layer if stribeck is None else far_of(*stribeck, rtol, layer)
     amplitudes = 0.0 if terms.harmonics is None else float(np.abs(terms.harmonics[:, 1]).sum())
-    torques = abs(terms.mean_torque) + amplitudes + peak_load(terms)
+    torques = largest_mean_torque(terms) + amplitudes + peak_load(terms)
     torques += 0.0 if terms.torque is None else abs(terms.torque[0])
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
@@ -109,7 +117,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
         creep_speed=creep_speed,
         base_rate=(math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
-                   + (0.0 if terms.pulsation is None else terms.pulsation[1])),
+                   + load_frequency(terms)),
         strength=beta * peak_load(terms), beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
         order=order, linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
         resolved=math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),

@@ -9,6 +9,7 @@ search that cannot pass a root, and run across the section points, which are val
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from dataclasses import replace
@@ -38,13 +39,12 @@ from tcc_sim.solvers.smoothed.state import (
     WORK,
     Memory,
 )
+from tcc_sim.solvers.smoothed.stretches import Stretch, longest_and_shortest_cycle, stretches_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
-from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions
 
-BATCH = 4096
-"""Engine cycles in one call of the compiled loop."""
 STEPS_AT_FIRST = 400_000
 """Steps of a solve before those of its cycles are counted."""
 TRANSITIONS_MAXIMUM = 1_000_000
@@ -120,12 +120,20 @@ def own_setup(system: System, rtol: float) -> kernel.Setup:
 
 def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
     """What a solve of a system with given terms needs to know beforehand; `waves` is to be copied for every solve."""
-    period = system.cycle
+    longest, period = system.cycle, system.cycle
+    if terms.course is not None:
+        longest, period = longest_and_shortest_cycle(terms.course)
     limits = limits_of(terms, terms_of(system), period, rtol)
     waves = waves_of(terms)
-    tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()),
-                                       0.0 if terms.pulsation is None else terms.pulsation[1],
-                                       *collocation_tables.ladder_of(limits.sigma, period, terms.linear))
+    top, levels = collocation_tables.ladder_of(limits.sigma, longest, terms.linear)
+    if terms.course is None:
+        tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top,
+                                           levels)
+    else:
+        limits = limits._replace(steps=steps_allowed(terms, longest))
+        tables = collocation_tables.nodal_tables(terms.linear, top,
+                                                 levels + math.ceil(2.0 * math.log2(longest / period)))
+        terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
     waves.setflags(write=False)
     return kernel.Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
                         system.pressure.frequency_ratio, waves, tables)
@@ -133,51 +141,49 @@ def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
 
 def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     """Solve batch by batch."""
-    limits, period, count = setup.limits, setup.limits.period, problem.whole_cycles
-    tail = 0.0 if problem.cycles is not None else max((problem.duration or 0.0) - count * period, 0.0)
-    tail = 0.0 if tail < 1e-12 * period else tail
-    memory, start, per_cycle = scratch.at(problem.state, limits), problem.state, problem.samples_per_cycle
+    count = problem.whole_cycles
+    memory, start, per_cycle = scratch.at(problem.state, setup.limits), problem.state, problem.samples_per_cycle
     setup = setup._replace(waves=setup.waves.copy())
     samples = np.empty((per_cycle * (count + 1), 4 if problem.flywheel_angle else 3))
     cycles = np.zeros((count + 1, CYCLE.itemsize // 8))
     cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
     records = cycles.view(CYCLE)[:, 0]
     loads = room_for_loads(problem)
-    limit = STEPS_AT_FIRST + limits.steps * (count + 1)
+    limit = STEPS_AT_FIRST + setup.limits.steps * (count + 1)
     angle = True if problem.flywheel_angle else None
 
-    def integrate(done: int, batch: int, rest: float, moves: NDArray[Any]) -> int:
+    def integrate(stretch: Stretch, moves: NDArray[Any]) -> int:
         """March on through some cycles and the rest of one."""
+        done = stretch.done
         store = Store(records[done:], samples[done * per_cycle:], per_cycle, moves,
                       None if loads is None else loads[done:])
-        return kernel.integrate(problem.start_cycle + done, batch, rest, limit, setup, memory, store, angle, None)
+        return kernel.integrate(problem.start_cycle + done, stretch.cycles, stretch.rest, limit, stretch.setup, memory,
+                                store, angle, None)
 
-    variant = problem.flywheel_angle, loads is None, setup.terms.pulsation is None, setup.terms.stribeck is None
-    if variant not in _compiled:
-        integrate(0, 0, 0.0, np.empty(0, MOVE))  # Compiling is not solving.
-        _compiled.add(variant)
     found: list[NDArray[Any]] = []
-    seconds, kept, done = 0.0, 0, 0
+    seconds, kept, status = 0.0, 0, DONE
     output = memory.output
-    while True:
-        batch = min(BATCH, count - done)
-        moves = scratch.room_for(min(16 * batch + 4096, TRANSITIONS_MAXIMUM - kept))
-        last = done + batch == count
+    for stretch in stretches_of(problem, setup):
+        output["cycle"], output["samples"], output["moves"] = 0, _samples_before(stretch, memory, per_cycle), 0
+        terms = stretch.setup.terms
+        variant = (problem.flywheel_angle, loads is None, terms.pulsation is None, terms.stribeck is None,
+                   terms.course is None)
+        if variant not in _compiled:
+            integrate(stretch._replace(cycles=0, rest=0.0), np.empty(0, MOVE))  # Compiling is not solving.
+            _compiled.add(variant)
+        moves = scratch.room_for(min(16 * stretch.cycles + 4096, TRANSITIONS_MAXIMUM - kept))
         begin = time.perf_counter()
-        status = integrate(done, batch, tail if last else 0.0, moves)
+        status = integrate(stretch, moves)
         seconds += time.perf_counter() - begin
         cycle, filled_samples, filled = output.item()[:3]
         if filled:
             kept += filled
             found.append(moves[:filled].copy())
-        if last or status != DONE:
+        if status != DONE:
             break
-        done += batch
-        output["cycle"], output["samples"], output["moves"] = 0, 0, 0
-    whole = done + cycle
-    state = memory.state.item()
-    reached = (problem.start_cycle + whole) * period + state[4]
-    t, states = sampled(problem, state[:4], samples, done * per_cycle + filled_samples, STATUSES[status], reached)
+    whole, state = stretch.done + cycle, memory.state.item()
+    t, states = sampled(problem, state[:4], samples, stretch.done * per_cycle + filled_samples, STATUSES[status],
+                        _reached(problem, stretch, cycle, state[4]))
     steps, rejected, iterations, iterations_max = memory.counters.item()
     transitions = transitions_of(found)
     highest, lowest, stick_time = cycles[:whole, 3:].T.copy()
@@ -187,6 +193,18 @@ def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
                       loads_of(loads, transitions, problem, whole)),
         statistics=Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM, seconds))
     return trajectory if status != NOT_FINITE else replace(trajectory, detail="the state grew without bound")
+
+
+def _samples_before(stretch: Stretch, memory: Memory, per_cycle: int) -> int:
+    """Samples of the cycle at hand that were kept already, where a call goes on within it."""
+    return int(memory.output["samples"]) if memory.state["tau"] > 0.0 else 0
+
+
+def _reached(problem: Problem, stretch: Stretch, cycle: int, tau: float) -> float:
+    """The time of the state, s, some cycles after the start of a stretch."""
+    if stretch.setup.terms.course is not None:
+        return float(problem.system.cycle_start(problem.start_cycle + stretch.done + cycle)) + tau
+    return (problem.start_cycle + stretch.done + cycle) * stretch.setup.limits.period + tau
 
 
 def sampled(problem: Problem, final: tuple[float, ...], samples: Floats, filled: int, status: Status,
