@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -46,8 +47,8 @@ class BagWriter:
                  result: Callable[[], Mapping[str, Any]] | None = None) -> None:
         self.directory = directory
         self._name = directory.resolve().name
-        self._duration_ns = round(max_duration * 1e9) if max_duration > 0.0 else 1 << 62
-        self._size = max_size if max_size > 0 else 1 << 62
+        self._duration_ns = round(max_duration * 1e9) if max_duration > 0.0 else math.inf
+        self._size = max_size if max_size > 0 else math.inf
         self._sync, self._result = sync, result
         self._done: list[FileSummary] = []
         self._topics: list[Topic] = []
@@ -88,8 +89,8 @@ class BagWriter:
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
         """Say which scene (YAML) the messages from here on come from."""
-        self._scene = scene_text, version, log_ns
         self._file.describe(scene_text, version, log_ns)
+        self._scene = scene_text, version, log_ns
 
     def note(self, name: str, result: Mapping[str, Any] | Sequence[str]) -> None:
         """Write a metadata record of plain values (JSON) with its digest."""

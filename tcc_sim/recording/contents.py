@@ -13,12 +13,14 @@ from tcc_sim.recording import records
 from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
 from tcc_sim.recording.records import DamagedChunk, Record
 from tcc_sim.recording.scene_records import SceneRecord
+from tcc_sim.scene import LARGEST_FILE
 
 MOST_TOPICS = 4096
 """Channels, and types, that a recording may describe; records of more are passed over."""
 _UNCHUNKED = 1 << 20
 _LONGEST_NAME, _LONGEST_DEFINITION, _LONGEST_RESULT = 4096, 1 << 20, 1 << 18
-_LARGEST_VALUE = 1 << 24
+MOST_BYTES = 4
+"""Of a character in UTF-8."""
 _MOST_PAIRS, _MOST_SENTENCES, _DIGITS = 1000, 20, 19
 _T = TypeVar("_T")
 
@@ -107,8 +109,10 @@ class Contents:
         name, position = _string(body, 0)
         if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
             return
-        values = _pairs(body, position, _LARGEST_VALUE)
+        values = _pairs(body, position, MOST_BYTES * LARGEST_FILE)
         if name == SCENE_RECORD:
+            if len(values["scene"]) > LARGEST_FILE:
+                raise ValueError(name)
             if values["sha256"] != digest(values["version"], values["scene"], values["log_time"]):
                 raise ValueError(name)
             if len(values["log_time"]) > _DIGITS:

@@ -15,8 +15,9 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from tcc_sim import __version__
-from tcc_sim.errors import RecordingError
+from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages.definitions import Definition, definition
+from tcc_sim.scene import LARGEST_FILE
 
 SCENE_RECORD = "tcc_sim"
 RESULT_RECORD = "tcc_sim_result"
@@ -144,7 +145,15 @@ class McapFile:
             raise
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
-        """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one."""
+        """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one.
+
+        Raises
+        ------
+        InputError
+            It is longer than any scene, so that nobody could read it.
+        """
+        if len(scene_text) > LARGEST_FILE:
+            raise InputError(f"it has {len(scene_text)} characters; a scene has at most {LARGEST_FILE}")
         self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
                                      "sha256": digest(version, scene_text, str(log_ns))})
 

@@ -50,21 +50,36 @@ class Run:
         self._contents: dict[Path, Contents] = {}
         self._publishers: dict[str, int] = {"": 0}
         self._began = Break.START
-        for path in paths:
-            contents = self._contents[path] = Contents()
-            with open_file(path) as file:
-                size = file.seek(0, 2)
-                first_channels(named(path, RecordStream(file)), contents, JOINT_STATE, Expansion(size))
-                stream = RecordStream(file, chunks=False)
-                for record in named(path, stream):
-                    contents.add(record.opcode, record.body)
-            self.size += size
-            self.complete &= stream.complete
-            self.scenes += contents.scenes
-            self.result = _together(self.result, contents.result)
-            self.topics.update({channel.topic: channel.type for channel in contents.channels.values()})
+        self._left_out: list[str] = []
+        for name in paths:
+            try:
+                self._open(name)
+            except RecordingError as error:
+                if len(paths) == 1:
+                    raise
+                self._left_out.append(f"left out: {error}")
+                self.complete &= _number(name)[0] is None
+        if not self._contents:
+            raise RecordingError(self._left_out[0].removeprefix("left out: "))
+        self.paths, self._given = list(self._contents), paths
         self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording says its scene again.
         self.joint_states_topic = topic or _choose(self.topics)
+
+    def _open(self, path: Path) -> None:
+        """Read what a file says of itself."""
+        contents = Contents()
+        with open_file(path) as file:
+            size = file.seek(0, 2)
+            first_channels(named(path, RecordStream(file)), contents, JOINT_STATE, Expansion(size))
+            stream = RecordStream(file, chunks=False)
+            for record in named(path, stream):
+                contents.add(record.opcode, record.body)
+        self._contents[path] = contents
+        self.size += size
+        self.complete &= stream.complete
+        self.scenes += contents.scenes
+        self.result = _together(self.result, contents.result)
+        self.topics.update({channel.topic: channel.type for channel in contents.channels.values()})
 
     @property
     def scene_text(self) -> str | None:
@@ -189,9 +204,10 @@ class Run:
         for topic, count in refused.items():
             if count:
                 self.warnings.append(f"{counted(count, 'message')} of {topic} with another layout left out")
-        if not self.complete:
+        self.warnings.extend(self._left_out)
+        if not self.complete and not self._left_out:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
-        if missing := _missing_parts(self.paths):
+        if missing := _missing_parts(self._given):
             self.warnings.append(f"part {missing[0]} is missing" if len(missing) == 1 else
                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
         stamps = self.stamps
@@ -234,21 +250,23 @@ def open_run(path: Path | str, topic: str | None = None) -> Run:
         No recording there, or nothing in it can be read.
     """
     path = Path(path)
-    paths = sorted(path.glob("*.mcap"), key=_number) if path.is_dir() else [path]
+    paths = [path]
+    if path.is_dir():
+        paths = sorted(path.glob("*.mcap"), key=lambda part: (_number(part)[0] or 0, part.name))
     if not paths:
         raise RecordingError(f"{path} holds no .mcap file")
     return Run(path, paths, topic)
 
 
-def _number(path: Path) -> tuple[int, str]:
-    """Sort key: the number that rosbag2 puts last in the name of a split bag."""
+def _number(path: Path) -> tuple[int | None, str]:
+    """The number that rosbag2 puts last in the name of a part of a bag, None where there is none; and the name."""
     digits = path.stem.rpartition("_")[2]
-    return (int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else 0, path.name)
+    return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None, path.name
 
 
 def _missing_parts(paths: list[Path]) -> list[int]:
     """Numbers that are left out between those of the parts of a split recording, and before the first."""
-    numbers = {_number(path)[0] for path in paths}
+    numbers = {_number(path)[0] or 0 for path in paths}
     return [n for n in range(min(max(numbers), _MOST_PARTS)) if n not in numbers] if len(paths) > 1 else []
 
 
@@ -272,8 +290,10 @@ def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open for reading."""
+    """Open a regular file for reading; a pipe would keep its reader waiting."""
     try:
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"{path} is not a regular file")
         return path.open("rb")
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import struct
 import tracemalloc
 import zlib
@@ -14,7 +15,7 @@ import zstandard
 from driveline_bags import TICK, bag, ticked
 
 from tcc_sim.cli import main
-from tcc_sim.errors import LONGEST_SENTENCE, RecordingError
+from tcc_sim.errors import LONGEST_SENTENCE, InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording import records
 from tcc_sim.recording.contents import MOST_TOPICS
@@ -23,7 +24,7 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
 from tcc_sim.replay import verification
 from tcc_sim.replay.replay import replay
-from tcc_sim.scene import load_scene
+from tcc_sim.scene import LARGEST_FILE, load_scene
 from tcc_sim.topics import JOINT_STATE
 
 MEMORY = 250 << 20
@@ -257,3 +258,66 @@ def test_a_head_that_the_end_of_the_file_cuts_is_no_chunk() -> None:
         stream = records.RecordStream.__new__(records.RecordStream)
         stream.file = io.BytesIO(good[:length])
         assert stream._is_chunk(0, len("zstd"), length) is (length == len(good))
+
+
+@pytest.mark.parametrize("content", [b"", records.MAGIC[:7], b"not a recording at all\n" * 9],
+                         ids=["empty", "7 bytes", "foreign"])
+@pytest.mark.parametrize("name", ["run_3.mcap", "run_1.mcap", "notes.mcap"])
+def test_a_part_that_cannot_be_read_does_not_cost_the_others(tmp_path: Path, content: bytes, name: str,
+                                                             capsys: pytest.CaptureFixture[str]) -> None:
+    path = bag(tmp_path / "run", ticked(SCENE, 900), SCENE, max_duration=0.3)
+    (path / name).write_bytes(content)
+    lost = 300 * (name == "run_1.mcap")
+    run = open_run(path)
+    assert sum(map(len, run.batches())) == 900 - lost
+    assert [text for text in run.warnings if name in text and text.startswith("left out")]
+    assert run.complete is (name == "notes.mcap")
+    assert main(["analyse", str(path)]) == 0
+    assert name in capsys.readouterr().out
+    assert main(["recover", str(path)]) == 0
+    assert sum(map(len, open_run(tmp_path / "run_recovered").batches())) == 900 - lost
+
+
+def test_nothing_but_parts_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    for number in range(2):
+        (tmp_path / "run" / f"run_{number}.mcap").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"run_0\.mcap: it is not an MCAP file"):
+        open_run(tmp_path / "run")
+
+
+def test_a_pipe_is_no_recording_and_keeps_nobody_waiting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo(tmp_path / "x.mcap")
+    assert main(["analyse", str(tmp_path / "x.mcap")]) == 2
+    assert "is not a regular file" in capsys.readouterr().err
+
+
+def test_times_near_the_end_of_the_clock_stay_in_one_part(tmp_path: Path) -> None:
+    late = [record(records.MESSAGE, struct.pack("<HIQQ", 1, n, 2**64 - 50 + n if n % 2 else n, n) +
+                   cdr.joint_state(n * TICK, *(0.0,) * 6)) for n in range(40)]
+    path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(b"".join(late)))
+    saved = recover(open_run(path), tmp_path / "saved")
+    assert saved.messages == {"/joint_states": 40}
+    assert sorted(part.name for part in (tmp_path / "saved").iterdir()) == ["metadata.yaml", "saved_0.mcap"]
+
+
+def test_quality_of_service_with_chained_merge_keys_is_not_followed(tmp_path: Path) -> None:
+    chain = "- &a0 {x: 1}\n" + "".join(f"- &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 9)}]}}\n" for n in range(1, 40))
+    path = written(tmp_path / "x.mcap", chunk(schema() + channel(1, metadata={"offered_qos_profiles": chain})
+                                              + message(1, TICK)))
+    assert recover(open_run(path), tmp_path / "saved").messages == {"/joint_states": 1}
+
+
+def test_a_scene_is_as_long_for_the_writer_as_for_the_reader(tmp_path: Path) -> None:
+    text = SCENE.text() + "# " + "\u00e4" * (LARGEST_FILE - len(SCENE.text()) - 3) + "\n"
+    assert len(text) == LARGEST_FILE
+    path = tmp_path / "x.mcap"
+    output = McapFile(path, text)
+    with pytest.raises(InputError, match=f"has {LARGEST_FILE + 1} characters; a scene has at most {LARGEST_FILE}"):
+        output.describe(text + "#")
+    output.close()
+    assert open_run(path).scene_text == text
+    longer = open_run(written(tmp_path / "y.mcap", scene(text + "#"), schema(), channel(1), chunk(message(1, TICK))))
+    list(longer.batches())
+    assert longer.scene_text is None
+    assert "a record that describes the recording is damaged and was passed over" in longer.warnings
