@@ -10,7 +10,7 @@ import numpy as np
 
 from tcc_sim.paper.evidence import JUMP, steep
 from tcc_sim.sweeps.point import handed_over, solve_point
-from tcc_sim.sweeps.simulation import Start
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import State
 

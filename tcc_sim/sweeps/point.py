@@ -14,7 +14,8 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.sweeps.exponents import Lyapunov
-from tcc_sim.sweeps.simulation import Plan, Start, simulate
+from tcc_sim.sweeps.simulation import Plan, simulate
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
 
 SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles",

@@ -8,28 +8,23 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard, spans_of
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, stays
+from tcc_sim.analysis.periodicity import stays
 from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.solvers import check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, check_smoothed, largest_lyapunov_exponent
-from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated
+from tcc_sim.sweeps.steady_state import Settling, Start, settle
+from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
-SETTLING_BLOCK = 25
-"""Cycles solved at a time while `auto` waits for the section to settle."""
-SETTLING_WINDOW = 50
-"""Cycles over which a settled section must repeat; three periods of the longest that is looked for."""
-SETTLING_TOLERANCE = 1e-6
-"""Repetition, relative to the size of the motion, at which `auto` stops."""
 LYAPUNOV_CYCLES = 2000
 
 
@@ -109,14 +104,6 @@ class Plan:
 
 PAPER = Plan()
 """150 cycles of which 50 are dropped, from the initial state."""
-
-
-class Start(NamedTuple):
-    """Where a run starts: a state on the section, and the number of the engine cycle, which sets the phase of the load.
-    """
-
-    state: State
-    cycle: int
 
 
 @dataclass(frozen=True, repr=False)
@@ -251,47 +238,11 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
 
 
 def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, Cycles | None, int]:
-    """Blocks of cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
-    parts: list[Cycles] = []
-    done, seconds = 0, 0.0
-    while True:
-        count = min(SETTLING_BLOCK, plan.cycles - done)
-        run = _solve(system, plan, start, cycles=count, loads_from=0)
-        seconds += run.statistics.seconds
-        run = replace(run, statistics=replace(run.statistics, seconds=seconds))
-        if run.status is not Status.DONE or run.cycles is None:
-            return run, None, 0
-        parts.append(run.cycles)
-        done, start = done + count, Start(run.final, start.cycle + count)
-        cycles = concatenated(parts)
-        if done >= SETTLING_WINDOW:
-            after = settling(cycles)
-            if after is not None:
-                return run, cycles, after
-        if done >= plan.cycles:
-            return run, cycles, min(DISCARD, done // 2)
-
-
-def settling(cycles: Cycles, tolerance: float = SETTLING_TOLERANCE) -> int | None:
-    """After how many cycles the section repeats with some period up to 16 until the end; None where it does not.
-
-    All points that are a period apart lie within `tolerance` of the last ones, relative to the size of the motion, over
-    at least the last SETTLING_WINDOW cycles less one period.
-    """
-    points: Floats = cycles.section
-    size = np.abs(points[-SETTLING_WINDOW:]).max(axis=0)
-    speed = max(float(size[0]), float(size[2]), float(np.abs(cycles.highest[-SETTLING_WINDOW:]).max()))
-    scale = np.array([speed or 1.0, max(float(size[1]), 1e-6 * speed) or 1.0, speed or 1.0])
-    for period in range(1, MAXIMUM_PERIOD + 1):
-        if len(points) <= 2 * period:
-            return None
-        number = np.arange(len(points))
-        image = len(points) - period + (number - len(points)) % period
-        far = (np.abs(points - points[image]) > tolerance * scale).any(axis=1)
-        after = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
-        if len(points) - 1 - after >= max(SETTLING_WINDOW // 2, 2 * period):
-            return after
-    return None
+    """Cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
+    found = settle(system, start, Settling(most=plan.cycles), solver=plan.solver, rtol=plan.rtol, step=plan.step,
+                   loads_from=0)
+    after = found.after if found.cycles is None or found.after is not None else min(DISCARD, len(found.cycles) // 2)
+    return found.run, found.cycles, after or 0
 
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,

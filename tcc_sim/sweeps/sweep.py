@@ -24,7 +24,8 @@ from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import MOST_VALUES, Curve, Grid, Sweep
-from tcc_sim.sweeps.simulation import PAPER, Plan, Start
+from tcc_sim.sweeps.simulation import PAPER, Plan
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.workers import Attendance, first_done, workers
 
 DASK_BATCH = 8

@@ -16,7 +16,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps import file as sweep_file
 from tcc_sim.sweeps.point import solve_points
-from tcc_sim.sweeps.simulation import settling
+from tcc_sim.sweeps.steady_state import repeats_after
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid, values_of_range
 
 KINETIC = "friction.kinetic_coefficient"
@@ -115,7 +115,7 @@ def test_auto_stops_when_the_section_has_settled() -> None:
     assert 0 < record["discarded"] < record["cycles"]
     cycles = solve(system(0.36), cycles=1000).cycles
     assert cycles is not None
-    assert settling(cycles[:10]) is None
+    assert repeats_after(cycles[:10]) is None
     last = np.array(record["section"][0])
     assert last == pytest.approx(cycles.section[-1, [1, 0]], rel=1e-5, abs=1e-7)
     aperiodic = system(0.36, **{KINETIC: 0.64 * 0.3})
