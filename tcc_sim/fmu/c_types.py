@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,11 +49,14 @@ class Tuple:
 
 @dataclass(frozen=True)
 class Table:
-    """An (n, columns) array of doubles with room for `most` rows, behind a pointer; `has` says whether it is there."""
+    """An (n, columns) array of doubles behind a pointer, with room for as many rows as the macro `most` says.
+
+    Its flag `has` says whether it is there.
+    """
 
     field: str
     columns: int
-    most: int
+    most: str
 
     @property
     def name(self) -> str:
@@ -93,7 +95,7 @@ class Record:
     def declaration(self) -> str:
         """The structure."""
         lines = "\n".join(f"    {f'table_{kind.field}' if isinstance(kind, Table) else kind_name(kind)} {name};"
-                          for name, kind in self.fields if not isinstance(kind, Static))
+                          for name, kind in self.fields)
         return f"typedef struct {{\n{lines}\n}} {self.title};"
 
 
@@ -108,21 +110,19 @@ def kind_name(kind: Kind) -> str:
     return kind.name
 
 
-def record_of(source: type[Any], tables: dict[str, tuple[int, int]], absent: Collection[str] = ()) -> Record:
+def record_of(source: type[Any], tables: dict[str, tuple[int, str]]) -> Record:
     """The structure of a NamedTuple.
 
     Parameters
     ----------
     source : with annotated fields: numbers, tuples of numbers and arrays, each of them possibly None
-    tables : columns and largest number of rows of its arrays, by field
-    absent : fields that are None in every scene that is printed
+    tables : columns of its arrays, and the macro that has the largest number of rows, by field
     """
     hints = typing.get_type_hints(source)
-    return Record(source.__name__, tuple((name, Static(None) if name in absent else _kind(name, hints[name], tables))
-                                         for name in hints))
+    return Record(source.__name__, tuple((name, _kind(name, hints[name], tables)) for name in hints))
 
 
-def _kind(name: str, hint: Any, tables: dict[str, tuple[int, int]]) -> Kind:
+def _kind(name: str, hint: Any, tables: dict[str, tuple[int, str]]) -> Kind:
     """The type of a field from its annotation; a number that may be None is there, since the real-time solver needs
     it.
     """

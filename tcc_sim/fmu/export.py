@@ -59,7 +59,6 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     """
     if version not in SOURCES:
         raise InputError(f"FMI version {version} is not known; it must be 2 or 3")
-    scene.system.check_repeats("an FMU")
     step = 1.0 / scene.operation.rate if step is None else step
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")

@@ -87,8 +87,6 @@ class Expressions:
         text, kind = self._expression(node.value)
         if isinstance(kind, Record):
             for name, found in kind.fields:
-                if name == node.attr and isinstance(found, Static):
-                    return "0", found
                 if name == node.attr:
                     return f"{'&' if isinstance(found, Table) else ''}{text}->{name}", found
         raise self._refused(node)
@@ -180,8 +178,12 @@ class Expressions:
     def _call(self, node: ast.Call) -> Text:
         """A call of what is printed too, or of C's own functions."""
         called = self._resolved(node.func)
+        if called is np.searchsorted:
+            return self._searched(node)
         if node.keywords:
             raise self._refused(node)
+        if called in (int, float, len):
+            return self._converted(node, called)
         if called in (max, min):
             found = [self._number(argument) for argument in node.args]
             kind = found[0][1]
@@ -200,6 +202,27 @@ class Expressions:
         given += [self._constant(ast.Constant(parameter.default)) for parameter in missing]
         name, result = self._library.function(called, tuple(kind for _, kind in given))
         return f"{name}({', '.join(text for text, kind in given if not isinstance(kind, Static))})", result
+
+    def _searched(self, node: ast.Call) -> Text:
+        """How many values of a column of a sorted array are at most a number: searchsorted(table[:, k], x, "right")."""
+        column, value = node.args
+        if ast.unparse(node.keywords[0]) != "side='right'" or not isinstance(column, ast.Subscript) or not isinstance(
+                column.slice, ast.Tuple) or ast.unparse(column.slice.elts[0]) != ":":
+            raise self._refused(node)
+        text, kind = self._expression(column.value)
+        if not isinstance(kind, Table):
+            raise self._refused(node)
+        return (f"searched(&{text}->at[0][{self._place(column.slice.elts[1])}], {kind.columns}, {text}->rows, "
+                f"{self._number(value)[0]})", INT)
+
+    def _converted(self, node: ast.Call, called: Any) -> Text:
+        """int and float of what is one already, and the rows of an array."""
+        text, kind = self._expression(node.args[0])
+        if called is len and isinstance(kind, Table):
+            return f"{text}->rows", INT
+        if kind != (INT if called is int else DOUBLE):
+            raise self._refused(node)
+        return text, kind
 
     def _resolved(self, node: ast.expr) -> Any:
         """What a dotted name of the source's module means; None where it means nothing."""

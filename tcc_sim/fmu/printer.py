@@ -22,7 +22,10 @@ static double sign_of(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
 static double maximum(double a, double b) { return a != a ? a : b != b ? b : a > b ? a : b; }
 static double max_double(double a, double b) { return a > b ? a : b; }
 static double min_double(double a, double b) { return a < b ? a : b; }
-static int max_int(int a, int b) { return a > b ? a : b; }"""
+static int max_int(int a, int b) { return a > b ? a : b; }
+static int searched(const double *at, int stride, int n, double x) \
+{ int low = 0; while (low < n) { int k = (low + n) / 2; if (at[k * stride] <= x) low = k + 1; else n = k; } \
+return low; }"""
 Signature = tuple[Any, tuple[Kind, ...]]
 
 
@@ -59,8 +62,7 @@ class Library:
         """A type's name; its structure is declared."""
         if isinstance(kind, Record):
             for _, part in kind.fields:
-                if not isinstance(part, Static):
-                    self.declared(part)
+                self.declared(part)
         if isinstance(kind, (Tuple, Table, Record)):
             self.structures.setdefault(kind.name, kind.declaration())
         return kind_name(kind)

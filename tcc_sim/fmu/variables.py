@@ -79,8 +79,8 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
     """The numbers of the scene; those of a list one by one."""
     for key, value in values_of(scene.system):
         meant = QUANTITIES[key]
-        if isinstance(value, str):
-            continue
+        if isinstance(value, str) or f"{key}_times" in scene.system.varying:
+            continue  # A number that a profile takes the place of has no effect.
         many = isinstance(value, tuple)
         for place, number in enumerate(value if isinstance(value, tuple) else (value,), 1):
             yield Variable(f"{key}[{place}]" if many else key, "parameter",
@@ -101,11 +101,19 @@ def header(scene: Scene, rows: list[Variable], identifier: str, token: str, step
                      f'{int(row.above)}}}')
     places = [f"{row.word} = {place}" for place, row in enumerate(rows)
               if not re.search(r"\[(?!1\])\d+\]$", row.name)]
+    # A list without elements, and what a profile takes the place of, have a place that nothing reads.
+    places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
+               if value == () or f"{key}_times" in system.varying]
+    points = [len(times) for times in (system.engine.frequency_times, system.engine.mean_torque_times,
+                                       system.pressure.mean_times)]
     settings: dict[str, float] = {
         "SUBSTEP_LIMIT": SUBSTEP_LIMIT, "RESOLUTION": RESOLUTION,
         "ENGINE_TOPIC": system.engine.source == "topic", "ENGINE_HARMONIC": system.engine.harmonic,
         "PRESSURE_TOPIC": system.pressure.source == "topic", "PRESSURE_HARMONIC": system.pressure.harmonic,
-        "HARMONICS": len(system.engine.harmonic_amplitudes)}
+        "HARMONICS": len(system.engine.harmonic_amplitudes),
+        "MOST_HARMONICS": max(1, len(system.engine.harmonic_amplitudes)),
+        "FREQUENCY_POINTS": points[0], "TORQUE_POINTS": points[1], "PRESSURE_POINTS": points[2],
+        "MOST_PIECES": 1 + sum(points)}
     defined = "\n".join(f"#define TCC_{name} {value + 0}" for name, value in settings.items())
     body = ",\n    ".join(places)
     return f"""\

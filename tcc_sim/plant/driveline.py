@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.course import along
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Stepper, advance, substeps
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, terms_of
@@ -159,12 +160,16 @@ class Plant:
         """Pressure at the end of the tick, Pa, where it comes from a topic."""
         if self._pressure is not None:
             return self._pressure
-        own = self.scene.system.pressure
+        system, t = self.scene.system, self.stepper.tick * self.stepper.step
+        own, mean = system.pressure, system.pressure.mean
+        if system.course is not None:
+            phase, _, mean = map(float, along(system.course, t))
+            angle = own.frequency_ratio * phase
+        else:
+            angle = own.frequency_ratio * system.engine.frequency * t
         if not own.harmonic:
-            return own.mean
-        t = self.stepper.tick * self.stepper.step
-        swing = math.sin(own.frequency_ratio * self.scene.system.engine.frequency * t + own.phase)
-        return max(0.0, own.mean + own.amplitude * swing)
+            return mean
+        return max(0.0, mean + own.amplitude * math.sin(angle + own.phase))
 
     def _terms_of(self, scene: Scene) -> Terms:
         """The terms of `scene` for the kernel that it needs."""

@@ -16,8 +16,8 @@ from tcc_sim.fmu.export import compiler, export
 from tcc_sim.scene import Scene
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
-DISCARD, ERROR = 2, 3
-"""Statuses of both versions of FMI."""
+DISCARD = 2
+"""Status of both versions of FMI."""
 
 
 def written(folder: Path, scene: Scene, version: int, step: float | None = None) -> Path:

@@ -30,6 +30,11 @@ OTHERS = {
                             "engine.harmonic_phases": [0.3, 0.0, 1.0]}),
     "sharp": ("fig02", {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}),
     "clamped": ("fig02", {"pressure.mean": 1e5, "pressure.amplitude": 2e5, "pressure.frequency_ratio": 0.7}),
+    "profiles": ("fig02", {
+        "engine.frequency_times": [0.0, 0.2, 0.7005], "engine.frequency_values": [100.0, 180.0, 150.0],
+        "engine.mean_torque_times": [0.0, 0.35], "engine.mean_torque_values": [250.0, 320.0],
+        "pressure.mean_times": [0.0, 0.2, 0.2203, 0.5], "pressure.mean_values": [2e5, 2.6e5, 2.2e5, 2.4e5],
+        "engine.harmonic_amplitudes": [40.0], "engine.harmonic_phases": [0.4]}),
     "one_input": ("controlled", {"pressure.fallback": "harmonic", "pressure.amplitude": 2e4})}
 
 
@@ -39,7 +44,8 @@ def lockstep(name: str, values: dict[str, object] | None = None) -> Scene:
 
 def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
     """A change of some live keys, which keep their order of size."""
-    live = [key for key, quantity in QUANTITIES.items() if quantity.live and key not in PHASES]
+    live = [key for key, quantity in QUANTITIES.items() if quantity.live and key not in PHASES
+            and f"{key}_times" not in scene.system.varying]
     base = {key: float(scene.value(key)) for key in live}  # type: ignore[arg-type]
     changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
     if draw.random() < 0.3:

@@ -169,3 +169,17 @@ def test_held_inputs_are_constants_whatever_harmonics_the_scene_has() -> None:
     assert terms.harmonics is not None
     assert terms.harmonics[:, 1].tolist() == [0.0, 0.0]
     assert holding(terms, None, None) is terms
+
+
+def test_the_applied_pressure_follows_its_profile_and_the_phase() -> None:
+    """omega rises from 100 to 140 rad/s in 0.2 s, so that phi = 100 t + 100 t^2."""
+    values = {"engine.frequency_times": [0.0, 0.2], "engine.frequency_values": [100.0, 140.0],
+              "pressure.mean_times": [0.0, 0.1], "pressure.mean_values": [2e5, 3e5]}
+    for name, change, swing in (("fig02", {"pressure.phase": 0.3}, 1.0), ("controlled", {}, 0.0)):
+        scene = load_scene(name).with_values({**values, **change, "pacing": "lockstep"})
+        found = Plant(scene)
+        for _ in range(150):
+            found.stepper.advance()
+        amplitude = swing * scene.system.pressure.amplitude
+        phase = 100.0 * 0.15 + 100.0 * 0.15**2
+        assert found.reading().applied_pressure == pytest.approx(3e5 + amplitude * math.sin(phase + 0.3), rel=1e-12)

@@ -26,8 +26,8 @@
 #if FLT_EVAL_METHOD != 0
 #error "this model needs double arithmetic that is rounded to double (on x86: -msse2 -mfpmath=sse)"
 #endif
-#include "tcc_kernel.h"
 #include "tcc_variables.h"
+#include "tcc_kernel.h"
 
 typedef enum { TCC_OK, TCC_DISCARD, TCC_ERROR } tcc_answer;
 typedef enum { TCC_INSTANTIATED, TCC_INITIALIZATION, TCC_STEP_MODE, TCC_TERMINATED } tcc_mode;
@@ -38,6 +38,7 @@ typedef struct {
     double start_time, stick_speed;
     long long tick;
     Terms terms;
+    double pressures[TCC_MOST_PIECES][2];   /* mean pressure and its change in a second, by pieces of the course */
     int substeps, mode, changed;   /* changed: terms are to be worked out anew */
     int started;                   /* flags of the terms at the start, as tcc_flags gives them */
 } tcc_model;
@@ -63,7 +64,7 @@ static void tcc_reset(tcc_plant *p)
 
 static int tcc_flags(const Terms *t)
 {
-    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3;
+    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3 | t->course.has << 4;
 }
 
 static double tcc_per_pressure(const double *x)
@@ -71,10 +72,65 @@ static double tcc_per_pressure(const double *x)
     return x[at_friction_kinetic_coefficient] * x[at_clutch_area] * x[at_clutch_radius];
 }
 
-/* The terms that the scene needs with these values. */
-static void tcc_own_terms(const double *x, Terms *t)
+/* Columns of a course: tcc_sim.model.course */
+enum { TCC_AT, TCC_PHASE, TCC_FREQUENCY, TCC_FREQUENCY_RATE, TCC_TORQUE, TCC_TORQUE_RATE, TCC_LOAD, TCC_LOAD_RATE };
+
+/* Value and change in a second at time t of n points, or of a constant where there are none. */
+static void tcc_line(const double *x, int n, int times, int values, int constant, double t, double found[2])
 {
-    double omega = x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
+    int k = n > 0 ? searched(x + times, 1, n, t) - 1 : 0;
+    found[0] = x[constant];
+    found[1] = 0.0;
+    if (n == 0) return;
+    if (k < 0) k = 0;
+    if (k < n - 1) found[1] = (x[values + k + 1] - x[values + k]) / (x[times + k + 1] - x[times + k]);
+    found[0] = x[values + k] + found[1] * (t - x[times + k]);
+}
+
+/* Add the times of n points to those that are sorted already, each once. */
+static int tcc_merge(double *sorted, int count, const double *times, int n)
+{
+    for (int k = 0; k < n; k++) {
+        int place = searched(sorted, 1, count, times[k]);
+        if (place > 0 && sorted[place - 1] == times[k]) continue;
+        memmove(sorted + place + 1, sorted + place, (size_t)(count - place) * sizeof *sorted);
+        sorted[place] = times[k];
+        count++;
+    }
+    return count;
+}
+
+/* The course of the profiles; its loads are pressures. */
+static void tcc_course(const double *x, Terms *t)
+{
+    double times[TCC_MOST_PIECES + 1] = {0.0}, gained = 0.0;
+    int n = 1;
+    n = tcc_merge(times, n, x + at_engine_frequency_times, TCC_FREQUENCY_POINTS);
+    n = tcc_merge(times, n, x + at_engine_mean_torque_times, TCC_TORQUE_POINTS);
+    n = tcc_merge(times, n, x + at_pressure_mean_times, TCC_PRESSURE_POINTS);
+    t->course.has = 1;
+    t->course.rows = n;
+    for (int k = 0; k < n; k++) {
+        double *row = t->course.at[k];
+        row[TCC_AT] = times[k];
+        tcc_line(x, TCC_FREQUENCY_POINTS, at_engine_frequency_times, at_engine_frequency_values, at_engine_frequency,
+                 times[k], row + TCC_FREQUENCY);
+        tcc_line(x, TCC_TORQUE_POINTS, at_engine_mean_torque_times, at_engine_mean_torque_values, at_engine_mean_torque,
+                 times[k], row + TCC_TORQUE);
+        tcc_line(x, TCC_PRESSURE_POINTS, at_pressure_mean_times, at_pressure_mean_values, at_pressure_mean, times[k],
+                 row + TCC_LOAD);
+        row[TCC_PHASE] = gained;
+        if (k < n - 1) {
+            double step = times[k + 1] - times[k];
+            gained += step * (row[TCC_FREQUENCY] + 0.5 * row[TCC_FREQUENCY_RATE] * step);
+        }
+    }
+}
+
+/* The terms that the scene needs with these values, with or without a course. */
+static void tcc_terms_of(const double *x, int course, Terms *t, double pressures[][2])
+{
+    double omega = course ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
     double ratio = x[at_friction_static_coefficient] / x[at_friction_kinetic_coefficient];
     memset(t, 0, sizeof *t);
     t->linear._0 = x[at_driveline_flywheel_inertia];
@@ -87,7 +143,6 @@ static void tcc_own_terms(const double *x, Terms *t)
         t->torque._0 = x[at_engine_torque_amplitude];
         t->torque._1 = omega;
     }
-#if TCC_HARMONICS > 0
     for (int k = 0; TCC_ENGINE_HARMONIC && k < TCC_HARMONICS; k++) {
         double amplitude = x[at_engine_harmonic_amplitudes + k], *row = t->harmonics.at[t->harmonics.rows];
         if (amplitude > 0.0) {
@@ -98,7 +153,6 @@ static void tcc_own_terms(const double *x, Terms *t)
             t->harmonics.rows++;
         }
     }
-#endif
     t->mean_load = per_pressure * x[at_pressure_mean];
     if (TCC_PRESSURE_HARMONIC && x[at_pressure_amplitude] > 0.0) {
         t->pulsation.has = 1;
@@ -112,19 +166,28 @@ static void tcc_own_terms(const double *x, Terms *t)
         t->stribeck._0 = ratio - 1.0;
         t->stribeck._1 = x[at_friction_decay];
     }
+    if (!course) return;
+    tcc_course(x, t);
+    for (int k = 0; k < t->course.rows; k++) {
+        double *row = t->course.at[k];
+        pressures[k][0] = row[TCC_LOAD];
+        pressures[k][1] = row[TCC_LOAD_RATE];
+        row[TCC_LOAD] *= per_pressure;
+        row[TCC_LOAD_RATE] *= per_pressure;
+    }
 }
 
 /* The same with every term there, absent ones of zero amplitude: what the node runs once other terms are needed than at
    the start. */
-static void tcc_general_terms(const double *x, Terms *t)
+static void tcc_general_terms(const double *x, Terms *t, double pressures[][2])
 {
-    double omega = x[at_engine_frequency];
-    if (!t->torque.has) t->torque._1 = omega;
+    tcc_terms_of(x, 1, t, pressures);
+    if (!t->torque.has) t->torque._1 = 1.0;
     if (!t->harmonics.has) {
         t->harmonics.rows = 1;
-        t->harmonics.at[0][0] = 2.0 * omega;
+        t->harmonics.at[0][0] = 2.0;
     }
-    if (!t->pulsation.has) t->pulsation._1 = omega;
+    if (!t->pulsation.has) t->pulsation._1 = 1.0;
     if (!t->stribeck.has) t->stribeck._1 = x[at_friction_decay];
     t->torque.has = t->harmonics.has = t->pulsation.has = t->stribeck.has = 1;
 }
@@ -137,24 +200,37 @@ static void tcc_hold(const double *x, Terms *t)
     t->mean_torque = x[at_engine_torque];
     t->torque._0 = 0.0;
     for (int k = 0; k < t->harmonics.rows; k++) t->harmonics.at[k][1] *= 0.0;
+    for (int k = 0; k < t->course.rows; k++) {
+        t->course.at[k][TCC_TORQUE] = t->mean_torque;
+        t->course.at[k][TCC_TORQUE_RATE] = 0.0;
+    }
 #endif
 #if TCC_PRESSURE_TOPIC
     t->mean_load = tcc_per_pressure(x) * x[at_actuation_pressure];
     t->pulsation._0 = 0.0;
+    for (int k = 0; k < t->course.rows; k++) {
+        t->course.at[k][TCC_LOAD] = t->mean_load;
+        t->course.at[k][TCC_LOAD_RATE] = 0.0;
+    }
 #endif
 }
 
 /* Sub-steps of a tick; a number, since it may be beyond every limit. */
 static double tcc_substeps(const Terms *t)
 {
-    double fastest = sqrt(t->linear._3 / t->linear._1), excitation = 0.0, needed, beta, peak;
+    double fastest = sqrt(t->linear._3 / t->linear._1), excitation = 0.0, frequency = 0.0, load = 0.0, needed, beta, peak;
     if (t->torque.has) excitation = fmax(excitation, t->torque._1);
     if (t->pulsation.has) excitation = fmax(excitation, t->pulsation._1);
     for (int k = 0; k < t->harmonics.rows; k++) excitation = fmax(excitation, t->harmonics.at[k][0]);
+    for (int k = 0; k < t->course.rows; k++) {
+        frequency = fmax(frequency, t->course.at[k][TCC_FREQUENCY]);
+        load = fmax(load, t->course.at[k][TCC_LOAD]);
+    }
+    if (t->course.has) excitation *= frequency;
     needed = TCC_STEP * fmax(fastest, excitation) / TCC_RESOLUTION;
     if (t->stribeck.has) {
         beta = 1.0 / t->linear._0 + 1.0 / t->linear._1;
-        peak = t->mean_load + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
+        peak = (t->course.has ? load : t->mean_load) + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
         needed = fmax(needed, 2.0 * TCC_STEP * beta * peak * t->stribeck._0 * t->stribeck._1);
     }
     return fmax(1.0, ceil(needed - 1e-9));
@@ -196,29 +272,44 @@ static double tcc_stick_speed(const Terms *t)
     return high;
 }
 
+/* Whether the times of a profile begin with 0 and increase. */
+static tcc_answer tcc_increasing(tcc_plant *p, int first, int n)
+{
+    const double *times = p->model.x + first;
+    for (int k = 0; k < n; k++)
+        if (k == 0 ? times[0] != 0.0 : !(times[k] > times[k - 1]))
+            return tcc_say(p, TCC_DISCARD, "%s is %g s; the first time must be 0 and the others increase",
+                           tcc_variables[first + k].name, times[k]);
+    return TCC_OK;
+}
+
 /* Work out the terms of changed values, all or nothing. */
 static tcc_answer tcc_prepare(tcc_plant *p)
 {
     tcc_model *m = &p->model;
     const double *x = m->x;
     double fixed = x[at_friction_static_coefficient], sliding = x[at_friction_kinetic_coefficient], needed;
-    Terms terms, own;
-    int flags;
+    double pressures[TCC_MOST_PIECES][2] = {{0.0}};
+    Terms terms;
+    int flags, points = TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS;
     if (!m->changed) return TCC_OK;
     if (sliding > fixed || fixed > 20.0 * sliding)
         return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; it must be one twentieth of "
                        "friction.static_coefficient, %g, to all of it", sliding, fixed);
-    tcc_own_terms(x, &own);
-    terms = own;
-    flags = tcc_flags(&own);
-    if (m->mode == TCC_STEP_MODE && flags != m->started) tcc_general_terms(x, &terms);
+    if (tcc_increasing(p, at_engine_frequency_times, TCC_FREQUENCY_POINTS) != TCC_OK
+        || tcc_increasing(p, at_engine_mean_torque_times, TCC_TORQUE_POINTS) != TCC_OK
+        || tcc_increasing(p, at_pressure_mean_times, TCC_PRESSURE_POINTS) != TCC_OK) return TCC_DISCARD;
+    tcc_terms_of(x, points > 0, &terms, pressures);
+    flags = tcc_flags(&terms);
+    if (m->mode == TCC_STEP_MODE && flags != m->started) tcc_general_terms(x, &terms, pressures);
     tcc_hold(x, &terms);
     needed = tcc_substeps(&terms);
     if (!(needed <= TCC_SUBSTEP_LIMIT))
         return tcc_say(p, TCC_DISCARD, "a tick of %g s needs %.0f sub-steps; at most %d are allowed", TCC_STEP, needed,
                        TCC_SUBSTEP_LIMIT);
     m->terms = terms;
-    m->stick_speed = tcc_stick_speed(&own);
+    memcpy(m->pressures, pressures, sizeof pressures);
+    m->stick_speed = tcc_stick_speed(&terms);
     m->substeps = (int)needed;
     m->changed = 0;
     if (m->mode != TCC_STEP_MODE) m->started = flags;
@@ -230,21 +321,26 @@ static void tcc_outputs(tcc_model *m)
 {
     double *x = m->x, t = (double)m->tick * TCC_STEP, v = m->state[0];
     const Terms *s = &m->terms;
-    double load = tcc_saturation_torque(t, s->mean_load, s->pulsation);
+    int piece = tcc_piece_at(&s->course, t);
+    tuple_dd torques = tcc_torques_now(t, piece, &s->course, s);
     x[at_time] = m->start_time + t;
     x[at_slip_speed] = v;
     x[at_plate_angle] = m->state[1];
     x[at_plate_speed] = m->state[2];
     x[at_flywheel_angle] = m->state[3];
     x[at_flywheel_speed] = v + m->state[2];
-    x[at_applied_engine_torque] = tcc_engine_torque(t, s->mean_torque, s->torque, &s->harmonics);
-    x[at_friction_torque] = load * tcc_smoothed(v, s->smoothing, s->stribeck);
+    x[at_applied_engine_torque] = torques._0;
+    x[at_friction_torque] = torques._1 * tcc_smoothed(v, s->smoothing, s->stribeck);
     x[at_stick_slip_state] = fabs(v) <= m->stick_speed ? 0.0 : v > 0.0 ? 1.0 : -1.0;
     x[at_shaft_torque] = x[at_driveline_damping] * m->state[2] + x[at_driveline_stiffness] * m->state[1];
 #if TCC_PRESSURE_TOPIC
     x[at_applied_pressure] = x[at_actuation_pressure];
 #else
-    x[at_applied_pressure] = fmax(0.0, x[at_pressure_mean] + x[at_pressure_amplitude]
+    if (TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS > 0) {
+        double phase = tcc_reached(t, s->course.at[piece])._0, past = t - s->course.at[piece][TCC_AT];
+        x[at_applied_pressure] = fmax(0.0, m->pressures[piece][0] + m->pressures[piece][1] * past
+            + x[at_pressure_amplitude] * sin(x[at_pressure_frequency_ratio] * phase + x[at_pressure_phase]));
+    } else x[at_applied_pressure] = fmax(0.0, x[at_pressure_mean] + x[at_pressure_amplitude]
         * sin(x[at_pressure_frequency_ratio] * x[at_engine_frequency] * t + x[at_pressure_phase]));
 #endif
 }
