@@ -206,6 +206,19 @@ def load_scene(name_or_file: str | Path) -> Scene:
         raise InputError(f"{path}: {error}") from None
 
 
+def system_of(scene: Scene | System | str | Path) -> System:
+    """The physics of a scene, of a scene's name or file, or of what is a system already.
+
+    Raises
+    ------
+    InputError
+        As `load_scene`.
+    """
+    if isinstance(scene, System):
+        return scene
+    return (scene if isinstance(scene, Scene) else load_scene(scene)).system
+
+
 def parse_scene(text: str, name: str) -> Scene:
     """The scene in the text of a parameter file. Keys that the text leaves out keep their defaults.
 
@@ -325,4 +338,4 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
 
 __all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene",
            "parse_assignments",
-           "parse_scene"]
+           "parse_scene", "system_of"]

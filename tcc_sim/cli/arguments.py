@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,14 @@ def new_directory(path: Path) -> Path:
     if not path.absolute().parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.absolute().parent}")
     return path
+
+
+def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
+    """Raise InputError where `--set` gives a key that the command goes through itself."""
+    for word in assignments:
+        key = word.partition("=")[0]
+        if key in keys:
+            raise InputError(f"--set {word}: the command goes through {key} itself; leave one of the two out")
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

@@ -88,9 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _axis(option: str, text: str) -> Axis:
     """KEY=START:STOP:COUNT."""
     from tcc_sim.basins.compute import Axis
-    from tcc_sim.sweeps.sweep import values_of_range
+    from tcc_sim.sweeps.ranges import values_of_range
 
-    key, values = values_of_range(text, option)
+    key, values = values_of_range(text, option, even=True)
     return Axis(key, tuple(values))
 
 

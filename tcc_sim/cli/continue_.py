@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError, counted
+from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
@@ -47,10 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.sweeps.ranges import bounds_of_range
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    key, low, high = _range("--over", arguments.over)
-    second = None if arguments.second is None else _range("--second", arguments.second)
+    key, low, high = bounds_of_range(arguments.over, "--over")
+    second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
     seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
     plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit, seeds)
     check(scene.system, plan)
@@ -112,19 +113,3 @@ def _bar() -> Iterator[Callable[[Any], None]]:
             bar.update()
 
         yield tick
-
-
-def _range(option: str, text: str) -> tuple[str, float, float]:
-    """KEY, the smaller and the larger value of KEY=START:STOP."""
-    key, equals, numbers = text.partition("=")
-    parts = numbers.split(":")
-    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP")
-    if not equals or len(parts) != 2:
-        raise wrong
-    try:
-        start, stop = float(parts[0]), float(parts[1])
-    except ValueError:
-        raise wrong from None
-    if not (abs(start) < float("inf") and abs(stop) < float("inf")):
-        raise wrong
-    return key, min(start, stop), max(start, stop)

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.paper.figures import figure_of
     from tcc_sim.paper.motions_page import motions_page
     from tcc_sim.sweeps.processes import each_in_a_process, processes_for
-    from tcc_sim.sweeps.sweep import values_of_range
+    from tcc_sim.sweeps.ranges import values_of_range
 
     cells = QUICK_CELLS if arguments.quick else CELLS
     plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",

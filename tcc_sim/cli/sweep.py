@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
+from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file, refuse_swept
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.output.terminal import say, terminal_width
+
+if TYPE_CHECKING:
+    from tcc_sim.model.parameters import System
+    from tcc_sim.sweeps.results import Curve, Sweep
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is swept, how, where, and where the results go."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT", required=True, action="append",
-                        help="scene key and its evenly spaced values; given twice, a grid of two keys")
+    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
+                        help="scene key and its values; given twice, a grid of two keys")
+    parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
+                        help="scene key and the bounds of its tolerance; samples give quantiles of every result")
+    parser.add_argument("--samples", metavar="N", type=int, help="of the scattered keys; a power of 2 is best")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the samples (default 0)")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--cycles", metavar="N", type=int, default=150,
                         help="engine cycles solved per value (default 150)")
@@ -43,14 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document, said
-    from tcc_sim.output.sweep_table import sweep_lines
+    from tcc_sim.output.sweep_table import quantile_lines, sweep_lines
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.sweeps.sweep import Curve, Grid, Plan, curves_of, sweep_curves, values_of_range
+    from tcc_sim.sweeps.scatter import Scattered
+    from tcc_sim.sweeps.sweep import Grid, Plan, sweep_curves
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    if len(arguments.over) > 2:
-        raise InputError(f"--over is given {len(arguments.over)} times; a sweep has one key, a grid two")
-    (key, values), *second = map(values_of_range, arguments.over)
     plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
                 solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
                 lyapunov=arguments.lyapunov)
@@ -60,14 +68,14 @@ def run(arguments: argparse.Namespace) -> int:
         new_file(arguments.json, arguments.force)
     check_plot(arguments, arguments.json, arguments.out)
     check_workers(arguments)
-    curves = curves_of(scene.system, key, values, *second[0]) if second else [Curve(scene.system, key, tuple(values))]
+    curves, gather = _work(arguments, scene.system)
     ended = ""
     try:
         sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
                               said=said("sweep_points", scene, arguments.words), progress=True)
     except (SweepInterrupted, WorkersLost) as stop:
         ended, sweeps = str(stop), stop.sweeps
-    found = Grid(second[0][0], tuple(second[0][1]), sweeps) if second else sweeps[0]
+    found = gather(sweeps)
     resumable = bool(ended) and arguments.out is not None
     # What the same command would not overwrite is left to it.
     if arguments.json is not None and (not resumable or arguments.json == STANDARD_OUTPUT):
@@ -76,10 +84,13 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.views.plots import plot
 
         with draft(arguments.plot) as part:
-            plot(found.as_json(), part, arguments.width, title=scene.name)
+            plot(found, part, arguments.width, title=scene.name)
     if arguments.json is None and arguments.out is None and not ended:
-        key_two, values_two = second[0] if second else ("", ())
-        say("\n".join(sweep_lines(sweeps, key_two, values_two, terminal_width())))
+        if isinstance(found, Scattered):
+            say("\n".join(quantile_lines(found)))
+        else:
+            second = (found.second_key, found.second_values) if isinstance(found, Grid) else ("", ())
+            say("\n".join(sweep_lines(sweeps, *second, terminal_width())))
     elif arguments.json != STANDARD_OUTPUT:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
@@ -90,6 +101,34 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"tcc-sim: {ended}{kept}", file=sys.stderr)
         return 130 if ended == "interrupted" else 1
     return 0
+
+
+def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], Callable[[list[Sweep]], Any]]:
+    """What is to be solved, and what makes a result of it."""
+    from tcc_sim.sweeps.ranges import bounds_of_range, values_of_range
+    from tcc_sim.sweeps.scatter import Scattered, Tolerances, scattered_curves
+    from tcc_sim.sweeps.sweep import Curve, Grid, curves_of
+
+    over = [values_of_range(text) for text in arguments.over]
+    bounds = tuple(bounds_of_range(text, "--scatter", "LOW:HIGH") for text in arguments.scatter)
+    refuse_swept(arguments.set, [key for key, _ in over] + [key for key, _, _ in bounds])
+    if bounds:
+        if len(over) > 1:
+            raise InputError("--over is given twice beside --scatter; samples are swept over one key at most")
+        if arguments.samples is None:
+            raise InputError("--scatter needs --samples N, the number of samples")
+        told, (key, values) = Tolerances(bounds, arguments.samples, arguments.seed), (*over, ("", []))[0]
+        return scattered_curves(system, told, key, values), lambda sweeps: Scattered(told, key, sweeps)
+    if arguments.samples is not None:
+        raise InputError("--samples needs --scatter KEY=LOW:HIGH, the tolerance that is sampled")
+    if not 1 <= len(over) <= 2:
+        raise InputError(f"--over is given {len(over)} times; a sweep has one key, a grid two")
+    (key, values), *second = over
+    if second:
+        key_two, values_two = second[0]
+        return (curves_of(system, key, values, key_two, values_two),
+                lambda sweeps: Grid(key_two, tuple(values_two), sweeps))
+    return [Curve(system, key, tuple(values))], lambda sweeps: sweeps[0]
 
 
 def _discard(text: str | None) -> int | str | None:

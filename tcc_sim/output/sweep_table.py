@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from tcc_sim.errors import counted
 from tcc_sim.sweeps.results import Sweep, extras_of
+from tcc_sim.sweeps.scatter import PROBABILITIES, Scattered
 
 Row = dict[str, Any]
 
@@ -49,6 +51,23 @@ def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Se
                 lines.append(values + "".join(f"  {text(record):>{wide}}" for _, wide, text in table))
     settling = any(record is not None and record["period"] and not record["settled"] for _, record in rows)
     return [*lines, "* still settling"] if settling else lines
+
+
+QUANTILES = (("max_slip_speed", "largest |slip speed|", "rad/s", 1.0), ("stick_fraction", "in stick", "%", 100.0),
+             ("clutch_energy", "clutch energy", "J", 1.0), ("max_shaft_torque", "largest shaft torque", "N m", 1.0))
+
+
+def quantile_lines(found: Scattered) -> list[str]:
+    """Quantiles of the main results over the samples, per value where there is another key."""
+    values = found.sweeps[0].curve.values if found.over else ()
+    lines = [f"{counted(found.tolerances.samples, 'sample')} of "
+             + ", ".join(f"{key} {low:g} to {high:g}" for key, low, high in found.tolerances.bounds)]
+    for name, told, unit, scale in QUANTILES:
+        lines.append(f"{told} ({unit})" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
+        for k, row in enumerate(scale * found.quantiles(name)):
+            start = f"  {found.over} {values[k]:.8g}" if found.over else " "
+            lines.append(start + "".join(f"  {x:.6g}" for x in row))
+    return lines
 
 
 def _tables(columns: list[Column], start: int, width: int | None) -> list[list[Column]]:

@@ -10,7 +10,7 @@ from importlib import import_module
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.scene import Scene
+from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.trajectory import State, Status, Trajectory
 
@@ -64,7 +64,7 @@ SOLVERS: dict[str, Entry] = {
 }
 
 
-def solve(scene: Scene | System, *, cycles: int | None = None, duration: float | None = None,
+def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: float | None = None,
           samples_per_cycle: int = 0, solver: str = "auto", rtol: float | None = None, step: float | None = None,
           start_cycle: int = 0, state: State | None = None, flywheel_angle: bool = False,
           loads_from: int | None = None) -> Trajectory:
@@ -72,7 +72,7 @@ def solve(scene: Scene | System, *, cycles: int | None = None, duration: float |
 
     Parameters
     ----------
-    scene : a scene, whose system is solved, or a system
+    scene : a scene, its name or file, or a system
     cycles, duration : one of the two; engine cycles, or s
     samples_per_cycle : uniform samples kept per engine cycle; 0 keeps the two ends and the per-cycle results
     solver : a name of SOLVERS, or auto: event_driven for the set-valued law, smoothed for the smoothed one
@@ -100,7 +100,7 @@ def solve(scene: Scene | System, *, cycles: int | None = None, duration: float |
     >>> run
     <Trajectory by smoothed: 6001 samples over 2.69279 s, 60 engine cycles; reached the end>
     """
-    system = scene.system if isinstance(scene, Scene) else scene
+    system = system_of(scene)
     name = choose(system, solver)
     entry = SOLVERS[name]
     if (cycles is None) == (duration is None):

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.sweeps.point import SUMMARY_KEYS, Point
+from tcc_sim.sweeps.ranges import MOST_VALUES
 from tcc_sim.sweeps.simulation import Plan
 
-MOST_VALUES = 1_000_000
 NOT_SOLVED = "not solved: the sweep was interrupted"
 EXTRAS = ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
 """Keys per value that are there where they were asked for."""
@@ -104,7 +104,13 @@ class Sweep:
 
     def as_json(self) -> dict[str, Any]:
         """`over`, `values`, how it was done, and per value the keys of `simulate --json` in lists."""
-        return {"over": self.curve.key, "values": list(self.curve.values), **_how([self]), **self.lists()}
+        return {"over": self.curve.key, "values": list(self.curve.values), **self.how([self]), **self.lists()}
+
+    def how(self, sweeps: Sequence[Sweep]) -> dict[str, Any]:
+        """How this sweep, and those of the same call, were done."""
+        plan = self.plan
+        return {"direction": plan.direction, "discard": "default" if plan.discard is None else plan.discard,
+                "complete": all(s.complete for s in sweeps), "seconds": self.seconds}
 
     def lists(self, extras: Sequence[str] | None = None) -> dict[str, list[Any]]:
         """Per key of `simulate --json` a list in value order; `extras` are those of EXTRAS to be there whatever."""
@@ -143,7 +149,7 @@ class Grid:
         curve, extras = self.sweeps[0].curve, extras_of(self.sweeps)
         rows = [s.lists(extras) for s in self.sweeps]
         return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),
-                "second_values": list(self.second_values), **_how(self.sweeps),
+                "second_values": list(self.second_values), **self.sweeps[0].how(self.sweeps),
                 **{name: [row[name] for row in rows] for name in rows[0]}}
 
 
@@ -153,13 +159,6 @@ def extras_of(sweeps: Sequence[Sweep]) -> list[str]:
     found = {"theta2": any(len(p.theta2) for p in points), "lyapunov": any(p.lyapunov is not None for p in points)}
     found |= dict.fromkeys(("equivalent_damping", "negative_slope_mean"), any(p.damping is not None for p in points))
     return [name for name in EXTRAS if found[name]]
-
-
-def _how(sweeps: Sequence[Sweep]) -> dict[str, Any]:
-    """How sweeps of one call were done."""
-    plan = sweeps[0].plan
-    return {"direction": plan.direction, "discard": "default" if plan.discard is None else plan.discard,
-            "complete": all(s.complete for s in sweeps), "seconds": sweeps[0].seconds}
 
 
 def _span(values: Sequence[float]) -> str:

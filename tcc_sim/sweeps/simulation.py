@@ -18,7 +18,7 @@ from tcc_sim.analysis.periodicity import stays
 from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.scene import Scene, load_scene
+from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, check_smoothed, largest_lyapunov_exponent
 from tcc_sim.sweeps.steady_state import Settling, Start, settle
@@ -191,7 +191,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     """
     if plan is not None and settings:
         raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
-    system = scene if isinstance(scene, System) else (scene if isinstance(scene, Scene) else load_scene(scene)).system
+    system = system_of(scene)
     if duration is None and plan is None and "cycles" not in settings:
         duration = system.span or None
     plan = plan or _plan(settings)

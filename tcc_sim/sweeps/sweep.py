@@ -19,11 +19,12 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
-from tcc_sim.scene import Scene
+from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.results import MOST_VALUES, Curve, Grid, Sweep
+from tcc_sim.sweeps.ranges import MOST_VALUES
+from tcc_sim.sweeps.results import Curve, Grid, Sweep
 from tcc_sim.sweeps.simulation import PAPER, Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.workers import Attendance, first_done, workers
@@ -35,7 +36,7 @@ Points = list[list[Point | None]]
 """Per curve and value what was found, None for what was not tried yet."""
 
 
-def sweep(scene: Scene | System, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
+def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
     """Solve a scene or a system at every value of one scene key; `how` is as `sweep_curves` takes it.
 
     Examples
@@ -47,10 +48,10 @@ def sweep(scene: Scene | System, key: str, values: Sequence[float], plan: Plan =
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(_system(scene), key, tuple(map(float, values)))], plan, **how)[0]
+    return sweep_curves([Curve(system_of(scene), key, tuple(map(float, values)))], plan, **how)[0]
 
 
-def sweep_grid(scene: Scene | System, key: str, values: Sequence[float], second_key: str,
+def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], second_key: str,
                second_values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Grid:
     """Solve a grid of two scene keys; up and down go along the first one, within every row.
 
@@ -63,12 +64,7 @@ def sweep_grid(scene: Scene | System, key: str, values: Sequence[float], second_
     3
     """
     return Grid(second_key, tuple(map(float, second_values)),
-                sweep_curves(curves_of(_system(scene), key, values, second_key, second_values), plan, **how))
-
-
-def _system(scene: Scene | System) -> System:
-    """The physics of a scene."""
-    return scene.system if isinstance(scene, Scene) else scene
+                sweep_curves(curves_of(system_of(scene), key, values, second_key, second_values), plan, **how))
 
 
 def curves_of(system: System, key: str, values: Sequence[float], second_key: str,
@@ -224,28 +220,4 @@ def _order(curve: Curve, plan: Plan) -> list[int]:
     return rising if plan.direction == "up" else rising[::-1]
 
 
-def values_of_range(text: str, option: str = "--over") -> tuple[str, list[float]]:
-    """KEY and the evenly spaced values of KEY=START:STOP:COUNT, both ends included.
-
-    Raises
-    ------
-    InputError
-        Anything else.
-    """
-    key, equals, numbers = text.partition("=")
-    parts = numbers.split(":")
-    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT")
-    if not equals or len(parts) != 3:
-        raise wrong
-    try:
-        start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
-    except ValueError:
-        raise wrong from None
-    if not (np.isfinite(start) and np.isfinite(stop)):
-        raise wrong
-    if not 1 <= count <= MOST_VALUES:
-        raise InputError(f"{option} has a count of {count}; it must be 1 to {MOST_VALUES}")
-    return key, [float(x) for x in np.linspace(start, stop, count)]
-
-
-__all__ = ["Curve", "Grid", "Plan", "Sweep", "curves_of", "sweep", "sweep_curves", "sweep_grid", "values_of_range"]
+__all__ = ["Curve", "Grid", "Plan", "Sweep", "curves_of", "sweep", "sweep_curves", "sweep_grid"]

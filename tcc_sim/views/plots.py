@@ -10,10 +10,12 @@ from typing import Any
 from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
 from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
 from tcc_sim.errors import InputError, require
+from tcc_sim.sweeps.scatter import Scattered
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
+from tcc_sim.views.scatter import draw_scatter
 from tcc_sim.views.sweeps import draw_grid, draw_sweep
 
 
@@ -68,6 +70,8 @@ def plot(result: Any, file: str | Path, width: str = "page", *, title: str = "")
                         title or _name(result), control=getattr(result, "control", None), width=width)
     if hasattr(result, "trajectory") and hasattr(result, "summary"):
         return plot_run(result.trajectory, path, width, summary=result.summary, title=title)
+    if isinstance(result, Scattered):
+        return draw_scatter(path, result, style.width_of(width), title)
     values = result if isinstance(result, Mapping) else result.as_json() if hasattr(result, "as_json") else None
     if isinstance(values, Mapping) and "over" in values and "max_slip_speed" in values:
         draw = draw_grid if values.get("second_over") else draw_sweep

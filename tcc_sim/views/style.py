@@ -23,6 +23,8 @@ DOTS = 200
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, YELLOW = "#CC79A7", "#56B4E9", "#F0E442"
 INK, GREY, STICK = "#222222", "#8C8C8C", "#DDE7EE"
+RUNAWAY = "#8B0000"
+"""Colour of slip that grows."""
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, INK)
 """Line colours in order: Okabe and Ito's, which colour-blind readers tell apart."""
 MANY = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, "#7A4B00", "#5B2A86", "#F781BF", "#98D8C8", "#A65628",

@@ -7,16 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
+Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
 """Colour of a motion without period, and of a value that failed in a map."""
-PURE_STICK = -1
-"""Stands for the period of a motion that never slips in a map."""
-REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN}
+PURE_STICK, RUNAWAY = -1, -2
+"""Stand for the period of a motion that never slips, and of one whose slip grows, in a map."""
+REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN, "runaway": style.RUNAWAY}
+JUMP, SHARPER = 0.05, 4.0
+"""Neighbours are not joined where they differ by more than this part of the curve's range, and by so many times what
+the two pairs on either side of them do, as their median has it.
+"""
 
 
 def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str = "") -> Path:
@@ -31,22 +37,25 @@ def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str =
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
-        x, names = numbers(values["values"]), values["regime"]
-        largest = numbers(values["max_slip_speed"])
-        maxima.plot(x, largest, color=style.GREY, linewidth=0.6, zorder=1)
-        for regime, colour in REGIMES.items():
-            mine = np.array([name == regime for name in names])
-            if mine.any():
-                maxima.plot(x[mine], largest[mine], linestyle="none", marker="o", color=colour, label=regime,
-                            markeredgewidth=0.0, markersize=_size(len(x)))
+        x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
+        found = classes(values["regime"], values.get("runaway", []))
+        away = found["runaway"][1] if "runaway" in found else np.zeros(len(x), dtype=bool)
+        bounded = np.where(away, np.nan, largest)
+        top = float(np.nanmax(bounded, initial=0.0)) or 1.0
+        maxima.plot(*parted(x, bounded), color=style.GREY, linewidth=0.6, zorder=1)
+        for regime, (colour, mine) in found.items():
+            # A runaway is as large as it was solved long: it stands at the edge, and the scale is that of the others.
+            maxima.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
+                        linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
+                        markeredgewidth=0.0, markersize=_size(len(x)) * (1.6 if regime == "runaway" else 1.0))
         _failed(maxima, x, largest)
         style.legend_above(maxima)
         maxima.set_ylabel("max |slip speed|\n(rad/s)")
-        maxima.set_ylim(bottom=-0.03 * (float(np.nanmax(largest, initial=0.0)) or 1.0))
+        maxima.set_ylim(-0.03 * top, 1.13 * top if away.any() else None)
         _orbit(orbit, x, values)
         share = numbers(values["stick_fraction"])
-        stick.plot(x, 100.0 * share, color=style.BLUE, marker="o", markersize=_size(len(x)), markeredgewidth=0.0,
-                   linewidth=0.9)
+        stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
+                   markeredgewidth=0.0, linewidth=0.9)
         stick.set_ylabel("stick (%)")
         stick.set_ylim(-4.0, 104.0)
         stick.set_xlabel(label_of(values["over"]))
@@ -59,10 +68,11 @@ def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str =
 def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     """The section points over the key: those of the period, in blue, or all that were kept where there is none."""
     periods = values["period"]
+    away = values.get("runaway") or [False] * len(x)
     for periodic, colour, name in ((True, style.BLUE, "periodic"), (False, style.RED, "no period up to 16")):
         places, angles = [], []
-        for place, section, period in zip(x, values["section"], periods):
-            if section and bool(period) == periodic:
+        for place, section, period, runs in zip(x, values["section"], periods, away):
+            if section and bool(period) == periodic and not runs:
                 places += [place] * len(section)
                 angles += [point[0] for point in section]
         if angles:
@@ -82,6 +92,8 @@ def draw_grid(path: Path, values: Mapping[str, Any], width: float, title: str = 
         lists of lists
     width : inch
     """
+    from matplotlib.colors import ListedColormap
+
     wide = width > 0.5 * (style.COLUMN + style.PAGE)
     with style.figure(width, 3.2 if wide else 5.6) as drawn:
         if title:
@@ -89,8 +101,13 @@ def draw_grid(path: Path, values: Mapping[str, Any], width: float, title: str = 
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
         x, y = edges(numbers(values["values"])), edges(numbers(values["second_values"]))
         largest = np.array([numbers(row) for row in values["max_slip_speed"]])
-        shade = maxima.pcolormesh(x, y, np.ma.masked_invalid(largest), cmap="viridis", vmin=0.0, rasterized=True)
+        away = runaways(values)
+        shade = maxima.pcolormesh(x, y, np.ma.masked_where(away | ~np.isfinite(largest), largest), cmap="viridis",
+                                  vmin=0.0, rasterized=True)
         drawn.colorbar(shade, ax=maxima, label="max |slip speed| (rad/s)")
+        if away.any():
+            maxima.pcolormesh(x, y, np.ma.masked_where(~away, largest), cmap=ListedColormap([style.RUNAWAY]),
+                              rasterized=True)
         _period_map(drawn, periods, x, y, values)
         for axis in (maxima, periods):
             axis.set_facecolor(NOT_FOUND)
@@ -110,8 +127,9 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
 
     period = np.array([numbers(row) for row in values["period"]])
     period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
+    period[runaways(values)] = RUNAWAY
     found = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
-    looks = {PURE_STICK: ("stick", style.STICK), 0: ("none", style.INK)}
+    looks = {PURE_STICK: ("stick", style.STICK), RUNAWAY: ("runaway", style.RUNAWAY), 0: ("none", style.INK)}
     colours = [looks[p][1] if p in looks else style.MANY[(p - 1) % len(style.MANY)] for p in found]
     place = np.full(period.shape, np.nan)
     for number, p in enumerate(found):
@@ -129,6 +147,32 @@ def _failed(axis: Any, x: Floats, largest: Floats) -> None:
     if wrong.any():
         axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
                   clip_on=False)
+
+
+def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:
+    """Colour of, and which motions are in, every regime that occurs; a runaway is one of its own."""
+    away = [bool(x) for x in runaway] or [False] * len(regimes)
+    names = ["runaway" if runs else name for name, runs in zip(regimes, away)]
+    found = {regime: (colour, np.array([name == regime for name in names])) for regime, colour in REGIMES.items()}
+    return {regime: look for regime, look in found.items() if look[1].any()}
+
+
+def runaways(values: Mapping[str, Any]) -> Bools:
+    """(second, first) which motions of a grid run away."""
+    rows = values.get("runaway") or [[False] * len(row) for row in values["period"]]
+    return np.array([[bool(x) for x in row] for row in rows])
+
+
+def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """A curve with NaN between neighbours that a jump parts."""
+    change = np.abs(np.diff(y))
+    padded = np.pad(change, 2, constant_values=np.nan)
+    beside = np.stack([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
+    around = np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
+                       for column in beside.T])
+    span = float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0
+    jumps = np.flatnonzero((change > JUMP * span) & ~(change <= SHARPER * around)) + 1
+    return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
 
 
 def label_of(key: str) -> str:

@@ -16,8 +16,9 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps import file as sweep_file
 from tcc_sim.sweeps.point import solve_points
+from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.sweeps.steady_state import repeats_after
-from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid, values_of_range
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid
 
 KINETIC = "friction.kinetic_coefficient"
 PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
@@ -206,9 +207,7 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monk
 
     monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
     assert main([*words, "--json", str(tmp_path / "b.json"), "--out", str(tmp_path / "b.jsonl")]) == 130
-    kept = json.loads((tmp_path / "b.json").read_text())
-    assert not kept["complete"]
-    assert kept["max_slip_speed"].count(None) == 3
+    assert not (tmp_path / "b.json").exists()
     assert "goes on from" in capsys.readouterr().err
 
 

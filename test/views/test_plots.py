@@ -219,3 +219,28 @@ def test_a_held_signal_is_drawn_to_the_end_once() -> None:
     assert (held.until(0.7).t.tolist(), held.until(0.7).values.tolist()) == ([0.0, 0.5, 0.7], [1.0, 2.0, 2.0])
     assert held.until(0.5) is held
     assert Steps.none().until(1.0).t.tolist() == []
+
+
+def test_curves_are_not_joined_across_jumps() -> None:
+    x = np.linspace(0.0, 1.0, 21)
+    smooth = np.sin(6.0 * x)
+    assert np.isfinite(sweeps.parted(x, smooth)[1]).all()
+    for jumping in (np.where(x < 0.52, smooth, smooth + 3.0), np.where(x < 0.52, 0.0, 1.0)):
+        at, y = sweeps.parted(x, jumping)
+        assert np.flatnonzero(np.isnan(y)).tolist() == np.flatnonzero(np.isnan(at)).tolist() == [11]
+    assert np.isnan(sweeps.parted(x, np.where(x == x[9], 5.0, smooth))[1]).sum() == 2
+    assert np.isfinite(sweeps.parted(x, np.clip(12.0 * (x - 0.4), 0.0, 3.0))[1]).all()
+
+
+def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    found = sweeps.classes(["stick", "slip", None, "slip"], [False, True, None, False])
+    assert {name: mine.tolist() for name, (_, mine) in found.items()} == {
+        "stick": [True, False, False, False], "slip": [False, False, False, True],
+        "runaway": [False, True, False, False]}
+    chaos = load_scene("chaos").with_values({"friction.law": "set_valued"})
+    kinetic = "friction.kinetic_coefficient"
+    one = sweep(chaos, kinetic, [0.15, 0.16, 0.2, 0.24])
+    assert [p.summary.runaway for p in one.points] == [True, True, False, False]
+    grid = sweep_grid(chaos, kinetic, [0.15, 0.2, 0.24], "pressure.mean", [225e3, 250e3])
+    for name, result in (("a", one), ("b", grid)):
+        assert plots.plot(result, tmp_path / f"{name}.svg").read_text().count("runaway") >= 1

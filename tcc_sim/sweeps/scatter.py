@@ -1,0 +1,182 @@
+"""What scatters within tolerances: scrambled Sobol samples of scene keys, and quantiles of every result."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import Scene, system_of
+from tcc_sim.sweeps.ranges import MOST_VALUES
+from tcc_sim.sweeps.results import Sweep, extras_of
+from tcc_sim.sweeps.simulation import PAPER, Plan
+from tcc_sim.sweeps.sweep import Curve, sweep_curves
+
+PROBABILITIES = (0.05, 0.5, 0.95)
+NUMBERS = ("max_slip_speed", "min_slip_speed", "stick_fraction", "period", "runaway", "clutch_energy", "peak_power",
+           "max_shaft_torque", "min_shaft_torque", "breakaways", "equivalent_damping", "negative_slope_mean")
+"""Results that have quantiles; a truth counts as 0 or 1."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Samples of scene keys that are uniform within bounds and independent of each other.
+
+    bounds : key, its lowest and its highest value
+    samples : how many; a power of 2 fills the bounds most evenly
+    seed : of the scrambling; the same seed gives the same samples
+
+    Raises
+    ------
+    InputError
+        A key twice, bounds that are none, or a number of samples out of its range.
+    """
+
+    bounds: tuple[tuple[str, float, float], ...]
+    samples: int
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        keys = [key for key, _, _ in self.bounds]
+        if not keys or len(set(keys)) < len(keys):
+            raise InputError(f"scatter has the keys {', '.join(keys) or 'none'}; it must have one or more, each once")
+        for key, low, high in self.bounds:
+            if not low < high:
+                raise InputError(f"scatter of {key} is {low:g} to {high:g}; the first must be below the second")
+        if not 2 <= self.samples <= MOST_VALUES:
+            raise InputError(f"samples is {self.samples}; it must be 2 to {MOST_VALUES}")
+        if not 0 <= self.seed < 1 << 32:
+            raise InputError(f"seed is {self.seed}; it must be 0 to {(1 << 32) - 1}")
+
+    def values(self) -> dict[str, NDArray[np.float64]]:
+        """(samples,) values by key: a scrambled Sobol sequence (A. B. Owen (1998), ACM TOMACS 8, 71 to 102)."""
+        from scipy.stats import qmc
+
+        sequence = qmc.Sobol(len(self.bounds), scramble=True, seed=self.seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # It warns where the number is no power of 2.
+            unit = sequence.random(self.samples)
+        return {key: low + (high - low) * unit[:, k] for k, (key, low, high) in enumerate(self.bounds)}
+
+
+@dataclass(frozen=True, repr=False)
+class Scattered:
+    """The results of scattered keys: one Sweep for each sample, over another key or at one value.
+
+    tolerances : what was scattered
+    over : key that every sample is swept over; empty for none
+    sweeps : one for each sample, in their order
+    """
+
+    tolerances: Tolerances
+    over: str
+    sweeps: list[Sweep]
+
+    def __repr__(self) -> str:
+        keys = ", ".join(key for key, _, _ in self.tolerances.bounds)
+        over = f" over {self.over}, {len(self.sweeps[0].points)} values" if self.over else ""
+        return f"<Scattered {keys}: {self.tolerances.samples} samples{over}>"
+
+    def result(self, name: str) -> NDArray[np.float64]:
+        """(samples, values) numbers of one result, NaN where there is none."""
+        return np.array([sweep.column(name) for sweep in self.sweeps])
+
+    def quantiles(self, name: str) -> NDArray[np.float64]:
+        """(values, 3) quantiles 0.05, 0.5 and 0.95 of one result over the samples that have it, NaN where none has."""
+        found = self.result(name)
+        out = np.full((found.shape[1], len(PROBABILITIES)), np.nan)
+        for k, column in enumerate(found.T):
+            known = column[np.isfinite(column)]
+            if len(known):
+                out[k] = np.quantile(known, PROBABILITIES)
+        return out
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The columns of `Sweep` for all samples below each other, the scattered keys first."""
+        length = len(self.sweeps[0].points)
+        rows = [sweep.columns() for sweep in self.sweeps]
+        names = [name for name in rows[0] if name not in self.tolerances.values() or name == self.over]
+        return {**{key: np.repeat(values, length) for key, values in self.tolerances.values().items()},
+                **{name: np.concatenate([row[name] for row in rows if name in row]) for name in names
+                   if all(name in row for row in rows)}}
+
+    def as_json(self) -> dict[str, Any]:
+        """`scatter`, `samples`, `seed`, `quantiles`, the samples' values, and every result in a list over samples, or
+        in lists over the values of `over` where there is one.
+        """
+        told = self.tolerances
+        extras = extras_of(self.sweeps)
+        rows = [sweep.lists(extras) for sweep in self.sweeps]
+        single = not self.over
+        first = self.sweeps[0]
+        quantiles = {name: [[None if np.isnan(x) else float(x) for x in row] for row in self.quantiles(name)]
+                     for name in NUMBERS if name in rows[0]}
+        out: dict[str, Any] = {
+            "scatter": {key: [low, high] for key, low, high in told.bounds}, "samples": told.samples,
+            "seed": told.seed, "probabilities": list(PROBABILITIES),
+            "quantiles": {name: rows_[0] if single else rows_ for name, rows_ in quantiles.items()},
+            "sampled": {key: values.tolist() for key, values in told.values().items()}}
+        if not single:
+            out.update(over=self.over, values=list(first.curve.values))
+        return {**out, **first.how(self.sweeps),
+                **{name: [row[name][0] if single else row[name] for row in rows] for name in rows[0]}}
+
+
+def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
+                     values: Sequence[float] = ()) -> list[Curve]:
+    """One curve for every sample: over another key, or at the sample's own value of the first scattered key.
+
+    Raises
+    ------
+    InputError
+        `over` is scattered too, too many values, an unknown key, or a value out of its range.
+    """
+    sampled = tolerances.values()
+    if over in sampled:
+        raise InputError(f"{over} is swept and scattered; it must be one of the two")
+    if tolerances.samples * max(len(values), 1) > MOST_VALUES:
+        raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be {MOST_VALUES}")
+    first = tolerances.bounds[0][0]
+    out = []
+    for k in range(tolerances.samples):
+        mine = replace(system, {key: float(column[k]) for key, column in sampled.items()})
+        out.append(Curve(mine, over, tuple(map(float, values))) if over else
+                   Curve(mine, first, (float(sampled[first][k]),)))
+    return out
+
+
+def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float]], samples: int, *, seed: int = 0,
+            over: str = "", values: Sequence[float] = (), plan: Plan = PAPER, jobs: int | None = None,
+            dask: str | None = None) -> Scattered:
+    """Solve a scene with some keys scattered within bounds.
+
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    bounds : lowest and highest value by key
+    samples, seed : how many, and which
+    over, values : another key that every sample is swept over
+    plan, jobs, dask : as `sweep` takes them
+
+    Raises
+    ------
+    InputError
+        As `Tolerances` and `scattered_curves`.
+
+    Examples
+    --------
+    >>> found = scatter("slip", {"engine.torque_amplitude": (10.0, 20.0)}, 4, plan=Plan(cycles=20))
+    >>> found
+    <Scattered engine.torque_amplitude: 4 samples>
+    >>> found.quantiles("max_slip_speed").shape
+    (1, 3)
+    """
+    told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
+    curves = scattered_curves(system_of(scene), told, over, values)
+    return Scattered(told, over, sweep_curves(curves, plan, jobs=jobs, dask=dask))

@@ -1,0 +1,101 @@
+"""Scattered keys: samples that fill their bounds, quantiles that are numpy's, and a command that says the same."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import qmc
+
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import replace
+from tcc_sim.output.provenance import schema
+from tcc_sim.scene import load_scene
+from tcc_sim.sweeps.ranges import bounds_of_range, values_of_range
+from tcc_sim.sweeps.scatter import Tolerances, scatter
+from tcc_sim.sweeps.simulation import Plan, simulate
+
+BASE = replace(load_scene("slip").system, {"friction.law": "set_valued"})
+AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
+WORDS = ["sweep", "slip", "--set", "friction.law=set_valued", "--cycles", "20", "--scatter", f"{AMPLITUDE}=10:40",
+         "--samples", "8"]
+
+
+def test_samples_fill_their_bounds_and_are_those_of_their_seed() -> None:
+    told = Tolerances(((AMPLITUDE, 10.0, 40.0), (PRESSURE, 2e5, 3e5)), 64, 3)
+    values = told.values()
+    unit = np.stack([(values[AMPLITUDE] - 10.0) / 30.0, (values[PRESSURE] - 2e5) / 1e5], axis=1)
+    assert unit.min() >= 0.0
+    assert unit.max() < 1.0
+    assert qmc.discrepancy(unit) < 0.2 * qmc.discrepancy(np.random.default_rng(1).random((64, 2)))
+    for column in unit.T:
+        assert np.bincount((64 * column).astype(int), minlength=64).tolist() == [1] * 64
+    assert np.array_equal(told.values()[AMPLITUDE], values[AMPLITUDE])
+    assert not np.array_equal(Tolerances(told.bounds, 64, 4).values()[AMPLITUDE], values[AMPLITUDE])
+
+
+def test_each_sample_is_a_simulation_and_quantiles_are_numpys() -> None:
+    found = scatter(BASE, {AMPLITUDE: (10.0, 40.0)}, 8, plan=Plan(cycles=20))
+    values = found.tolerances.values()[AMPLITUDE]
+    alone = [simulate(replace(BASE, {AMPLITUDE: x}), cycles=20).summary.max_slip_speed for x in values]
+    assert found.result("max_slip_speed")[:, 0].tolist() == alone
+    assert found.quantiles("max_slip_speed")[0].tolist() == np.quantile(alone, [0.05, 0.5, 0.95]).tolist()
+    assert found.columns()[AMPLITUDE].tolist() == values.tolist()
+
+
+def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    jsonschema = pytest.importorskip("jsonschema")
+    over = ["--over", "engine.frequency=100,120,150.5"]
+    assert main([*WORDS, *over, "--seed", "5", "--json", str(tmp_path / "a.json"), "--out",
+                 str(tmp_path / "a.jsonl")]) == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    jsonschema.validate(found, schema("sweep"))
+    assert (found["scatter"], found["samples"], found["seed"]) == ({AMPLITUDE: [10.0, 40.0]}, 8, 5)
+    assert found["values"] == [100.0, 120.0, 150.5]
+    assert np.shape(found["max_slip_speed"]) == (8, 3)
+    assert found["quantiles"]["max_slip_speed"] == np.quantile(
+        found["max_slip_speed"], [0.05, 0.5, 0.95], axis=0).T.tolist()
+    assert main([*WORDS, "--json", str(tmp_path / "b.json")]) == 0
+    alone = json.loads((tmp_path / "b.json").read_text())
+    jsonschema.validate(alone, schema("sweep"))
+    assert len(alone["max_slip_speed"]) == len(alone["sampled"][AMPLITUDE]) == 8
+    assert len(alone["quantiles"]["max_slip_speed"]) == 3
+    capsys.readouterr()
+    assert main(WORDS) == 0
+    assert "largest |slip speed| (rad/s)  5 %  50 %  95 %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("over", [[], ["--over", "engine.frequency=100:150:3"]])
+def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path) -> None:  # type: ignore[no-untyped-def]
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "a.svg"
+    assert main([*WORDS, *over, "--json", str(tmp_path / "a.json"), "--plot", str(path)]) == 0
+    assert path.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["--samples", "4"], "--scatter"), (["--scatter", f"{AMPLITUDE}=1:2"], "--samples"),
+    (["--scatter", f"{AMPLITUDE}=1", "--samples", "4"], "KEY=LOW:HIGH"),
+    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "1"], "samples is 1"),
+    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--over", f"{AMPLITUDE}=1:2:3"], "swept and scattered"),
+    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--set", f"{AMPLITUDE}=3"], "goes through"),
+    (["--over", f"{AMPLITUDE}=1:2:3", "--set", f"{AMPLITUDE}=3"], "goes through"),
+    (["--over", f"{AMPLITUDE}=-1:2:3:log"], "logarithm"), (["--over", f"{AMPLITUDE}=1:2:3:lin"], "must be KEY="),
+    (["--over", f"{AMPLITUDE}=1,,2"], "must be KEY=")])
+def test_wrong_input_is_one_line(words: list[str], said: str, capsys) -> None:  # type: ignore[no-untyped-def]
+    assert main(["sweep", "slip", *words]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert said in error
+
+
+def test_ranges_are_even_logarithmic_or_lists() -> None:
+    assert values_of_range("a=1:100:3:log") == ("a", [1.0, 10.0, 100.0])
+    assert values_of_range("a=3,1,2.5") == ("a", [3.0, 1.0, 2.5])
+    assert bounds_of_range("a=3:1", "--over") == ("a", 1.0, 3.0)
+    with pytest.raises(InputError, match="differ"):
+        bounds_of_range("a=3:3", "--over")
+    with pytest.raises(InputError, match=r"START:STOP:COUNT$"):
+        values_of_range("a=3,1", "--plane", even=True)
