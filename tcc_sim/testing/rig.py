@@ -16,6 +16,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.inputs import Command
 from tcc_sim.nodes.qos import LATCHED
+from tcc_sim.nodes.shared_memory import remove_ownerless
 from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.plant.closed_loop import INPUTS, Samples
 from tcc_sim.scene import Scene, load_scene
@@ -288,5 +289,6 @@ def initialise() -> bool:
     """Initialise ROS 2's default context for tests, unless it is; whether it has to be shut down again."""
     if rclpy.ok():
         return False
+    remove_ownerless()
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     return True

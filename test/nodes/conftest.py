@@ -10,6 +10,7 @@ import pytest
 
 from tcc_sim.nodes.children import NodeProcess
 from tcc_sim.nodes.domain import Domain
+from tcc_sim.nodes.shared_memory import remove_ownerless
 
 
 class Bench:
@@ -42,6 +43,12 @@ class Bench:
         for node in self.nodes:
             node.destroy_node()
         self.context.try_shutdown()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def ownerless_segments_are_gone() -> None:
+    """What other tests' killed processes left in shared memory hangs nobody who creates a node without more ado."""
+    remove_ownerless()
 
 
 @pytest.fixture
