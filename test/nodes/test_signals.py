@@ -96,6 +96,15 @@ def test_a_signal_while_it_compiles_ends_the_driveline_at_once(number: signal.Si
     ended_by(process, number)
 
 
+@pytest.mark.parametrize("ignored", [True, False])
+def test_a_node_under_nohup_outlives_its_terminal(ignored: bool) -> None:
+    before = "signal.signal(signal.SIGHUP, signal.SIG_IGN)" if ignored else "pass"
+    code = (f"import os, signal\n{before}\nfrom tcc_sim.nodes import signals\nsignals.take()\n"
+            "os.kill(os.getpid(), signal.SIGHUP)\nif signal.getsignal(signal.SIGHUP) is signal.SIG_IGN: os._exit(7)\n"
+            "signal.pause()\n")
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == (7 if ignored else 0)
+
+
 ASKED = """
 from tcc_sim.nodes import signals
 signals.take()
