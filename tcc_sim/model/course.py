@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from tcc_sim.model.inputs import Inputs
-    from tcc_sim.model.parameters import Engine, Pressure
+    from tcc_sim.model.parameters import Engine, Pressure, System
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +38,20 @@ class Origin(NamedTuple):
 
 
 START = Origin()
+
+
+def moved(origin: Origin, before: System, after: System, t: float) -> Origin:
+    """Where the phases are counted from where `after` takes the place of `before` at time t, s, so that neither that of
+    the engine nor the load's jumps.
+    """
+    ratios = before.pressure.frequency_ratio, after.pressure.frequency_ratio
+    if before.engine.frequency == after.engine.frequency and ratios[0] == ratios[1]:
+        return origin
+    phase = float(phase_at(course_of(before.engine, before.pressure, before.inputs, origin), t))
+    lead = origin.lead + (ratios[0] - ratios[1]) * phase
+    if before.engine.frequency == after.engine.frequency:
+        return origin._replace(lead=lead)
+    return Origin(t, phase, lead)
 
 
 def course_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, origin: Origin = START) -> Floats:

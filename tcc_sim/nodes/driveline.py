@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError, counted
 from tcc_sim.messages import cdr
+from tcc_sim.model.course import START
 from tcc_sim.nodes import context, parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.diagnostics import Diagnostics
@@ -139,7 +140,8 @@ class DrivelineNode(Node):
 
     def _say(self, stamp_ns: int) -> None:
         """Say the scene as it was changed, and the stamp of the first state that it leads to."""
-        text = holding_from(self._scene_text, stamp_ns, self.loop.plant.general)
+        text = holding_from(self._scene_text, stamp_ns, self.loop.plant.general,
+                            self.loop.plant.origin if stamp_ns else START)
         self.loop.outputs.say("scene", cdr.string(text))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.course import along
+from tcc_sim.model.course import START, Origin, along, moved
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Stepper, advance, substeps
-from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, terms_from, terms_of
 
 SHARE = 0.5
 """Part of a tick's real time that the sub-steps of what arrives while running may need, by their cost at warm-up.
@@ -62,6 +62,7 @@ class Plant:
         self.general_ready = threading.Event()
         self._stamp_step = 1e9 / scene.operation.rate
         self._own = self._terms = terms_of(scene.system)
+        self.origin = START
         self._stick_speed = stick_speed_of(self._own)
         self._torque: float | None = None
         self._pressure: float | None = None
@@ -95,8 +96,10 @@ class Plant:
             self.general_ready.set()
 
     def needs_general(self, scene: Scene) -> bool:
-        """Whether `scene` has other terms than the one that this driveline started with."""
-        return _differ(terms_of(scene.system), self._own)
+        """Whether `scene` has other terms than the one that this driveline started with, or another frequency, whose
+        phase goes on from where it is.
+        """
+        return _differ(terms_from(scene.system, self._origin_of(scene)), self._own)
 
     def check(self, scene: Scene) -> None:
         """Raise InputError where `scene` cannot be computed, be it with the inputs as held or with their fallbacks."""
@@ -117,7 +120,8 @@ class Plant:
             As `check`; nothing has changed then.
         """
         self.check(scene)
-        self.general, self._terms = self.needs_general(scene), self._terms_of(scene)
+        self.general, self._terms, self.origin = self.needs_general(scene), self._terms_of(scene), self._origin_of(
+            scene)
         self._stick_speed = stick_speed_of(terms_of(scene.system))
         self.scene = scene
         self.stepper.use(_held(scene, self._terms, self._torque, self._pressure))
@@ -137,7 +141,10 @@ class Plant:
     def reset(self) -> None:
         """Back to the initial state at simulation time 0, with no input held."""
         self.stepper.reset(self.scene.system)
-        self.hold(None, None)
+        self.origin, system = START, self.scene.system
+        self._terms = general_terms(system) if self.general else terms_of(system)
+        self._torque = self._pressure = None
+        self.stepper.use(self._terms)
 
     @property
     def stamp_ns(self) -> int:
@@ -161,19 +168,22 @@ class Plant:
         if self._pressure is not None:
             return self._pressure
         system, t = self.scene.system, self.stepper.tick * self.stepper.step
-        own, mean = system.pressure, system.pressure.mean
-        if system.course is not None:
-            phase, _, mean = map(float, along(system.course, t))
-            angle = own.frequency_ratio * phase
+        own, mean, angle = system.pressure, system.pressure.mean, system.pressure.frequency_ratio
+        if self._terms.course is None:
+            angle *= system.engine.frequency * t
         else:
-            angle = own.frequency_ratio * system.engine.frequency * t
-        if not own.harmonic:
-            return mean
-        return max(0.0, mean + own.amplitude * math.sin(angle + own.phase))
+            phase, _, load = along(self._terms.course, t)
+            mean, angle = float(load) / system.torque_per_pressure, angle * float(phase) + self.origin.lead
+        return max(0.0, mean + own.amplitude * math.sin(angle + own.phase)) if own.harmonic else mean
+
+    def _origin_of(self, scene: Scene) -> Origin:
+        """Where the phases are counted from if `scene` holds from the next tick on."""
+        return moved(self.origin, self.scene.system, scene.system, self.stepper.tick * self.stepper.step)
 
     def _terms_of(self, scene: Scene) -> Terms:
         """The terms of `scene` for the kernel that it needs."""
-        return general_terms(scene.system) if self.needs_general(scene) else terms_of(scene.system)
+        origin = self._origin_of(scene)
+        return general_terms(scene.system, origin) if self.needs_general(scene) else terms_from(scene.system, origin)
 
     def _afford(self, scene: Scene, terms: Terms) -> None:
         """Raise InputError where a tick needs more sub-steps than the solver takes or than its own time allows."""

@@ -6,10 +6,14 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 
-_LINE = re.compile(r"# holds from stamp (\d{1,19}) ns on(, in the kernel with every term)?")
+from tcc_sim.model.course import START, Origin
+
+_NUMBER = r"(-?\d[\de.+-]{0,30})"
+_LINE = re.compile(r"# holds from stamp (\d{1,19}) ns on(, in the kernel with every term)?"
+                   rf"(?:, phase {_NUMBER} rad at {_NUMBER} s, the load's ahead by {_NUMBER} rad)?")
 
 
-def holding_from(text: str, stamp_ns: int, general: bool) -> str:
+def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START) -> str:
     """The text of a scene that was changed while running, with a last line, a comment, that says what it applies to.
 
     Parameters
@@ -17,8 +21,11 @@ def holding_from(text: str, stamp_ns: int, general: bool) -> str:
     text : the scene (YAML)
     stamp_ns : stamp of the first state that it leads to: the tick after the change, or 0 where it holds since a reset
     general : the kernel with every term solves it (`general_terms`), since the driveline started with other terms
+    origin : where the phases are counted from
     """
-    return f"{text}# holds from stamp {stamp_ns} ns on{', in the kernel with every term' if general else ''}\n"
+    phases = (f", phase {origin.phase!r} rad at {origin.time!r} s, the load's ahead by {origin.lead!r} rad"
+              if origin != START else "")
+    return f"{text}# holds from stamp {stamp_ns} ns on{', in the kernel with every term' if general else ''}{phases}\n"
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,17 @@ class SceneRecord:
     def general(self) -> bool:
         """Whether the kernel with every term solved it."""
         return self._line is not None and self._line[2] is not None
+
+    @property
+    def origin(self) -> Origin:
+        """Where the phases are counted from."""
+        if self._line is None or self._line[3] is None:
+            return START
+        try:
+            phase, time, lead = map(float, self._line.groups()[2:])
+        except ValueError:
+            return START
+        return Origin(time, phase, lead)
 
     @property
     def parameters(self) -> str:

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
+from tcc_sim.model.course import START
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.input_sources import INPUTS
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.replay.places import Place
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
-from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_of
+from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
 from tcc_sim.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6
@@ -93,7 +94,7 @@ class Verifier:
         self._place = -1
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
-        self._scene, self._general = fallback, False
+        self._scene, self._general, self._origin = fallback, False, START
         self._run = -1
         self._harmonic = False, False
         self._stepper: Stepper | None = None
@@ -160,6 +161,8 @@ class Verifier:
         self._topics = engine.source == "topic", pressure.source == "topic"
         self._harmonic = self._topics[0] and engine.harmonic, self._topics[1] and pressure.harmonic
         stepper = self._stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
+        if stamp == 0:
+            self._origin = START
         self._use_scene()
         stepper.tick = self._tick(stamp)
         self._exact = stepper.tick == 0
@@ -183,12 +186,13 @@ class Verifier:
         """Read the scene at this place."""
         self._place, record = place, self._scenes[place]
         self._scene, self._general = parse_scene(record.text, self._scene.name), record.general
+        self._origin = record.origin
 
     def _use_scene(self) -> None:
         """Solve with the scene's terms from the next tick on, in the kernel that the driveline had."""
         assert self._stepper is not None
         system = self._scene.system
-        self._terms: Terms = general_terms(system) if self._general else terms_of(system)
+        self._terms: Terms = (general_terms if self._general else terms_from)(system, self._origin)
         self._held: tuple[float | None, float | None] = None, None
         self._stepper.use(self._terms)
 

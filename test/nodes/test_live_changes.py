@@ -181,3 +181,28 @@ def test_what_the_loop_did_not_take_in_time_is_not_done_later(bench: Any, tmp_pa
     assert done == []
     chain.run(300)
     chain.close()
+
+
+def test_the_frequency_changes_without_a_jump_of_phase(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="fig02")
+    chain.change(engine__frequency=201.0)
+    chain.run(60)
+    chain.change(pressure__frequency_ratio=0.5, engine__frequency=90.0)
+    chain.run(60)
+    chain.reset()
+    chain.run(30)
+    chain.change(pressure__frequency_ratio=1.5)
+    chain.run(30)
+    exactly(chain.close(), 2)
+
+
+def test_a_run_through_profiles_gives_itself_again(bench: Any, tmp_path: Path) -> None:
+    chain = Recorded(bench, tmp_path / "run", scene="minimal", engine__frequency_times=[0.0, 0.1503],
+                     engine__frequency_values=[80.0, 300.0], pressure__mean_times=[0.0, 0.0701],
+                     pressure__mean_values=[1e5, 2.5e5])
+    chain.run(100)
+    refused = chain.node.set_parameters_atomically([Parameter("engine.frequency", value=100.0)])
+    assert "is not used where engine.frequency_times is given" in refused.reason
+    chain.change(engine__mean_torque=250.0)
+    chain.run(80)
+    exactly(chain.close(), 1)
