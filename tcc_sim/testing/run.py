@@ -7,7 +7,7 @@ from functools import cached_property
 
 from tcc_sim.analysis.cycle_means import MeansOfCycles
 from tcc_sim.analysis.cycles import default_discard
-from tcc_sim.analysis.engine_clock import Uniform
+from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
 from tcc_sim.analysis.tracking import Tracking, tracking
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
@@ -40,7 +40,7 @@ class LockstepRun(ControlledRun):
         if self.target is None:
             raise InputError("no target: no node published target_slip_speed, and run(target=...) was not given")
         target, since = self.target
-        means = MeansOfCycles(Uniform(self.cycle))
+        means = MeansOfCycles(Uniform(self.cycle) if self.system is None else clock_of_scene(self.system))
         means.feed(self.t[since:], self.slip_speed[since:])
         found = means.means()
         return tracking(target, found, self.cycle, default_discard(len(found)))

@@ -1,0 +1,26 @@
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import FluidPressure, JointState
+
+from my_clutch.law import HoldSlip
+
+
+class Controller(Node):
+    """Answers every state of the driveline with a pressure that carries the state's stamp."""
+
+    def __init__(self) -> None:
+        super().__init__("my_controller")
+        self.law = HoldSlip()
+        self.commands = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.on_state, 10)
+
+    def on_state(self, state: JointState) -> None:
+        flywheel, plate = state.velocity
+        command = FluidPressure(fluid_pressure=self.law.update(flywheel - plate))
+        command.header.stamp = state.header.stamp
+        self.commands.publish(command)
+
+
+def main() -> None:
+    with rclpy.init():
+        rclpy.spin(Controller())

@@ -1,0 +1,11 @@
+import pytest
+from my_clutch.node import Controller
+
+
+@pytest.mark.parametrize("faults", [{"drop": 10}, {"delay": 5, "delay_ticks": 4}, {"duplicate": 3}, {"corrupt": 10}])
+def test_it_bears_commands_that_are_lost_late_doubled_or_spoilt(driveline, faults):
+    plant = driveline("controlled", faults=faults)
+    plant.add(Controller())
+    run = plant.run(seconds=1.2, target=20.0)
+    assert run.tracking.rms_error < 1.0
+    assert run.refused == (120 if "corrupt" in faults else 0)

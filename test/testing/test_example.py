@@ -1,0 +1,97 @@
+"""The page on testing shows the example project as it is, and the project's tests pass beside each other, from outside.
+
+`python test/testing/test_example.py` writes the page's code anew. `.ci/run` installs the project in an environment of
+its own.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+EXAMPLE = Path(__file__).resolve().parent / "example"
+PAGE = Path(__file__).resolve().parents[2] / ".github" / "testing.md"
+BLOCK = re.compile(r"^```python (\S+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+installed = pytest.mark.skipif(not [found for found in entry_points(group="pytest11") if found.name == "tcc_sim"],
+                               reason="the package is not installed, so pytest does not know its plugin")
+
+
+def outside(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run pytest in a folder that knows nothing of this project."""
+    return subprocess.run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *words], cwd=folder,
+                          env={**os.environ, "PYTHONPATH": str(EXAMPLE)}, capture_output=True, text=True, check=False)
+
+
+def test_the_page_shows_the_files_of_the_example() -> None:
+    shown = dict(BLOCK.findall(PAGE.read_text()))
+    assert shown == {name: (EXAMPLE / name).read_text() for name in shown}
+    files = {str(path.relative_to(EXAMPLE)) for path in EXAMPLE.glob("*/*.py")}
+    assert set(shown) == files
+
+
+@installed
+def test_the_tests_of_the_example_pass_beside_each_other() -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    ended = outside(EXAMPLE, "-n", "2")
+    assert ended.returncode == 0, ended.stdout
+    assert "6 passed" in ended.stdout
+
+
+LEAVES = """
+import os
+import threading
+
+import pytest
+
+
+def test_one(driveline):
+    import rclpy
+
+    assert rclpy.ok()
+    driveline("fig02").run(ticks=3)
+
+
+def test_two():
+    import rclpy
+
+    assert not rclpy.ok()
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" not in os.environ
+    assert [thread.name for thread in threading.enumerate()] == ["MainThread"]
+
+
+def test_three(driveline):
+    driveline("controlled", patience=0.2).run(ticks=1)
+"""
+
+
+@installed
+def test_a_test_leaves_nothing_behind_and_fails_with_the_sentence(tmp_path: Path,
+                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    (tmp_path / "test_mine.py").write_text(LEAVES)
+    ended = outside(tmp_path)
+    assert "1 failed, 2 passed" in ended.stdout
+    sentence = "ControllerFailed: no node that was added publishes actuation_pressure, which the scene controlled takes"
+    assert sentence in ended.stdout
+
+
+@installed
+def test_without_ros_the_plugin_is_silent(tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text("import sys\nsys.modules['rclpy'] = None\n")
+    (tmp_path / "test_mine.py").write_text("def test_one(driveline): pass\n\n\ndef test_two(): pass\n")
+    ended = outside(tmp_path, "-rs", "-W", "error")
+    assert "1 passed, 1 skipped" in ended.stdout
+    assert "ROS 2 is not installed" in ended.stdout
+    assert ended.stderr == ""
+
+
+if __name__ == "__main__":
+    PAGE.write_text(BLOCK.sub(lambda found: f"```python {found[1]}\n{(EXAMPLE / found[1]).read_text()}```",
+                              re.sub(r"^(```python \S+\n)```", r"\1```", PAGE.read_text(), flags=re.MULTILINE)))
