@@ -88,6 +88,13 @@ def test_what_is_heavy_or_optional_is_imported_in_its_room_only(path: Path) -> N
                                    for r in room), f"{path}:{line} imports {imported}"
 
 
+@pytest.mark.parametrize("path", [p for p in MODULES if name_of(p).split(".")[0] in ("continuation", "basins")],
+                         ids=name_of)
+def test_orbits_and_basins_know_the_solvers_through_one_adapter_each(path: Path) -> None:
+    if path.name != "driveline.py":
+        assert not [imported for _, imported in imports_of(path) if imported.startswith("tcc_sim.solvers")]
+
+
 def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
     from tcc_sim.solvers import SOLVERS
 

@@ -99,7 +99,7 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     static = system.friction.static_coefficient
     map_ = check(system, Plan(KEY, low, high, period=period))
     span = ParameterRange(low, high, name=KEY)
-    shooting, z = start_orbit(map_, system, span, system.friction.kinetic_coefficient, period)
+    shooting, z = start_orbit(map_, span, system.friction.kinetic_coefficient, period)
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
     seconds = np.inf
     for _ in range(REPEATS):

@@ -15,7 +15,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven import stroboscopic as event_driven_stroboscopic
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
 from tcc_sim.solvers.smoothed import stroboscopic
-from tcc_sim.trajectory import State, Trajectory
+from tcc_sim.trajectory import Cycles, State, Trajectory
 
 RTOL = 1e-12
 SCALES = (10.0, 0.1, 10.0)
@@ -114,6 +114,12 @@ class DrivelineMap:
         x = self._settled(x)
         return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=RTOL, samples_per_cycle=samples,
                      state=State(float(x[0]), float(x[1]), float(x[2]))).raise_for_status()
+
+    def cycles_from_start(self, values: Values, count: int) -> Cycles:
+        """So many engine cycles of the motion from the scene's initial state, at the solver's usual tolerance."""
+        cycles = solve(self.system_at(values), cycles=count).raise_for_status().cycles
+        assert cycles is not None
+        return cycles
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""

@@ -10,23 +10,26 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.summary import slip_grows
 from tcc_sim.continuation.branch import Branch, Origin
 from tcc_sim.continuation.diagram import point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.on_branch import SettledMotion, passes_through
-from tcc_sim.continuation.problem import Floats
+from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import ContinuationPoint
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, values_of
-from tcc_sim.solvers import solve
+from tcc_sim.trajectory import Cycles
 
 SETTLING = (300, 1200, 4800)
 """Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for
 aperiodic.
 """
 LONGEST_PERIOD = 16
+ELSEWHERE = 9
+"""Values of the range at which a motion that settles is looked for where none does at the scene's own."""
 GUESSES = 8
 """Section points from which an orbit is looked for."""
 FAMILY = 1e-7
@@ -46,37 +49,60 @@ class Seed:
     period: int
 
 
-def start_orbit(map_: DrivelineMap, system: System, span: ParameterRange, value: float,
+def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
                 period: int | None) -> tuple[Shooting, Floats]:
     """The orbit to begin with: Newton from the section of the motion that the scene settles in.
 
     Raises
     ------
     NumericalFailure
-        None was found.
+        None was found; it says where in the range motions settle in a period.
     """
-    own, base = 0, map_.forcing_period
-    for count in SETTLING:
-        run = solve(system, cycles=count).raise_for_status()
-        assert run.cycles is not None
-        section, settled = run.cycles.section, run.cycles[count // 2:]
-        own = periodicity(settled).period
-        if own:
-            break
-    starts = range(count - count % base, count // 2, -base)
+    base = map_.forcing_period
+    cycles, own = _settled(map_, value, SETTLING)
+    starts = range(len(cycles.section) - 1 - (len(cycles.section) - 1) % base, len(cycles.section) // 2, -base)
     wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
-    for cycles in wanted:
-        cycles = math.lcm(cycles, base) if period is None else cycles
-        shooting = Shooting.single(map_, cycles, span)
-        guesses = _recurrent(section, starts, cycles, map_.scales)
+    for count in [] if slip_grows(cycles) else wanted:
+        count = math.lcm(count, base) if period is None else count
+        shooting = Shooting.single(map_, count, span)
+        guesses = _recurrent(cycles.section, starts, count, map_.scales)
         guesses.append(np.mean(guesses, axis=0))
-        known = _shorter(map_, span, value, cycles, guesses)
+        known = _shorter(map_, span, value, count, guesses)
         z = find_orbit(shooting, (value,), guesses, known)
         if z is not None:
             return shooting, z
-    named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-    raise NumericalFailure(f"no motion {named} was found near the settled one, from the {GUESSES} of its section "
-                           "points that come back closest; try another --period")
+    raise NumericalFailure(_nothing_found(map_, span, value, cycles, period, wanted))
+
+
+def _settled(map_: DrivelineMap, value: float, counts: Sequence[int]) -> tuple[Cycles, int]:
+    """The cycles of the motion from the scene's initial state, as many as it takes to settle, and its period or 0."""
+    for count in counts:
+        cycles = map_.cycles_from_start((value,), count)
+        own = periodicity(cycles[count // 2:]).period
+        if own or slip_grows(cycles):
+            break
+    return cycles, own
+
+
+def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycles: Cycles, period: int | None,
+                   wanted: Sequence[int]) -> str:
+    """Why no branch is begun at a value, and where one may begin instead."""
+    if slip_grows(cycles):
+        why = (f"slip grows without end at {span.name} = {value:.9g}: the mean engine torque exceeds what the clutch "
+               "holds")
+    else:
+        named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
+        why = (f"no motion {named} was found near the settled one, from the {GUESSES} of its section points that come "
+               "back closest")
+    for other in sorted(np.linspace(span.low, span.high, ELSEWHERE).tolist(), key=lambda x: abs(x - value)):
+        try:
+            own = _settled(map_, other, SETTLING[:1])[1]
+        except FAILURES:
+            continue
+        if own and (period is None or own == period):
+            return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {own}"
+    return (f"{why}; nor does it settle in a period at {ELSEWHERE} values of the range: begin with another --period, "
+            "or with --seeds of basins")
 
 
 def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:

@@ -190,7 +190,7 @@ def continue_motions(system: System, plan: Plan, tick: Callable[[ContinuationPoi
             branch_through(first, origin, len(out.branches), tick=tick, keep=out.branches)
     else:
         start = min(max(_present(system, plan.over), plan.low), plan.high)
-        shooting, z = start_orbit(map_, replace(system, {plan.over: start}), span, start, plan.period)
+        shooting, z = start_orbit(map_, span, start, plan.period)
         first = first_point(shooting, z)
         refuse_family(first, map_.system_at((start,)))
         branch_through(first, tick=tick, keep=out.branches)

@@ -33,7 +33,7 @@ def coexistence(law: str, ratio: float) -> System:
 def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
     map_ = DrivelineMap(system, ("engine.mean_torque",))
-    shooting, z = start_orbit(map_, system, ParameterRange(290.0, 310.0), 300.0, None)
+    shooting, z = start_orbit(map_, ParameterRange(290.0, 310.0), 300.0, None)
     found = orbit_at(shooting, z, shooting.linearise(z))
     both = system.driveline.flywheel_inertia + system.driveline.plate_inertia
     roots = np.roots([both, system.driveline.damping, system.driveline.stiffness]) * system.cycle
@@ -72,7 +72,7 @@ def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
 def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> None:
     system, span = coexistence("smoothed", 0.85), ParameterRange(0.3 * 0.6, 0.3)
     map_ = DrivelineMap(system, (MU_K,))
-    shooting, z = start_orbit(map_, system, span, 0.3 * 0.85, 2)
+    shooting, z = start_orbit(map_, span, 0.3 * 0.85, 2)
     branch = branch_through(first_point(dataclasses.replace(shooting, settings=Settings(max_points=45)), z))
     folds = [f for f in branch.bifurcations if f.kind == "fold"]
     for ratio in (0.667985, 0.918464):
@@ -183,6 +183,17 @@ def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
     found = continue_motions(system, Plan("driveline.stiffness", 2500.0, 3500.0))
     assert found.bifurcations == []
     assert not any(s.orbit.stable for s in found.branches[0].points)
+
+
+RUNNING_AWAY = {"friction.law": "set_valued", "pressure.mean": 150e3, "pressure.amplitude": 0.0}
+
+
+def test_where_slip_runs_away_it_is_said_where_to_begin_instead() -> None:
+    # mu_s Pm A R = 360 N m holds the mean torque in stick up to mu_k = mu_s; at 0.2 there are 240 N m against 300.
+    system = replace(load_scene("fig02").system, {**RUNNING_AWAY, MU_K: 0.2})
+    words = r"slip grows without end at .* begin at --set .*=0\.\d+, where the motion settles in period \d+"
+    with pytest.raises(NumericalFailure, match=words):
+        continue_motions(system, Plan(MU_K, 0.19, 0.29))
 
 
 def test_a_family_of_pure_slip_is_refused() -> None:
