@@ -73,6 +73,28 @@ def test_help_and_version_go_to_standard_output(capsys: pytest.CaptureFixture[st
         assert " ".join(text.split()) in " ".join(out.split())
 
 
+def test_every_verb_is_in_one_group_and_a_misspelt_one_gets_a_suggestion(capsys: pytest.CaptureFixture[str]) -> None:
+    grouped = [name for names in cli.GROUPS.values() for name in names]
+    assert len(set(grouped)) == len(grouped)
+    assert set(cli.VERBS) <= set(grouped)
+    assert "did you mean simulate?" in refused(["simulte", "fig02"], capsys)
+    assert "see tcc-sim --help" in refused(["xyzzy"], capsys)
+
+
+@pytest.mark.parametrize(("value", "says"), [
+    ("0.3000000001", "is 0.3000000001; it must be at most friction.static_coefficient, 0.3\n"), ("0.31", "is 0.31;")])
+def test_numbers_that_differ_are_told_apart(value: str, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert says in refused(["simulate", "fig02", "--set", f"friction.kinetic_coefficient={value}"], capsys)
+    assert "is 10000.0000001 Hz" in refused(["scenes", "--show", "fig02", "--set", "rate=20000.0000001"],
+                                            capsys).replace("20000", "10000")
+
+
+def test_scenes_and_explain_take_changes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["scenes", "--show", "fig02", "--set", "engine.frequency=120"]) == 0
+    assert "frequency: 120.0" in capsys.readouterr().out
+    assert "--show" in refused(["scenes", "--set", "engine.frequency=120"], capsys)
+
+
 @pytest.mark.parametrize("verb", cli.VERBS)
 def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([verb, "--help"]) == 0

@@ -8,6 +8,7 @@ standard error and nothing written; 1 anything else; 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import sys
 from importlib import import_module
@@ -15,6 +16,7 @@ from keyword import iskeyword
 from typing import NoReturn
 
 from tcc_sim.errors import InputError, TccError, one_line
+from tcc_sim.output.terminal import terminal_width, wrapped
 
 VERBS: dict[str, str] = {
     "demo": "run the whole chain on real ROS 2: nodes, a recording, its analysis, a Rerun file and a picture",
@@ -41,6 +43,19 @@ VERBS: dict[str, str] = {
 """Every verb with its line of help; its module is `tcc_sim.cli.<verb>`, with an underscore after a Python keyword."""
 
 
+GROUPS: dict[str, tuple[str, ...]] = {
+    "the whole chain": ("demo",),
+    "scenes": ("scenes", "explain"),
+    "steady states": ("simulate", "sweep", "continue", "basins", "linearise"),
+    "recordings": ("analyse", "recover", "identify"),
+    "running nodes": ("watch", "control"),
+    "other programs": ("fmu",),
+    "the paper": ("figure", "claims", "motions"),
+    "what is measured": ("precision", "stability", "realtime", "soak"),
+}
+"""Verbs by what they are for, as `--help` shows them; those of no group come last."""
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line."""
 
@@ -52,22 +67,44 @@ class _Parser(argparse.ArgumentParser):
 def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     """The parser of the command; only the module of `verb` is imported, or all of them where it is None."""
     parser = _Parser(prog="tcc-sim",
-                     description="A slipping torque converter clutch driveline, in real time and offline.")
+                     description="A slipping torque converter clutch driveline, in real time and offline.",
+                     epilog=_verbs_by_purpose(), formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=_version())
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)
     for name, text in VERBS.items():
-        sub = verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        sub = verbs.add_parser(name, description=text[0].upper() + text[1:] + ".")
         if verb in (None, name):
             import_module(f"tcc_sim.cli.{_module(name)}").add_arguments(sub)
     return parser
 
 
+def _verbs_by_purpose() -> str:
+    """Every verb with its line, under what it is for."""
+    others = tuple(name for name in VERBS if not any(name in names for names in GROUPS.values()))
+    width = max(map(len, VERBS))
+    lines = []
+    for title, names in {**GROUPS, "more": others}.items():
+        there = [f"  {name:<{width}}  {VERBS[name]}" for name in names if name in VERBS]
+        lines += [f"{title}:", *there] if there else []
+    return wrapped("\n".join(lines), terminal_width())
+
+
+def _check_verb(words: list[str]) -> str:
+    """The verb of a command line, empty for none; InputError for one that does not exist, with the nearest that does."""
+    verb = next((word for word in words if not word.startswith("-")), "")
+    if verb and verb not in VERBS:
+        near = difflib.get_close_matches(verb[:100], list(VERBS), n=1, cutoff=0.5)
+        raise InputError(f"{verb} is not a verb" + (f"; did you mean {near[0]}?" if near else "; see tcc-sim --help"))
+    return verb
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run one verb and give the exit status."""
     words = sys.argv[1:] if argv is None else argv
-    verb = next((w for w in words if w in VERBS), "")
+    if argv is None:
+        os.environ.setdefault("TCC_SIM_COMMAND", "1")  # The process is a command's own: see `compiled`.
     try:
-        arguments = build_parser(verb).parse_args(words, argparse.Namespace(words=words))
+        arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
         status: int = import_module(f"tcc_sim.cli.{_module(arguments.verb)}").run(arguments)
         sys.stdout.flush()
         return status

@@ -13,14 +13,15 @@ from tcc_sim.output.terminal import say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The scene and where the answer goes."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the answer here")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is held and left out, and what a step costs."""
-    from tcc_sim.scene import load_scene
+    from tcc_sim.scene import load_scene, parse_assignments
 
-    scene = load_scene(arguments.scene)
+    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     if arguments.json is not None:
         new_file(arguments.json)
     from tcc_sim.output.closed_forms import closed_form_lines

@@ -5,21 +5,25 @@ from __future__ import annotations
 import argparse
 import sys
 
+from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
-from tcc_sim.scene import bundled_scenes, load_scene
+from tcc_sim.scene import bundled_scenes, load_scene, parse_assignments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which scene to show, if any."""
     parser.add_argument("--show", metavar="NAME",
                         help="print this scene (or a file) as a parameter file with every key")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of that scene")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print name and description of every bundled scene, or one scene in full."""
     if arguments.show is not None:
-        sys.stdout.write(load_scene(arguments.show).text())
+        sys.stdout.write(load_scene(arguments.show).with_values(parse_assignments(arguments.set)).text())
         return 0
+    if arguments.set:
+        raise InputError("--set changes the scene that --show prints; name one")
     scenes = {name: load_scene(path) for name, path in bundled_scenes().items()}
     width = max(map(len, scenes), default=0)
     for name, scene in scenes.items():

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.profiles import LATEST, PROFILES, check_profile
-from tcc_sim.model.quantity import Group, Quantity, Value, number_of, quantity
+from tcc_sim.model.quantity import Group, Quantity, Value, apart, number_of, quantity
 
 if TYPE_CHECKING:
     from tcc_sim.model.course import Floats
@@ -53,8 +53,9 @@ class Friction(Group):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.kinetic_coefficient > self.static_coefficient:
-            raise InputError(f"friction.kinetic_coefficient is {self.kinetic_coefficient:g}; it must be at most "
-                             f"friction.static_coefficient, {self.static_coefficient:g}")
+            raise InputError("friction.kinetic_coefficient is "
+                             f"{apart(self.kinetic_coefficient, self.static_coefficient)}; it must be at most "
+                             f"friction.static_coefficient, {apart(self.static_coefficient, self.kinetic_coefficient)}")
         if self.static_coefficient > 20.0 * self.kinetic_coefficient:
             raise InputError(f"friction.kinetic_coefficient is {self.kinetic_coefficient:g}; it must be at least one "
                              f"twentieth of friction.static_coefficient, {self.static_coefficient:g}")

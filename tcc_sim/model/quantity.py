@@ -41,8 +41,17 @@ class Quantity:
             if isinstance(x, bool) or not isinstance(x, (int, float)):
                 raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
             if not (self.low <= x <= self.high) or (self.above and x == self.low):
-                raise InputError(f"{key} is {as_float(x):g}{' ' + self.unit if self.unit else ''}; it must be "
-                                 f"{self.interval()}")
+                raise InputError(f"{key} is {apart(as_float(x), self.low, self.high)}"
+                                 f"{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
+
+
+def apart(value: float, *others: float) -> str:
+    """A number in as few digits, six or more, as tell it from others that it is not equal to."""
+    for digits in (6, 9, 12, 15):
+        text = f"{value:.{digits}g}"
+        if all(text != f"{other:.{digits}g}" or value == other for other in others):
+            return text
+    return repr(value)
 
 
 def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,

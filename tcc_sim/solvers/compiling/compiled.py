@@ -5,6 +5,8 @@ Numba's own cache looks only at the file of the function itself, so a change in 
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -14,6 +16,14 @@ from numba.core.types.misc import unliteral
 from tcc_sim.model import course, equations, friction
 from tcc_sim.solvers.compiling.kernel_cache import KernelCache
 from tcc_sim.solvers.compiling.linked import PartCompiler, WholeCompiler
+
+if os.environ.get("TCC_SIM_COMMAND") and "scipy.linalg" not in sys.modules:
+    # Numba loads SciPy's linear algebra where it is there: 0.2 s of every command, and no kernel multiplies matrices.
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+    try:
+        import numba.np.arraymath
+    finally:
+        del sys.modules["scipy.linalg"]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
