@@ -133,3 +133,23 @@ def test_transitions_tell_their_time():
     assert len(run.transitions.time) > 4
     state = run.state[np.searchsorted(run.t, run.transitions.time) + 1]
     np.testing.assert_array_equal(state, run.transitions.after)
+
+
+def test_a_run_up_has_cycles_of_its_own_length_and_no_period():
+    from tcc_sim.sweeps.simulation import simulate
+
+    found = simulate("runup")
+    assert found.trajectory.t[-1] == 20.0
+    assert found.summary.cycles == int(330.0 * 20.0 / (2.0 * math.pi))
+    assert (found.summary.period, found.summary.discarded) == (0, 0)
+    fixed = simulate("runup", solver="fixed_step").summary
+    assert (found.summary.breakaways, fixed.breakaways) == (96, 96)
+    assert found.summary.clutch_energy == pytest.approx(fixed.clutch_energy, rel=1e-5)
+
+
+def test_what_settles_after_the_last_point_has_a_period():
+    from tcc_sim.sweeps.simulation import simulate
+
+    found = simulate("apply", duration=3.0)
+    assert (found.summary.period, found.summary.breakaways) == (1, 0)
+    assert found.trajectory.final.slip_speed == pytest.approx(0.0, abs=0.05)
