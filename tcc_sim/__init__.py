@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.model.parameters import System
     from tcc_sim.plant.closed_loop import closed_loop
+    from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
@@ -33,11 +34,11 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep", "analyse": "tcc_sim.replay.replay",
            "continuation": "tcc_sim.continuation.motions", "basins": "tcc_sim.basins.rows",
            "linearise": "tcc_sim.estimation.linearise", "plot": "tcc_sim.views.plots",
-           "closed_loop": "tcc_sim.plant.closed_loop"}
+           "closed_loop": "tcc_sim.plant.closed_loop", "read": "tcc_sim.replay.recorded"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "linearise", "load_scene", "plot", "simulate", "solve", "sweep", "sweep_grid"]
+           "linearise", "load_scene", "plot", "read", "simulate", "solve", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

@@ -54,7 +54,7 @@ class MissingPackage(TccError, ImportError):
 
 
 EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),
-          "distributed": ("distributed", "cluster")}
+          "distributed": ("distributed", "cluster"), "pandas": ("pandas", "table")}
 """Optional packages by the name of their module: name for pip, and the extra that brings it."""
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +171,11 @@ class Trajectory:
     detail: str = ""
     statistics: Statistics = Statistics()
 
+    UNITS: ClassVar[Mapping[str, str]] = {
+        "t": "s", "slip_speed": "rad/s", "plate_angle": "rad", "plate_speed": "rad/s", "engine_torque": "N m",
+        "saturation_torque": "N m", "friction_torque": "N m", "state": ""}
+    """The columns, and their units."""
+
     def __repr__(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
         cycles = f", {counted(len(self.cycles), 'engine cycle')}" if self.cycles is not None else ""
@@ -179,9 +184,7 @@ class Trajectory:
 
     def columns(self) -> dict[str, Floats | Modes]:
         """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
-        names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque",
-                 "friction_torque", "state")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in self.UNITS}
 
     @property
     def final(self) -> State:

@@ -28,7 +28,7 @@ DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories",
 ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
     "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks"],
-    "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
+    "pandas": ["replay"], "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["scene", "recording", "messages", "output.provenance"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,

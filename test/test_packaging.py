@@ -89,7 +89,7 @@ def test_the_metadata_are_whole_and_hold_no_placeholder(built):
     assert "example.org" not in (ROOT / "package.xml").read_text()
     assert head.count("Classifier: ") >= 8
     assert "Keywords: " in head
-    assert {"ros", "view", "cluster", "test", "all"} == set(re.findall(r"Provides-Extra: (\S+)", head))
+    assert {"ros", "view", "cluster", "table", "test", "all"} == set(re.findall(r"Provides-Extra: (\S+)", head))
     everything = re.findall(r"Requires-Dist: ([A-Za-z0-9_.-]+).*extra == .all.", head)
     assert {"rerun-sdk", "matplotlib", "distributed", "ros-rclpy"} <= set(everything)
     assert not {"pytest", "ruff", "mypy"} & set(everything)
@@ -105,7 +105,7 @@ def test_the_paper_is_cited_as_its_copy_prints_it():
 
 
 def test_every_requirement_has_a_floor_that_can_be_tested():
-    for name in ("INSTALL", "VIEW", "CLUSTER"):
+    for name in ("INSTALL", "VIEW", "CLUSTER", "TABLE"):
         for requirement in ast.literal_eval(LISTS[name]):
             assert re.fullmatch(r"[A-Za-z0-9_.-]+>=[0-9.]+", requirement), requirement
     assert "setup.py" in (ROOT / ".ci" / "floors").read_text()

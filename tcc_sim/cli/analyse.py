@@ -30,6 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="work out the equivalent damping (21) of the last cycles too")
     parser.add_argument("--verify", action="store_true",
                         help="solve the run again from the recording alone and compare")
+    parser.add_argument("--run", metavar="N", type=int, help="only this run, counted from 0 (default: all of them, and "
+                        "the figures of the longest)")
+    parser.add_argument("--from", metavar="S", type=float, dest="start", help="only from this simulation time on, s")
+    parser.add_argument("--to", metavar="S", type=float, dest="end", help="only up to this simulation time, s")
+    parser.add_argument("--out", metavar="FILE", type=Path,
+                        help="write the samples as .csv or .npz, with their units and the scene; of the run whose "
+                        "figures are shown")
     parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
 
@@ -38,8 +45,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document
+    from tcc_sim.output.samples import check_suffix, write_samples
+    from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
+    from tcc_sim.replay.window import Window
 
+    window = Window(arguments.run, arguments.start, arguments.end)
+    if arguments.out is not None:
+        check_suffix(arguments.out, (".csv", ".npz"))
+        new_file(arguments.out, arguments.force)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)
     if arguments.rrd is not None:
@@ -51,8 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
         require("rerun", "Rerun")
     found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene,
-                   verify=arguments.verify,
-                   damping=arguments.damping, progress=True)
+                   verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
+    if arguments.out is not None:
+        recording = read(arguments.recording, arguments.scene)
+        samples = recording.trajectory(found.run, arguments.start, arguments.end)
+        write_samples(arguments.out, samples, recording.scene.text(), head=True)
     if arguments.plot is not None:
         from tcc_sim.views.plots import plot
 

@@ -1,7 +1,8 @@
-"""The samples of a solved run as a file: NumPy arrays (.npz), a table (.csv), or a recording (.mcap)."""
+"""The samples of a solved or recorded run as a file: NumPy arrays (.npz), a table (.csv), or a recording (.mcap)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,20 +11,23 @@ from tcc_sim.errors import InputError
 from tcc_sim.output.files import draft
 from tcc_sim.trajectory import Trajectory
 
-ARRAYS = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
-          "state")
+ARRAYS = tuple(Trajectory.UNITS)
 """Arrays of the .npz file and columns of the .csv file: s, rad/s, rad, rad/s, N m, N m, N m, and -1, 0, 1."""
 SUFFIXES = (".npz", ".csv", ".mcap")
 
 
-def check_suffix(path: Path) -> None:
-    """Raise InputError unless the name of the file ends in one of SUFFIXES."""
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"--out {path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+def check_suffix(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
+    """Raise InputError unless the name of the file ends in one of them."""
+    if path.suffix not in suffixes:
+        raise InputError(f"--out {path} must end in {', '.join(suffixes[:-1])} or {suffixes[-1]}")
 
 
-def write_samples(path: Path, trajectory: Trajectory, scene_text: str) -> None:
-    """Write every sample of `trajectory`; a .csv keeps every digit, a .mcap holds the scene (YAML) too."""
+def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, head: bool = False) -> None:
+    """Write every sample of `trajectory`.
+
+    A .npz holds the units too, in the order of ARRAYS, and the scene (YAML), as a .mcap does. A .csv keeps every digit;
+    with `head` the units and the scene stand before its columns, in lines that begin with #.
+    """
     check_suffix(path)
     with draft(path) as part:
         if path.suffix == ".mcap":
@@ -31,9 +35,13 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str) -> None:
 
             write_trajectory(part, trajectory, scene_text)
         elif path.suffix == ".npz":
-            np.savez(part, **{name: getattr(trajectory, name) for name in ARRAYS})
+            np.savez(part, **{name: getattr(trajectory, name) for name in ARRAYS},
+                     units=np.array(list(Trajectory.UNITS.values())), scene=np.array(scene_text))
         else:
             columns = [getattr(trajectory, name).tolist() for name in ARRAYS]
-            with part.open("w", encoding="ascii", newline="\n") as file:
+            units = ", ".join(f"{name} ({unit})" if unit else name for name, unit in Trajectory.UNITS.items())
+            with part.open("w", encoding="utf-8", newline="\n") as file:
+                if head:
+                    file.writelines(f"# {line}\n" for line in (units, *scene_text.splitlines()))
                 file.write(",".join(ARRAYS) + "\n")
                 file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns))

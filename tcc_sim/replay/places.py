@@ -8,13 +8,14 @@ may be set back, so it only decides where the rest leaves a choice.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.reader import Run, Tap
 
 MOST_SCENES = 10_000
 """Scenes of a recording that are followed."""
@@ -107,3 +108,28 @@ class Places:
                 found[number] = next((index for index in others if last <= index <= end), None)
             last = found[number] or last
         return [Place(index, number) for number, index in enumerate(found) if index is not None]
+
+
+def places_of(run: Run, progress: bool = False) -> list[Place]:
+    """From which states on the scenes of a recording hold."""
+    return found_places(run, run.scenes[:MOST_SCENES], "scenes", progress)
+
+
+def found_places(run: Run, said: Sequence[Said], what: str, progress: bool) -> list[Place]:
+    """From which states on what the driveline said holds; the recording is read once more for more than one message."""
+    if len(said) < 2:
+        return [Place(0, 0)] if said else []
+    found = Places(said)
+    for batch in watched(run, what, progress):
+        found.feed(batch)
+    return found.places()
+
+
+def watched(run: Run, what: str, progress: bool, tap: Tap | None = None) -> Iterator[JointStates]:
+    """The batches of a run, with a bar on a terminal."""
+    from tqdm import tqdm
+
+    with tqdm(desc=what, unit=" messages", unit_scale=True, leave=False, disable=None if progress else True) as bar:
+        for batch in run.batches(tap):
+            yield batch
+            bar.update(len(batch))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -19,17 +19,17 @@ from tcc_sim.output.files import draft
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Commands, Rows
 from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
-from tcc_sim.recording.reader import Run, Tap, open_run
+from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.pace import Pace
-from tcc_sim.replay.places import MOST_SCENES, Place, Places, Said
+from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog
 from tcc_sim.replay.tail import Tail
-from tcc_sim.replay.timing import Timing, timing_of
+from tcc_sim.replay.timing import Timing, scene_of, timing_of
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.replay.window import Window
-from tcc_sim.scene import Scene, load_scene, parse_scene
+from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import natural_frequency, terms_of
 from tcc_sim.trajectory import Floats, modes_of
 
@@ -78,18 +78,20 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     if damping:
         _check_damping(own)
     part = window or Window()
-    timing = timing_of(own, frequency, part.of(_watched(run, "frequency", progress)))
+    timing = timing_of(own, frequency, part.of(watched(run, "frequency", progress)))
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         reading = _Reading(run, own, timing, discard, verify, progress)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, Path(path).name, timing, own, where, reading.controlled) if where else None
-        for batch in _watched(run, "reading", progress, reading.commands.take):
+        for batch in watched(run, "reading", progress, reading.commands.take):
             reading.verify(batch)
             for kept, commanded in part.cut(batch, reading.commands.until(batch)):
                 reading.take(kept, commanded, view)
         part.check(run.stamps.runs)
         found = reading.result(Path(path), damping, began)
+        if part.sentence():
+            found = replace(found, warnings=(*found.warnings, part.sentence()))
         if view is not None:
             view.text(found.markdown())
     return found
@@ -113,7 +115,7 @@ class _Reading:
                                     self.controlled, self._stream, discard)
         self._sources = input_sources(run) if verify else []
         held = [(place.index, self._sources[place.number].commanded)
-                for place in _places(run, self._sources, "inputs", progress)]
+                for place in found_places(run, self._sources, "inputs", progress)]
         self._verifier = Verifier(run.scenes, places, scene, run.size, held) if verify else None
 
     def verify(self, batch: JointStates) -> None:
@@ -125,15 +127,15 @@ class _Reading:
              view: RerunStream | None) -> None:
         """Analyse the next batch, with the commands that came with it, and show it."""
         slip_speed = batch.flywheel_speed - batch.plate_speed
-        state = modes_of(np.nan_to_num(slip_speed), self._tail.stick_speed)
         samples = (batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
                    batch.friction_torque)
         pieces = self._stream.feed(*samples, batch.run)
         self._segments.feed(batch, slip_speed, commanded.get(TARGET))
-        self._tail.add(batch, slip_speed, state, self._stream)
+        self._tail.add(batch, self._stream)
         fresh = self._control.add(batch, slip_speed, self._stream, commanded)
         self._pace.add(batch)
         if view is not None:
+            state = modes_of(np.nan_to_num(slip_speed), self._tail.stick_speed)
             view.samples(*samples, state, new_run=self._tail.run_started)
             for piece in pieces if self._timing.clock.told else ():
                 view.cycles(piece.cycles, piece.first)
@@ -145,7 +147,8 @@ class _Reading:
         solver = run.result.get("solver") if run.result is not None else None
         summary = replace(self._stream.summary(self._discard), elapsed_s=time.perf_counter() - began,
                           solver=solver if isinstance(solver, str) else "fixed_step")
-        longest = self._stream.longest()[1]
+        number, longest = self._stream.longest()
+        shown = next(run for run, at in self._stream.numbers.items() if at == number)
         cycles, first, _ = longest.kept(0)
         kept, begin, _ = longest.kept(self._discard) if told else (cycles, first, 0)
         averages = damping_of_cycles(self._system, kept, begin, summary.period) if damping else None
@@ -158,7 +161,7 @@ class _Reading:
                             "own")
         return Replay(path, self._scene, summary, self._tail.trajectory(summary.solver), cycles, first, self._timing,
                       run.stamps, run.stamps.messages, run.lost_messages, run.complete, tuple(warnings),
-                      self._pace.factor(), self._control.control(self._stream), tuple(segments),
+                      self._pace.factor(), self._control.control(self._stream), shown, tuple(segments),
                       self._verifier.result() if self._verifier is not None else None, averages)
 
     def _warnings(self) -> Iterator[str]:
@@ -175,52 +178,12 @@ class _Reading:
             yield f"only the first {MOST_SOURCES} changes of the source of an input are followed"
 
 
-def scene_of(run: Run, given: str | None = None) -> Scene:
-    """The scene that a recording holds, or the one given where it holds none.
-
-    Raises
-    ------
-    InputError
-        It holds none and none is given, or the one that it holds is no scene.
-    """
-    if run.scene_text is not None:
-        return parse_scene(run.scene_text, run.path.stem)
-    if given is None:
-        raise InputError(f"{run.path} holds no scene; name the one that it was made with (--scene)")
-    return load_scene(given)
-
-
-def places_of(run: Run, progress: bool = False) -> list[Place]:
-    """From which states on the scenes of a recording hold."""
-    return _places(run, run.scenes[:MOST_SCENES], "scenes", progress)
-
-
 def _check_damping(scene: Scene) -> None:
     """Raise InputError where an input came from a topic: between two points of the section it is not the scene's."""
     for name, source in (("engine.source", scene.system.engine.source),
                          ("pressure.source", scene.system.pressure.source)):
         if source == "topic":
             raise InputError(f"{name} is topic; --damping is for recordings of harmonic torque and pressure")
-
-
-def _places(run: Run, said: Sequence[Said], what: str, progress: bool) -> list[Place]:
-    """From which states on what the driveline said holds; the recording is read once more for more than one message."""
-    if len(said) < 2:
-        return [Place(0, 0)] if said else []
-    found = Places(said)
-    for batch in _watched(run, what, progress):
-        found.feed(batch)
-    return found.places()
-
-
-def _watched(run: Run, what: str, progress: bool, tap: Tap | None = None) -> Iterator[JointStates]:
-    """The batches of a run, with a bar on a terminal."""
-    from tqdm import tqdm
-
-    with tqdm(desc=what, unit=" messages", unit_scale=True, leave=False, disable=None if progress else True) as bar:
-        for batch in run.batches(tap):
-            yield batch
-            bar.update(len(batch))
 
 
 def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tuple[Path | None, bool, str | None],

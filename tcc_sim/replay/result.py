@@ -37,6 +37,7 @@ class Replay:
     warnings : one sentence per damage
     pace : simulated seconds per second of real time between the first and the last message, by when they were received
     control : target, pressures, cycle means and events of that run
+    run : number of that run, counted from 0
     segments : the figures from each start, reset, restart or change of parameters to the next
     verification, damping : where they were asked for
     """
@@ -55,6 +56,7 @@ class Replay:
     warnings: tuple[str, ...]
     pace: float
     control: Control
+    run: int = 0
     segments: tuple[Segment, ...] = ()
     verification: Verification | None = None
     damping: Damping | None = None

@@ -10,7 +10,8 @@ from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene, 
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.scene import Scene
+from tcc_sim.recording.reader import Run
+from tcc_sim.scene import Scene, load_scene, parse_scene
 
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 SLICE, TICKS = 0.1, 20
@@ -88,3 +89,18 @@ def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates])
                 "of the engine torque can be followed")
     found = longest if not longest.why else max(runs.values(), key=lambda run: len(run.starts))
     return Timing(clock, "found", found.low, found.high, note)
+
+
+def scene_of(run: Run, given: str | None = None) -> Scene:
+    """The scene that a recording holds, or the one given where it holds none.
+
+    Raises
+    ------
+    InputError
+        It holds none and none is given, or the one that it holds is no scene.
+    """
+    if run.scene_text is not None:
+        return parse_scene(run.scene_text, run.path.stem)
+    if given is None:
+        raise InputError(f"{run.path} holds no scene; name the one that it was made with (--scene)")
+    return load_scene(given)

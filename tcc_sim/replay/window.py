@@ -39,6 +39,13 @@ class Window:
         self._any = False
         self._held: dict[str, float] = {}
 
+    def sentence(self) -> str:
+        """What it leaves out; empty where that is nothing."""
+        parts = [f"run {self.run}"] if self.run is not None else []
+        parts += [f"from {self._start * 1e-9:g} s on"] if self._start > -(2**63) else []
+        parts += [f"up to {self._end * 1e-9:g} s"] if self._end < 2**63 - 1 else []
+        return f"only {', '.join(parts)} is analysed" if parts else ""
+
     def of(self, batches: Iterable[JointStates]) -> Iterator[JointStates]:
         """The states that lie in it."""
         for batch in batches:

@@ -1,0 +1,233 @@
+"""A recording as data: its runs, segments and commands, and any stretch of it as the same object as a solution."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.errors import InputError, counted, require
+from tcc_sim.model.parameters import System
+from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.commands import SOURCE, Commands
+from tcc_sim.recording.reader import open_run
+from tcc_sim.replay.places import places_of
+from tcc_sim.replay.segments import Segment
+from tcc_sim.replay.timing import Timing, scene_of, timing_of
+from tcc_sim.replay.window import Window
+from tcc_sim.scene import parse_scene
+from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
+from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """One run of a recording, from a start, a reset or a restart of the driveline to the next.
+
+    number : counted from 0
+    start, end : simulation time of its first and last state, s
+    samples : joint_states in it
+    began_by : start, reset or restart
+    """
+
+    number: int
+    start: float
+    end: float
+    samples: int
+    began_by: str
+
+
+@dataclass(frozen=True, repr=False)
+class Command:
+    """What was commanded on one topic, (n,) arrays: number of the run, simulation time (s) of the first state after it,
+    and value in the unit of its topic.
+    """
+
+    run: NDArray[np.int64]
+    t: Floats
+    value: Floats
+
+    def __repr__(self) -> str:
+        return f"<Command: {counted(len(self.t), 'message')}>"
+
+
+class Recording:
+    """A recording that is read when it is asked: nothing of it is held but what was asked for.
+
+    Parameters
+    ----------
+    path : bag directory or .mcap file, complete or cut short
+    scene : name or file, for a recording that holds none
+
+    Raises
+    ------
+    InputError
+        No recording there, nothing in it that can be read, or no scene.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> from tcc_sim.recording.trajectory_bag import write_trajectory
+    >>> scene = tcc_sim.load_scene("slip")
+    >>> run = tcc_sim.solve(scene, cycles=60, samples_per_cycle=50)
+    >>> write_trajectory(folder / "read.mcap", run, scene.text())
+    >>> tcc_sim.read(folder / "read.mcap").trajectory(start=0.5, end=1.0).t[[0, -1]].round(2).tolist()
+    [0.5, 1.0]
+    """
+
+    def __init__(self, path: Path | str, scene: str | None = None) -> None:
+        self.path = Path(path)
+        self._run, self._given = open_run(path), scene
+        self.scene = scene_of(self._run, scene)
+
+    def __repr__(self) -> str:
+        ended = "complete" if self._run.complete else "cut short"
+        return f"<Recording {self.path.name} of {self.scene.name}: {counted(len(self.runs), 'run')}, {ended}>"
+
+    @property
+    def complete(self) -> bool:
+        """False where it was cut short."""
+        return self._run.complete
+
+    @cached_property
+    def runs(self) -> tuple[RecordedRun, ...]:
+        """From each start, reset or restart to the next."""
+        found: dict[int, RecordedRun] = {}
+        for batch in self.batches():
+            start, end = float(batch.stamp_ns[0]) * 1e-9, float(batch.stamp_ns[-1]) * 1e-9
+            before = found.get(batch.run, RecordedRun(batch.run, start, end, 0, batch.began.value))
+            found[batch.run] = replace(before, end=end, samples=before.samples + len(batch))
+        return tuple(found.values())
+
+    @cached_property
+    def segments(self) -> tuple[Segment, ...]:
+        """From each start, reset, restart or change of parameters to the next, with the figures of each."""
+        from tcc_sim.replay.replay import replay
+
+        return replay(self.path, scene=self._given).segments
+
+    @cached_property
+    def commands(self) -> Mapping[str, Command]:
+        """What was commanded, by topic: engine_torque (N m), actuation_pressure (Pa), target_slip_speed (rad/s)."""
+        commands, parts = Commands(self._run.joint_states_topic), dict[str, list[tuple[int, Floats, Floats]]]()
+        for batch in self._run.batches(commands.take):
+            for name, (rows, values) in commands.until(batch).items():
+                if name != SOURCE:
+                    t = batch.stamp_ns[rows].astype(np.float64) * 1e-9
+                    parts.setdefault(name, []).append((batch.run, t, values))
+        return {name: Command(np.concatenate([np.full(len(t), run) for run, t, _ in found]),
+                              np.concatenate([t for _, t, _ in found]), np.concatenate([v for *_, v in found]))
+                for name, found in parts.items()}
+
+    def batches(self, window: Window | None = None) -> Iterator[JointStates]:
+        """The states in the order of the recording, some thousands at a time: for what does not fit into memory."""
+        return (window or Window()).of(batch for batch in self._run.batches() if len(batch))
+
+    def trajectory(self, run: int = 0, start: float | None = None, end: float | None = None) -> Trajectory:
+        """One run, or a stretch of it, as a solution is.
+
+        Engine cycles are counted as `analyse` counts them, so that every analysis takes it; where no cycle can be told
+        there is none. A gap stands between samples that are more than a tick apart.
+
+        Parameters
+        ----------
+        run : number, counted from 0
+        start, end : simulation time, s, both included; None for the run's own
+
+        Raises
+        ------
+        InputError
+            There is no such run, or no state in the window.
+        """
+        window = Window(run, start, end)
+        batches = list(self.batches(window))
+        if not batches:
+            window.check(self._run.stamps.runs)
+        system = self._system(batches[0].index)
+        clock = self._timing.clock if self._timing.source == "found" else timing_of(
+            replace(self.scene, system=system), None, batches).clock
+        solver = self._run.result.get("solver") if self._run.result is not None else None
+        found = trajectory_of(batches, system, clock, solver if isinstance(solver, str) else "fixed_step")
+        if not clock.told:
+            return found
+        stream = CycleStream(system, clock)
+        for batch in batches:
+            stream.feed(batch.stamp_ns, batch.flywheel_speed - batch.plate_speed, batch.plate_angle, batch.plate_speed,
+                        batch.engine_torque, batch.friction_torque, batch.run)
+        longest = stream.longest()[1]
+        return replace(found, cycles=longest.kept(0)[0] if longest.pieces else no_cycles())
+
+    def to_pandas(self, run: int = 0, start: float | None = None, end: float | None = None) -> Any:
+        """The same samples as a pandas.DataFrame; its `attrs` hold the unit of each column and the scene.
+
+        Raises
+        ------
+        MissingPackage
+            pandas is not installed.
+        InputError
+            As `trajectory`.
+        """
+        require("pandas", "to_pandas")
+        from pandas import DataFrame
+
+        found = self.trajectory(run, start, end)
+        frame = DataFrame(found.columns())
+        frame.attrs.update(units=dict(Trajectory.UNITS), scene=self.scene.text())
+        return frame
+
+    @cached_property
+    def _timing(self) -> Timing:
+        """How the engine cycles of all runs are counted."""
+        return timing_of(self.scene, None, self.batches())
+
+    def _system(self, index: int) -> System:
+        """What the scene in force at the state with this index describes."""
+        place = max((place for place in places_of(self._run) if place.index <= index), default=None,
+                    key=lambda place: place.number)
+        if place is None or place.number == 0:
+            return self.scene.system
+        try:
+            return parse_scene(self._run.scenes[place.number].parameters, self.scene.name).system
+        except InputError:
+            return self.scene.system
+
+
+def read(path: Path | str, scene: str | None = None) -> Recording:
+    """A recording as data (see `Recording`).
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> tcc_sim.read(folder / "read.mcap").runs[0].began_by
+    'start'
+    """
+    return Recording(path, scene)
+
+
+def trajectory_of(batches: Sequence[JointStates], system: System, clock: EngineClock, solver: str) -> Trajectory:
+    """Recorded states of one run as a trajectory, without its cycles.
+
+    The saturation torque is that of the pressure that was applied, or of the scene; NaN where nobody says.
+    """
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(batch, name) for batch in batches])
+
+    t, slip_speed = joined("stamp_ns") * 1e-9, joined("flywheel_speed") - joined("plate_speed")
+    terms, load = terms_of(system), np.full(len(t), math.nan)
+    if system.pressure.source != "topic":
+        load = np.broadcast_to(torques_at(terms, t)[1], t.shape)
+    elif all(batch.applied_pressure is not None for batch in batches):
+        load = system.torque_per_pressure * joined("applied_pressure")
+    return Trajectory(
+        t=t, slip_speed=slip_speed, plate_angle=joined("plate_angle"), plate_speed=joined("plate_speed"),
+        engine_torque=joined("engine_torque"), saturation_torque=load, friction_torque=joined("friction_torque"),
+        state=modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
+        system=system, flywheel_angle=joined("flywheel_angle"), cycles=None if clock.told else no_cycles())

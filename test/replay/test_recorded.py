@@ -1,0 +1,143 @@
+"""A recording as data: every sample, in windows, as the same object as a solution, as files and as a table."""
+
+import json
+import math
+import sys
+import types
+
+import numpy as np
+import pytest
+from driveline_bags import TICK, bag, by_hand, ticked
+
+import tcc_sim
+from tcc_sim.analysis.summary import summarise
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError, MissingPackage
+from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene, parse_scene
+from tcc_sim.views.plots import plot
+
+FIG02 = load_scene("fig02")
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """1.2 s of Fig. 2, a change at 0.7 s, a reset, and 1.8 s more."""
+    said = []
+    found = ticked(FIG02, 3000, changes=[(700, {"engine.mean_torque": 250.0}, False)], resets=(1199,), said=said)
+    return found, said
+
+
+@pytest.fixture
+def recorded(tmp_path, rows):
+    return bag(tmp_path / "run", rows[0], FIG02, said=rows[1])
+
+
+def test_a_recording_has_runs_segments_and_every_sample(recorded, rows):
+    found = tcc_sim.read(recorded)
+    assert [(run.number, run.start, run.end, run.samples, run.began_by) for run in found.runs] == [
+        (0, 0.0, 1.199, 1200, "start"), (1, 0.0, 1.8, 1801, "reset")]
+    assert [segment.began_by for segment in found.segments] == ["start", "parameters", "reset"]
+    assert "2 runs, complete" in repr(found)
+    first, second = found.trajectory(), found.trajectory(1)
+    for run, part in ((first, rows[0][:1200]), (second, rows[0][1200:])):
+        table = np.array(part)
+        assert np.array_equal(run.t, table[:, 0] * 1e-9)
+        assert np.array_equal(run.slip_speed, table[:, 3] - table[:, 4])
+        for name, column in (("flywheel_angle", 1), ("plate_angle", 2), ("plate_speed", 4), ("engine_torque", 5),
+                             ("friction_torque", 6)):
+            assert np.array_equal(getattr(run, name), table[:, column])
+        p = FIG02.system.pressure
+        pressure = p.mean + p.amplitude * np.sin(150.0 * p.frequency_ratio * run.t + p.phase)
+        assert run.saturation_torque == pytest.approx(0.24 * 0.08 * 0.1 * pressure, rel=1e-9)
+    assert second.system.engine.mean_torque == 250.0
+
+
+def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_path):
+    pytest.importorskip("matplotlib")
+    run = tcc_sim.read(recorded).trajectory(1, 0.5, 1.5)
+    assert (run.t[0], run.t[-1], len(run.t)) == (0.5, 1.5, 1001)
+    assert summarise(run, 3).cycles == len(run.cycles) == int(1.5 * 150 / (2 * math.pi)) - math.ceil(75 / (2 * math.pi))
+    starts = run.cycles.starts
+    assert starts[:2] == pytest.approx(np.array([12, 13]) * 2.0 * math.pi / 150.0, rel=1e-12)
+    assert plot(run, tmp_path / "run.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("window", "words"), [
+    ({"run": 2}, "no run 2: the recording holds 2 runs, counted from 0"), ({"run": -1}, "runs are counted from 0"),
+    ({"start": 5.0}, "no state in the window"), ({"start": 1.0, "end": 0.5}, "must end after it starts")])
+def test_what_is_not_there_is_refused(recorded, window, words):
+    with pytest.raises(InputError, match=words):
+        tcc_sim.read(recorded).trajectory(**window)
+
+
+def test_commands_are_columns(tmp_path):
+    steady = by_hand(1.0, lambda t: 150.0 + 0.0 * t, lambda t: 0.1 + 0.0 * t, lambda t: 0.0 * t,
+                     lambda t: 300.0 + 0.0 * t, lambda t: 300.0 + 0.0 * t)
+    path = bag(tmp_path / "run", [*steady, *steady], "slip", targets=[(0, 20.0), (500, 30.0), (1501, 40.0)])
+    found = tcc_sim.read(path).commands["target_slip_speed"]
+    assert (found.run.tolist(), found.value.tolist()) == ([0, 0, 1], [20.0, 30.0, 40.0])
+    assert found.t == pytest.approx([0.0, 0.5, 0.5], abs=1.5e-3)
+
+
+def test_cycles_of_a_commanded_torque_are_its_own_in_every_window(tmp_path):
+    scene = load_scene("commands").with_values({"engine.frequency": 99.0})
+    path = bag(tmp_path / "run", ticked(scene, 4000, torque=lambda k: 300.0 + 250.0 * math.sin(0.15 * k),
+                                        pressure=lambda k: 260e3), scene)
+    run = tcc_sim.read(path).trajectory(0, 1.0, 3.0)
+    assert np.diff(run.cycles.starts) == pytest.approx(2.0 * math.pi / 150.0, rel=1e-5)
+    constant = bag(tmp_path / "constant", ticked(scene, 2000, torque=lambda k: 300.0, pressure=lambda k: 260e3), scene)
+    assert len(tcc_sim.read(constant).trajectory().cycles) == 0
+
+
+def test_a_window_of_a_run_is_analysed_alone(recorded, tmp_path):
+    assert main(["analyse", str(recorded), "--run", "1", "--from", "0.6", "--to", "1.4", "--discard", "2", "--json",
+                 str(tmp_path / "a.json"), "--out", str(tmp_path / "a.csv")]) == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    (segment,) = found["segments"]
+    assert (segment["start"], segment["end"]) == (pytest.approx(0.6), pytest.approx(1.4))
+    assert segment["began_by"] == "reset"
+    assert "only run 1, from 0.6 s on, up to 1.4 s is analysed" in found["warnings"]
+    assert found["cycles"] == int(1.4 * 150 / (2 * math.pi)) - math.ceil(0.6 * 150 / (2 * math.pi))
+    run = tcc_sim.read(recorded).trajectory(1, 0.6, 1.4)
+    inside = run.t >= run.cycles.starts[2]
+    assert found["max_slip_speed"] == pytest.approx(np.abs(run.slip_speed[inside]).max(), rel=0.02)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    head = [line.removeprefix("# ") for line in lines if line.startswith("#")]
+    assert head[0].startswith("t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque (N m)")
+    assert parse_scene("\n".join(head[1:]) + "\n", "fig02").system == FIG02.system
+    columns, *values = lines[len(head):]
+    assert columns == "t,slip_speed,plate_angle,plate_speed,engine_torque,saturation_torque,friction_torque,state"
+    table = np.array([[float(x) for x in line.split(",")] for line in values])
+    assert np.array_equal(table[:, 0], run.t)
+    assert np.array_equal(table[:, 1], run.slip_speed)
+
+
+def test_the_samples_of_the_run_that_is_shown_become_arrays(recorded, tmp_path, capsys):
+    assert main(["analyse", str(recorded), "--out", str(tmp_path / "a.npz")]) == 0
+    with np.load(tmp_path / "a.npz") as found:
+        assert np.array_equal(found["t"], np.arange(1801) * TICK * 1e-9)
+        assert found["units"].tolist() == ["s", "rad/s", "rad", "rad/s", "N m", "N m", "N m", ""]
+        assert parse_scene(str(found["scene"]), "fig02").system == FIG02.system
+    for words in (["--out", "a.mcap"], ["--run", "7"], ["--from", "3", "--to", "2"]):
+        assert main(["analyse", str(recorded), *words]) == 2
+    capsys.readouterr()
+    assert replay(recorded).run == 1
+
+
+def test_a_table_carries_units_and_scene(recorded, monkeypatch):
+    class Frame(dict):
+        attrs: dict = {}  # noqa: RUF012
+
+    stub = types.ModuleType("pandas")
+    stub.DataFrame, stub.__spec__ = Frame, types.SimpleNamespace()
+    monkeypatch.setitem(sys.modules, "pandas", stub)
+    found = tcc_sim.read(recorded).to_pandas(0, 0.1, 0.2)
+    assert found.attrs["units"]["engine_torque"] == "N m"
+    assert found.attrs["scene"] == FIG02.text()
+    assert list(found)[:2] == ["t", "slip_speed"]
+    assert len(found["t"]) == 101
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingPackage, match="table"):
+        tcc_sim.read(recorded).to_pandas()
