@@ -49,8 +49,6 @@ OUTPUTS = (
     ("applied_engine_torque", "N m", "engine torque that acts at the end of the step"),
     ("applied_pressure", "Pa", "actuation pressure that acts at the end of the step"),
     ("shaft_torque", "N m", "torque of spring and damper, C23 theta2' + K23 theta2"))
-PHASES = "engine.frequency", "pressure.frequency_ratio"
-"""Keys that a node changes without a jump of phase; the FMU counts its phase from time 0."""
 INPUTS = "engine_torque", "actuation_pressure"
 
 
@@ -83,9 +81,8 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
             continue  # A number that a profile takes the place of has no effect.
         many = isinstance(value, tuple)
         for place, number in enumerate(value if isinstance(value, tuple) else (value,), 1):
-            yield Variable(f"{key}[{place}]" if many else key, "parameter",
-                           "tunable" if meant.live and key not in PHASES else "fixed", meant.unit, meant.description,
-                           number, meant.low, meant.high, meant.above)
+            yield Variable(f"{key}[{place}]" if many else key, "parameter", "tunable" if meant.live else "fixed",
+                           meant.unit, meant.description, number, meant.low, meant.high, meant.above)
 
 
 def header(scene: Scene, rows: list[Variable], identifier: str, token: str, step: float) -> str:

@@ -12,7 +12,6 @@ pytest.importorskip("fmpy", reason="FMPy is not installed")
 
 from fmus import Driven, needs_compiler, written
 
-from tcc_sim.fmu.variables import PHASES
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import Scene, bundled_scenes, load_scene
@@ -44,8 +43,7 @@ def lockstep(name: str, values: dict[str, object] | None = None) -> Scene:
 
 def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
     """A change of some live keys, which keep their order of size."""
-    live = [key for key, quantity in QUANTITIES.items() if quantity.live and key not in PHASES
-            and f"{key}_times" not in scene.system.varying]
+    live = [key for key, quantity in QUANTITIES.items() if quantity.live and f"{key}_times" not in scene.system.varying]
     base = {key: float(scene.value(key)) for key in live}  # type: ignore[arg-type]
     changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
     if draw.random() < 0.3:

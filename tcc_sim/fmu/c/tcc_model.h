@@ -32,13 +32,18 @@
 typedef enum { TCC_OK, TCC_DISCARD, TCC_ERROR } tcc_answer;
 typedef enum { TCC_INSTANTIATED, TCC_INITIALIZATION, TCC_STEP_MODE, TCC_TERMINATED } tcc_mode;
 
+/* Where the phase is counted from, after the frequency or the pressure's ratio to it were changed: phi at a time, and by how
+   much the load's angle is ahead of r phi + psi. */
+typedef struct { double time, phase, lead; } tcc_origin;
+
 typedef struct {
     double x[TCC_VARIABLES];       /* every variable, by its reference */
     double state[4];               /* slip speed, plate angle, plate speed, flywheel angle */
     double start_time, stick_speed;
     long long tick;
     Terms terms;
-    double pressures[TCC_MOST_PIECES][2];   /* mean pressure and its change in a second, by pieces of the course */
+    tcc_origin origin;
+    double frequency, ratio;       /* engine.frequency and pressure.frequency_ratio of the terms */
     int substeps, mode, changed;   /* changed: terms are to be worked out anew */
     int started;                   /* flags of the terms at the start, as tcc_flags gives them */
 } tcc_model;
@@ -100,35 +105,58 @@ static int tcc_merge(double *sorted, int count, const double *times, int n)
     return count;
 }
 
-/* The course of the profiles; its loads are pressures. */
-static void tcc_course(const double *x, Terms *t)
+/* The course of the profiles from an origin on; its loads are pressures. A profile of the frequency counts from 0. */
+static void tcc_course(const double *x, double frequency, tcc_origin origin, Terms *t)
 {
     double times[TCC_MOST_PIECES + 1] = {0.0}, gained = 0.0;
-    int n = 1;
+    int n = 1, late;
+    if (TCC_FREQUENCY_POINTS > 0) origin.time = origin.phase = 0.0;
     n = tcc_merge(times, n, x + at_engine_frequency_times, TCC_FREQUENCY_POINTS);
     n = tcc_merge(times, n, x + at_engine_mean_torque_times, TCC_TORQUE_POINTS);
     n = tcc_merge(times, n, x + at_pressure_mean_times, TCC_PRESSURE_POINTS);
+    late = searched(times, 1, n, origin.time) - 1;   /* the points before the origin count no more */
+    times[late] = origin.time;
+    n -= late;
     t->course.has = 1;
     t->course.rows = n;
     for (int k = 0; k < n; k++) {
-        double *row = t->course.at[k];
-        row[TCC_AT] = times[k];
-        tcc_line(x, TCC_FREQUENCY_POINTS, at_engine_frequency_times, at_engine_frequency_values, at_engine_frequency,
-                 times[k], row + TCC_FREQUENCY);
+        double *row = t->course.at[k], now = times[late + k];
+        row[TCC_AT] = now;
+        tcc_line(x, TCC_FREQUENCY_POINTS, at_engine_frequency_times, at_engine_frequency_values, at_engine_frequency, now,
+                 row + TCC_FREQUENCY);
+        if (TCC_FREQUENCY_POINTS == 0) row[TCC_FREQUENCY] = frequency;
         tcc_line(x, TCC_TORQUE_POINTS, at_engine_mean_torque_times, at_engine_mean_torque_values, at_engine_mean_torque,
-                 times[k], row + TCC_TORQUE);
-        tcc_line(x, TCC_PRESSURE_POINTS, at_pressure_mean_times, at_pressure_mean_values, at_pressure_mean, times[k],
+                 now, row + TCC_TORQUE);
+        tcc_line(x, TCC_PRESSURE_POINTS, at_pressure_mean_times, at_pressure_mean_values, at_pressure_mean, now,
                  row + TCC_LOAD);
-        row[TCC_PHASE] = gained;
+        row[TCC_PHASE] = origin.phase + gained;
         if (k < n - 1) {
-            double step = times[k + 1] - times[k];
+            double step = times[late + k + 1] - now;
             gained += step * (row[TCC_FREQUENCY] + 0.5 * row[TCC_FREQUENCY_RATE] * step);
         }
     }
 }
 
+/* Where the phases are counted from with new values, so that neither that of the engine nor the load's jumps now. */
+static tcc_origin tcc_moved(const tcc_model *m, Terms *room)
+{
+    double now = (double)m->tick * TCC_STEP, frequency = m->x[at_engine_frequency], ratio = m->x[at_pressure_frequency_ratio];
+    tcc_origin origin = m->origin;
+    double phase;
+    if (TCC_FREQUENCY_POINTS > 0) frequency = m->frequency;
+    if (m->mode != TCC_STEP_MODE || (frequency == m->frequency && ratio == m->ratio)) return origin;
+    tcc_course(m->x, m->frequency, origin, room);
+    phase = tcc_reached(now, room->course.at[tcc_piece_at(&room->course, now)])._0;
+    origin.lead += (m->ratio - ratio) * phase;
+    if (frequency != m->frequency) {
+        origin.time = now;
+        origin.phase = phase;
+    }
+    return origin;
+}
+
 /* The terms that the scene needs with these values, with or without a course. */
-static void tcc_terms_of(const double *x, int course, Terms *t, double pressures[][2])
+static void tcc_terms_of(const double *x, int course, tcc_origin origin, Terms *t)
 {
     double omega = course ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
     double ratio = x[at_friction_static_coefficient] / x[at_friction_kinetic_coefficient];
@@ -158,7 +186,7 @@ static void tcc_terms_of(const double *x, int course, Terms *t, double pressures
         t->pulsation.has = 1;
         t->pulsation._0 = per_pressure * x[at_pressure_amplitude];
         t->pulsation._1 = x[at_pressure_frequency_ratio] * omega;
-        t->pulsation._2 = x[at_pressure_phase];
+        t->pulsation._2 = x[at_pressure_phase] + origin.lead;
     }
     t->smoothing = x[at_friction_smoothing];
     if (ratio > 1.0) {
@@ -167,21 +195,18 @@ static void tcc_terms_of(const double *x, int course, Terms *t, double pressures
         t->stribeck._1 = x[at_friction_decay];
     }
     if (!course) return;
-    tcc_course(x, t);
+    tcc_course(x, x[at_engine_frequency], origin, t);
     for (int k = 0; k < t->course.rows; k++) {
-        double *row = t->course.at[k];
-        pressures[k][0] = row[TCC_LOAD];
-        pressures[k][1] = row[TCC_LOAD_RATE];
-        row[TCC_LOAD] *= per_pressure;
-        row[TCC_LOAD_RATE] *= per_pressure;
+        t->course.at[k][TCC_LOAD] *= per_pressure;
+        t->course.at[k][TCC_LOAD_RATE] *= per_pressure;
     }
 }
 
 /* The same with every term there, absent ones of zero amplitude: what the node runs once other terms are needed than at
    the start. */
-static void tcc_general_terms(const double *x, Terms *t, double pressures[][2])
+static void tcc_general_terms(const double *x, tcc_origin origin, Terms *t)
 {
-    tcc_terms_of(x, 1, t, pressures);
+    tcc_terms_of(x, 1, origin, t);
     if (!t->torque.has) t->torque._1 = 1.0;
     if (!t->harmonics.has) {
         t->harmonics.rows = 1;
@@ -289,7 +314,7 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     tcc_model *m = &p->model;
     const double *x = m->x;
     double fixed = x[at_friction_static_coefficient], sliding = x[at_friction_kinetic_coefficient], needed;
-    double pressures[TCC_MOST_PIECES][2] = {{0.0}};
+    tcc_origin origin;
     Terms terms;
     int flags, points = TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS;
     if (!m->changed) return TCC_OK;
@@ -299,16 +324,19 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     if (tcc_increasing(p, at_engine_frequency_times, TCC_FREQUENCY_POINTS) != TCC_OK
         || tcc_increasing(p, at_engine_mean_torque_times, TCC_TORQUE_POINTS) != TCC_OK
         || tcc_increasing(p, at_pressure_mean_times, TCC_PRESSURE_POINTS) != TCC_OK) return TCC_DISCARD;
-    tcc_terms_of(x, points > 0, &terms, pressures);
+    origin = tcc_moved(m, &terms);
+    tcc_terms_of(x, points > 0 || origin.time != 0.0 || origin.phase != 0.0 || origin.lead != 0.0, origin, &terms);
     flags = tcc_flags(&terms);
-    if (m->mode == TCC_STEP_MODE && flags != m->started) tcc_general_terms(x, &terms, pressures);
+    if (m->mode == TCC_STEP_MODE && flags != m->started) tcc_general_terms(x, origin, &terms);
     tcc_hold(x, &terms);
     needed = tcc_substeps(&terms);
     if (!(needed <= TCC_SUBSTEP_LIMIT))
         return tcc_say(p, TCC_DISCARD, "a tick of %g s needs %.0f sub-steps; at most %d are allowed", TCC_STEP, needed,
                        TCC_SUBSTEP_LIMIT);
     m->terms = terms;
-    memcpy(m->pressures, pressures, sizeof pressures);
+    m->origin = origin;
+    m->frequency = x[at_engine_frequency];
+    m->ratio = x[at_pressure_frequency_ratio];
     m->stick_speed = tcc_stick_speed(&terms);
     m->substeps = (int)needed;
     m->changed = 0;
@@ -336,12 +364,12 @@ static void tcc_outputs(tcc_model *m)
 #if TCC_PRESSURE_TOPIC
     x[at_applied_pressure] = x[at_actuation_pressure];
 #else
-    if (TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS > 0) {
-        double phase = tcc_reached(t, s->course.at[piece])._0, past = t - s->course.at[piece][TCC_AT];
-        x[at_applied_pressure] = fmax(0.0, m->pressures[piece][0] + m->pressures[piece][1] * past
-            + x[at_pressure_amplitude] * sin(x[at_pressure_frequency_ratio] * phase + x[at_pressure_phase]));
+    if (s->course.has) {
+        tuple_ddd now = tcc_reached(t, s->course.at[piece]);
+        x[at_applied_pressure] = fmax(0.0, now._2 / tcc_per_pressure(x) + x[at_pressure_amplitude]
+            * sin(x[at_pressure_frequency_ratio] * now._0 + m->origin.lead + x[at_pressure_phase]));
     } else x[at_applied_pressure] = fmax(0.0, x[at_pressure_mean] + x[at_pressure_amplitude]
-        * sin(x[at_pressure_frequency_ratio] * x[at_engine_frequency] * t + x[at_pressure_phase]));
+        * sin(x[at_pressure_frequency_ratio] * (x[at_engine_frequency] * t) + x[at_pressure_phase]));
 #endif
 }
 
