@@ -1,4 +1,5 @@
 import pytest
+
 from my_clutch.node import Controller
 
 

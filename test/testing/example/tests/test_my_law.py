@@ -1,6 +1,5 @@
-from my_clutch.law import HoldSlip
-
 import tcc_sim
+from my_clutch.law import HoldSlip
 
 
 def test_the_law_holds_its_target():
