@@ -137,6 +137,7 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
 def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch,
                                         capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr(sys, "argv", [name])
     assert getattr(executables, name)() == 1
     out, err = capsys.readouterr()
     assert out == ""

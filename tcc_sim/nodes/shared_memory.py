@@ -16,7 +16,7 @@ import select
 import signal
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -31,21 +31,32 @@ _WHOLE = 2
 """First word of a segment that is whole, as Boost.Interprocess marks it."""
 
 
-def remove_ownerless(folder: Path = FOLDER) -> list[str]:
-    """Remove the segments that no process holds; their names. What belongs to another user stays."""
-    found: defaultdict[str, list[Path]] = defaultdict(list)
+def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | None = None) -> list[str]:
+    """Remove the segments that no process holds; their names. What belongs to another user stays.
+
+    Where several processes start at once, one of them may have made a segment anew under a name that another has just
+    found without an owner: only the very file that was looked at is removed.
+
+    Parameters
+    ----------
+    folder : where the segments are
+    mapped : gives the files that processes have mapped; None: looks for them
+    """
+    found: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in folder.glob("*fastdds_*"):
         if match := _FILE.fullmatch(path.name):
-            found[match[1]].append(path)
+            with suppress(OSError):
+                found[match[1]][path] = path.stat()
     loose = [name for name in found if not any(_locked(folder / f"{name}{end}") for end in _LOCKS)]
-    mapped = _mapped() if loose else set()
+    held = (mapped or _mapped)() if loose else set()
     removed = []
     for name in loose:
-        if mapped.isdisjoint(map(str, found[name])):
-            with suppress(OSError):
-                for path in found[name]:
-                    path.unlink(missing_ok=True)
-                removed.append(name)
+        if held.isdisjoint(map(str, found[name])):
+            for path, seen in found[name].items():
+                with suppress(OSError):
+                    if os.path.samestat(path.stat(), seen):
+                        path.unlink()
+                        removed.append(path.name)
     return removed
 
 

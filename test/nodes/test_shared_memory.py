@@ -42,8 +42,22 @@ def test_what_no_process_holds_is_removed_and_the_rest_stays(tmp_path: Path) -> 
         fcntl.flock(two, fcntl.LOCK_SH)
         with mmap.mmap(three.fileno(), 64), mmap.mmap(four.fileno(), 64):
             removed = remove_ownerless(tmp_path)
-    assert sorted(removed) == ["fastdds_0123456789abcdef", "fastdds_port28911", "fastdds_port28913"]
+    assert set(removed) == left
     assert names(tmp_path) == held | mapped | foreign
+
+
+def test_what_another_has_made_anew_meanwhile_is_not_removed(tmp_path: Path) -> None:
+    port, other = tmp_path / "fastdds_port28911", tmp_path / "fastdds_port28913"
+    port.touch()
+    other.touch()
+
+    def mapped() -> set[str]:
+        (tmp_path / "new").touch()
+        (tmp_path / "new").rename(port)
+        return set()
+
+    assert remove_ownerless(tmp_path, mapped) == [other.name]
+    assert names(tmp_path) == {port.name}
 
 
 def test_a_segment_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> None:
