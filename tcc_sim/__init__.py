@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
+    from tcc_sim.sweeps.scatter import scatter
     from tcc_sim.sweeps.simulation import simulate
     from tcc_sim.sweeps.sweep import sweep, sweep_grid
     from tcc_sim.trajectory import Trajectory
@@ -31,14 +32,15 @@ __version__ = "0.1.0"
 
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.sweeps.simulation",
-           "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep", "analyse": "tcc_sim.replay.replay",
+           "scatter": "tcc_sim.sweeps.scatter", "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep",
+           "analyse": "tcc_sim.replay.replay",
            "continuation": "tcc_sim.continuation.motions", "basins": "tcc_sim.basins.rows",
            "linearise": "tcc_sim.estimation.linearise", "plot": "tcc_sim.views.plots",
            "closed_loop": "tcc_sim.plant.closed_loop", "read": "tcc_sim.replay.recorded"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "linearise", "load_scene", "plot", "read", "simulate", "solve", "sweep", "sweep_grid"]
+           "linearise", "load_scene", "plot", "read", "scatter", "simulate", "solve", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import re
 import shlex
-import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from tcc_sim.topics import TOPICS
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 PAGES = [README, *(ROOT / ".github" / f"{name}.md" for name in (
-    "scenes", "nodes", "lockstep", "testing", "fmu", "recordings", "solvers", "paper", "security"))]
+    "scenes", "nodes", "lockstep", "testing", "fmu", "recordings", "solvers", "python", "paper", "security"))]
 """What people read; the reports that commands write are not among them."""
 NODES = ROOT / "tcc_sim" / "nodes"
 
@@ -109,14 +108,6 @@ def test_every_command_is_one_that_the_program_takes(line: str) -> None:
     words = shlex.split(line, comments=True)
     assert words[0] in VERBS
     build_parser(words[0]).parse_args(words)
-
-
-def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    """The block that starts with an import of this package, as it is printed."""
-    text = next(text for page in PAGES if "    from tcc_sim import" in (text := page.read_text()))
-    start = text.index("    from tcc_sim import")
-    exec(textwrap.dedent(text[start:text.index("\n\n##", start)]), {})
-    assert float(capsys.readouterr().out) > 0.0
 
 
 def test_the_quick_start_is_one_line_each() -> None:

@@ -90,7 +90,13 @@ def _verbs_by_purpose() -> str:
 
 
 def _check_verb(words: list[str]) -> str:
-    """The verb of a command line, empty for none; InputError for one that does not exist, with the nearest that does."""
+    """The verb of a command line, empty for none.
+
+    Raises
+    ------
+    InputError
+        It does not exist; the nearest one that does is named.
+    """
     verb = next((word for word in words if not word.startswith("-")), "")
     if verb and verb not in VERBS:
         near = difflib.get_close_matches(verb[:100], list(VERBS), n=1, cutoff=0.5)

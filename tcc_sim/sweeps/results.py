@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -70,6 +71,9 @@ class Sweep:
         values, solved = self.curve.values, sum(p is not None and p.summary is not None for p in self.points)
         return f"<Sweep over {self.curve.key}: {_span(values)}; {solved} solved>"
 
+    def _repr_html_(self) -> str:
+        return html_of(self.columns())
+
     @property
     def complete(self) -> bool:
         """Whether every value was tried."""
@@ -134,6 +138,9 @@ class Grid:
         return (f"<Grid over {curve.key}: {_span(curve.values)}, and {self.second_key}: {_span(self.second_values)}; "
                 f"{sum(p is not None and p.summary is not None for s in self.sweeps for p in s.points)} solved>")
 
+    def _repr_html_(self) -> str:
+        return html_of(self.columns())
+
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all rows below each other, with the second key's values first."""
         rows = [s.columns() for s in self.sweeps]
@@ -151,6 +158,20 @@ class Grid:
         return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),
                 "second_values": list(self.second_values), **self.sweeps[0].how(self.sweeps),
                 **{name: [row[name] for row in rows] for name in rows[0]}}
+
+
+ROWS_SHOWN = 20
+
+
+def html_of(columns: Mapping[str, NDArray[Any] | list[Any]]) -> str:
+    """A table in HTML of the first ROWS_SHOWN lines of some columns, as a notebook shows it."""
+    length = len(next(iter(columns.values())))
+    lines = [[f"{x:.6g}" if isinstance(x, float) else str(x) for x in row]
+             for row in list(zip(*(np.asarray(column).tolist() for column in columns.values())))[:ROWS_SHOWN]]
+    cells = "".join(f"<tr>{''.join(f'<td>{escape(x)}</td>' for x in line)}</tr>" for line in lines)
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    left = f"<p>{length - ROWS_SHOWN} more lines</p>" if length > ROWS_SHOWN else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{cells}</tbody></table>{left}"
 
 
 def extras_of(sweeps: Sequence[Sweep]) -> list[str]:

@@ -14,8 +14,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.ranges import MOST_VALUES
-from tcc_sim.sweeps.results import Sweep, extras_of
-from tcc_sim.sweeps.simulation import PAPER, Plan
+from tcc_sim.sweeps.results import Sweep, extras_of, html_of
+from tcc_sim.sweeps.simulation import Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
 PROBABILITIES = (0.05, 0.5, 0.95)
@@ -82,6 +82,9 @@ class Scattered:
         keys = ", ".join(key for key, _, _ in self.tolerances.bounds)
         over = f" over {self.over}, {len(self.sweeps[0].points)} values" if self.over else ""
         return f"<Scattered {keys}: {self.tolerances.samples} samples{over}>"
+
+    def _repr_html_(self) -> str:
+        return html_of(self.columns())
 
     def result(self, name: str) -> NDArray[np.float64]:
         """(samples, values) numbers of one result, NaN where there is none."""
@@ -151,9 +154,10 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     return out
 
 
+@with_plan_fields
 def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float]], samples: int, *, seed: int = 0,
-            over: str = "", values: Sequence[float] = (), plan: Plan = PAPER, jobs: int | None = None,
-            dask: str | None = None) -> Scattered:
+            over: str = "", values: Sequence[float] = (), plan: Plan | None = None, jobs: int | None = None,
+            dask: str | None = None, **settings: Any) -> Scattered:
     """Solve a scene with some keys scattered within bounds.
 
     Parameters
@@ -171,7 +175,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
 
     Examples
     --------
-    >>> found = scatter("slip", {"engine.torque_amplitude": (10.0, 20.0)}, 4, plan=Plan(cycles=20))
+    >>> found = scatter("slip", {"engine.torque_amplitude": (10.0, 20.0)}, 4, cycles=20)
     >>> found
     <Scattered engine.torque_amplitude: 4 samples>
     >>> found.quantiles("max_slip_speed").shape
@@ -179,4 +183,4 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     """
     told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
     curves = scattered_curves(system_of(scene), told, over, values)
-    return Scattered(told, over, sweep_curves(curves, plan, jobs=jobs, dask=dask))
+    return Scattered(told, over, sweep_curves(curves, plan_of(plan, settings), jobs=jobs, dask=dask))

@@ -5,10 +5,12 @@ A simulation is a sweep of one point: the command `simulate`, every point of a s
 
 from __future__ import annotations
 
+import inspect
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,6 +27,7 @@ from tcc_sim.sweeps.steady_state import Settling, Start, settle
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
+Called = TypeVar("Called", bound=Callable[..., Any])
 LYAPUNOV_CYCLES = 2000
 
 
@@ -160,6 +163,18 @@ class Simulation:
         return out
 
 
+def with_plan_fields(function: Called) -> Called:
+    """The function, whose signature names the fields of `Plan` in the place of ``**settings``."""
+    signature = inspect.signature(function)
+    own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    names = {p.name for p in own}
+    settings = [inspect.Parameter(item.name, inspect.Parameter.KEYWORD_ONLY, default=item.default, annotation=item.type)
+                for item in fields(Plan) if item.name not in names]
+    function.__signature__ = signature.replace(parameters=[*own, *settings])  # type: ignore[attr-defined]
+    return function
+
+
+@with_plan_fields
 def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, duration: float | None = None,
              samples_per_cycle: int = 0, flywheel_angle: bool = False, start: Start | None = None,
              **settings: Any) -> Simulation:
@@ -189,12 +204,10 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     >>> found.summary.period, found.confirmed
     (1, True)
     """
-    if plan is not None and settings:
-        raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
     system = system_of(scene)
     if duration is None and plan is None and "cycles" not in settings:
         duration = system.span or None
-    plan = plan or _plan(settings)
+    plan = plan_of(plan, settings)
     plan.check(system)
     if start is None:
         i = system.initial
@@ -211,8 +224,18 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     return _judged(system, plan, start, run, cycles, discarded)
 
 
-def _plan(settings: dict[str, Any]) -> Plan:
-    """A plan from its fields by name."""
+def plan_of(plan: Plan | None, settings: dict[str, Any]) -> Plan:
+    """A plan that is given whole, or by its fields.
+
+    Raises
+    ------
+    InputError
+        Both, an unknown field, or a value out of its range.
+    """
+    if plan is not None:
+        if settings:
+            raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
+        return plan
     unknown = [name for name in settings if name not in Plan.__dataclass_fields__]
     if unknown:
         raise InputError(f"{unknown[0]} is not a setting; the settings are {', '.join(Plan.__dataclass_fields__)}")

@@ -25,7 +25,7 @@ from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.ranges import MOST_VALUES
 from tcc_sim.sweeps.results import Curve, Grid, Sweep
-from tcc_sim.sweeps.simulation import PAPER, Plan
+from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.workers import Attendance, first_done, workers
 
@@ -36,35 +36,46 @@ Points = list[list[Point | None]]
 """Per curve and value what was found, None for what was not tried yet."""
 
 
-def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Sweep:
-    """Solve a scene or a system at every value of one scene key; `how` is as `sweep_curves` takes it.
+@with_plan_fields
+def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: Plan | None = None, *,
+          jobs: int | None = None, dask: str | None = None, out: Path | None = None, progress: bool = False,
+          **settings: Any) -> Sweep:
+    """Solve a scene at every value of one scene key.
+
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    plan : how; the fields of `Plan` can be given one by one instead, such as ``cycles=20``
+    jobs, dask, out, progress : as `sweep_curves` takes them
 
     Examples
     --------
-    >>> from tcc_sim import load_scene
-    >>> found = sweep(load_scene("slip"), "engine.torque_amplitude", [0.0, 20.0], Plan(cycles=20))
+    >>> found = sweep("slip", "engine.torque_amplitude", [0.0, 20.0], cycles=20)
     >>> found
     <Sweep over engine.torque_amplitude: 2 values from 0 to 20; 2 solved>
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(system_of(scene), key, tuple(map(float, values)))], plan, **how)[0]
+    return sweep_curves([Curve(system_of(scene), key, tuple(map(float, values)))], plan_of(plan, settings), jobs=jobs,
+                        dask=dask, out=out, progress=progress)[0]
 
 
+@with_plan_fields
 def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], second_key: str,
-               second_values: Sequence[float], plan: Plan = PAPER, **how: Any) -> Grid:
-    """Solve a grid of two scene keys; up and down go along the first one, within every row.
+               second_values: Sequence[float], plan: Plan | None = None, *, jobs: int | None = None,
+               dask: str | None = None, out: Path | None = None, progress: bool = False, **settings: Any) -> Grid:
+    """Solve a grid of two scene keys; up and down go along the first one, within every row. As `sweep` otherwise.
 
     Examples
     --------
-    >>> from tcc_sim import load_scene
-    >>> found = sweep_grid(load_scene("slip"), "engine.frequency", [100.0, 120.0],
-    ...                    "engine.torque_amplitude", [50.0, 60.0, 70.0], Plan(cycles=20))
+    >>> found = sweep_grid("slip", "engine.frequency", [100.0, 120.0],
+    ...                    "engine.torque_amplitude", [50.0, 60.0, 70.0], cycles=20)
     >>> len(found.second_values)
     3
     """
     return Grid(second_key, tuple(map(float, second_values)),
-                sweep_curves(curves_of(system_of(scene), key, values, second_key, second_values), plan, **how))
+                sweep_curves(curves_of(system_of(scene), key, values, second_key, second_values),
+                             plan_of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress))
 
 
 def curves_of(system: System, key: str, values: Sequence[float], second_key: str,

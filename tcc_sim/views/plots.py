@@ -10,13 +10,15 @@ from typing import Any
 from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
 from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
 from tcc_sim.errors import InputError, require
+from tcc_sim.output.files import replaceable
+from tcc_sim.sweeps.results import Sweep
 from tcc_sim.sweeps.scatter import Scattered
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
-from tcc_sim.views.scatter import draw_scatter
-from tcc_sim.views.sweeps import draw_grid, draw_sweep
+from tcc_sim.views.scatter import draw_band, draw_scatter
+from tcc_sim.views.sweeps import draw_grid, draw_maxima, draw_sweep, label_of
 
 
 def check_picture(path: Path, width: str = "page") -> None:
@@ -36,8 +38,9 @@ def check_picture(path: Path, width: str = "page") -> None:
     require("matplotlib", "a picture")
 
 
-def plot(result: Any, file: str | Path, width: str = "page", *, title: str = "") -> Path:
-    """Draw a result as a picture.
+def plot(result: Any, file: str | Path | None = None, width: str = "page", *, title: str = "", ax: Any = None,
+         force: bool = False) -> Any:
+    """Draw a result as a picture, or its main curve into an axis of one's own.
 
     Parameters
     ----------
@@ -46,11 +49,17 @@ def plot(result: Any, file: str | Path, width: str = "page", *, title: str = "")
     file : ends in .png, .svg or .pdf
     width : column or page, of a paper
     title : over the picture
+    ax : matplotlib's axis that takes the main curve instead: slip speed over time, or the largest slip speed over a key
+    force : whether an existing file is replaced
+
+    Returns
+    -------
+    The path of the picture, or `ax`
 
     Raises
     ------
     InputError
-        Something else, or another suffix or width.
+        Something else, another suffix or width, neither file nor axis or both, or a file that exists.
     MissingPackage
         matplotlib is not installed.
 
@@ -61,8 +70,14 @@ def plot(result: Any, file: str | Path, width: str = "page", *, title: str = "")
     >>> tcc_sim.plot(run, folder / "run.png").name
     'run.png'
     """
+    if (file is None) == (ax is None):
+        raise InputError("give either a file or an axis to draw into")
+    if file is None:
+        return draw_into(ax, result, title)
     path = Path(file)
     check_picture(path, width)
+    if replaceable(path) and not force:
+        raise InputError(f"{path} exists; it is not overwritten")
     if isinstance(result, Trajectory):
         return plot_run(result, path, width, title=title)
     if all(hasattr(result, name) for name in ("trajectory", "cycles", "first_cycle", "summary")):
@@ -78,6 +93,32 @@ def plot(result: Any, file: str | Path, width: str = "page", *, title: str = "")
         return draw(path, values, style.width_of(width), title)
     raise InputError(f"a {type(result).__name__} cannot be drawn; give a trajectory, or what simulate, analyse or "
                      "sweep gave")
+
+
+def draw_into(ax: Any, result: Any, title: str = "") -> Any:
+    """Draw the main curve of a result into an axis.
+
+    Raises
+    ------
+    InputError
+        A result that has none.
+    """
+    run = getattr(result, "trajectory", result)
+    if isinstance(result, Scattered) and result.over:
+        draw_band(ax, result, "max_slip_speed")
+        ax.set(xlabel=label_of(result.over), ylabel="max |slip speed| (rad/s)")
+    elif isinstance(result, Sweep):
+        draw_maxima(ax, result.as_json())
+        ax.set(xlabel=label_of(result.curve.key), ylabel="max |slip speed| (rad/s)")
+    elif isinstance(run, Trajectory) and len(run.t) > 2:
+        ax.plot(run.t, run.slip_speed, color=style.BLUE, linewidth=0.9)
+        ax.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
+    else:
+        raise InputError(f"a {type(result).__name__} has no curve for an axis; a run needs samples, such as "
+                         "samples_per_cycle=200")
+    if title:
+        ax.set_title(title)
+    return ax
 
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,

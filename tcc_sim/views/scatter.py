@@ -29,7 +29,7 @@ def draw_scatter(path: Path, found: Scattered, width: float, title: str = "") ->
         for row, (name, label, scale) in zip(axes, RESULTS):
             row[0].set_ylabel(label)
             if found.over:
-                _band(row[0], found, name, scale)
+                draw_band(row[0], found, name, scale)
             else:
                 for axis, key in zip(row, keys):
                     _samples(axis, found, name, key, scale)
@@ -39,7 +39,7 @@ def draw_scatter(path: Path, found: Scattered, width: float, title: str = "") ->
         return style.save(drawn, path)
 
 
-def _band(axis: Any, found: Scattered, name: str, scale: float) -> None:
+def draw_band(axis: Any, found: Scattered, name: str, scale: float = 1.0) -> None:
     """Median and band of one result."""
     x = found.sweeps[0].values
     low, middle, high = scale * found.quantiles(name).T

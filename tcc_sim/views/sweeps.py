@@ -37,21 +37,9 @@ def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str =
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
-        x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
-        found = classes(values["regime"], values.get("runaway", []))
-        away = found["runaway"][1] if "runaway" in found else np.zeros(len(x), dtype=bool)
-        bounded = np.where(away, np.nan, largest)
-        top = float(np.nanmax(bounded, initial=0.0)) or 1.0
-        maxima.plot(*parted(x, bounded), color=style.GREY, linewidth=0.6, zorder=1)
-        for regime, (colour, mine) in found.items():
-            # A runaway is as large as it was solved long: it stands at the edge, and the scale is that of the others.
-            maxima.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
-                        linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
-                        markeredgewidth=0.0, markersize=_size(len(x)) * (1.6 if regime == "runaway" else 1.0))
-        _failed(maxima, x, largest)
-        style.legend_above(maxima)
+        x = numbers(values["values"])
+        draw_maxima(maxima, values)
         maxima.set_ylabel("max |slip speed|\n(rad/s)")
-        maxima.set_ylim(-0.03 * top, 1.13 * top if away.any() else None)
         _orbit(orbit, x, values)
         share = numbers(values["stick_fraction"])
         stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
@@ -63,6 +51,24 @@ def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str =
             stick.set_xlim(np.nanmin(x), np.nanmax(x))
         style.panel_titles((maxima, orbit, stick), ["Maxima", "Orbit diagram", "Time in stick"])
         return style.save(drawn, path)
+
+
+def draw_maxima(axis: Any, values: Mapping[str, Any]) -> None:
+    """The largest slip speed over one key, coloured by regime; `values` as `sweep --json` has them."""
+    x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
+    found = classes(values["regime"], values.get("runaway", []))
+    away = found["runaway"][1] if "runaway" in found else np.zeros(len(x), dtype=bool)
+    bounded = np.where(away, np.nan, largest)
+    top = float(np.nanmax(bounded, initial=0.0)) or 1.0
+    axis.plot(*parted(x, bounded), color=style.GREY, linewidth=0.6, zorder=1)
+    for regime, (colour, mine) in found.items():
+        # A runaway is as large as it was solved long: it stands at the edge, and the scale is that of the others.
+        axis.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
+                    linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
+                    markeredgewidth=0.0, markersize=_size(len(x)) * (1.6 if regime == "runaway" else 1.0))
+    _failed(axis, x, largest)
+    style.legend_above(axis)
+    axis.set_ylim(-0.03 * top, 1.13 * top if away.any() else None)
 
 
 def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
@@ -171,7 +177,7 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     around = np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
                        for column in beside.T])
     span = float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0
-    jumps = np.flatnonzero((change > JUMP * span) & ~(change <= SHARPER * around)) + 1
+    jumps = np.flatnonzero((change > JUMP * span) & (change > SHARPER * around)) + 1
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
 
 

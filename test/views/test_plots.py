@@ -244,3 +244,24 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> No
     grid = sweep_grid(chaos, kinetic, [0.15, 0.2, 0.24], "pressure.mean", [225e3, 250e3])
     for name, result in (("a", one), ("b", grid)):
         assert plots.plot(result, tmp_path / f"{name}.svg").read_text().count("runaway") >= 1
+
+
+def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    from matplotlib.figure import Figure
+
+    run = solve(load_scene("minimal"), cycles=3, samples_per_cycle=50)
+    ax = Figure().subplots()
+    assert plots.plot(run, ax=ax) is ax
+    assert ax.lines[0].get_ydata() == pytest.approx(run.slip_speed)
+    found = sweep("slip", "engine.torque_amplitude", [10.0, 20.0], cycles=20)
+    axis = Figure().subplots()
+    plots.plot(found, ax=axis)
+    assert axis.lines[0].get_ydata() == pytest.approx(found.column("max_slip_speed"))
+    assert found._repr_html_().count("<tr>") == 3
+    path = tmp_path / "a.svg"
+    path.write_text("mine")
+    for wrong in ({"file": path}, {}, {"file": path, "ax": ax}):
+        with pytest.raises(InputError):
+            plots.plot(found, **wrong)
+    assert path.read_text() == "mine"
+    assert plots.plot(found, path, force=True) == path
