@@ -36,6 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
     parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
+    parser.add_argument("--orders", action="store_true",
+                        help="work out orders, transmissibility and judder too; --plot then draws the order map")
     add_plot(parser)
     parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per engine cycle in --out (default {SAMPLES})")
@@ -47,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.model.profiles import parse_profiles
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document
-    from tcc_sim.output.table import simulation_lines
+    from tcc_sim.output.table import order_lines, simulation_lines
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.simulation import Plan, simulate
 
@@ -65,24 +67,35 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
-    samples = arguments.samples if arguments.out is not None else SAMPLES if shorter else 0
+    samples = arguments.samples if arguments.out is not None else SAMPLES if shorter or arguments.orders else 0
     found = in_thread(lambda: simulate(
         scene, plan, duration=duration, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
-    lines = simulation_lines(scene.name, found)
+    lines, results = simulation_lines(scene.name, found), found.as_json()
+    orders = None
+    if arguments.orders:
+        from tcc_sim.analysis.orders import orders_of
+
+        orders = orders_of(found.trajectory)
+        results["orders"] = orders.as_json()
+        lines += order_lines(orders)
     if arguments.out is not None:
         from tcc_sim.output.samples import write_samples
 
         write_samples(arguments.out, found.trajectory, scene.text())
         lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
     if arguments.plot is not None:
+        from tcc_sim.views.order_map import plot_orders
         from tcc_sim.views.plots import plot_run
 
         with draft(arguments.plot) as part:
-            plot_run(found.trajectory, part, arguments.width, summary=found.summary, title=scene.name)
+            if orders is not None:
+                plot_orders(orders, found.trajectory, part, arguments.width, title=scene.name)
+            else:
+                plot_run(found.trajectory, part, arguments.width, summary=found.summary, title=scene.name)
         lines.append(f"picture in {arguments.plot}")
     if arguments.json is not None:
-        write_json(arguments.json, document("simulate", found.as_json(), scene, arguments.words))
+        write_json(arguments.json, document("simulate", results, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
         say("\n".join(lines))
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted
@@ -35,6 +36,18 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
     if found.lyapunov is not None:
         pairs.append(lyapunov_row(found.lyapunov))
     return [*lines, *rows(pairs)]
+
+
+def order_lines(found: Orders) -> list[str]:
+    """The orders of a run in a few figures."""
+    pairs = [("orders", f"{counted(len(found.time), 'window')} from {found.frequency.min():.6g} to "
+                        f"{found.frequency.max():.6g} rad/s, up to order {found.order[-1]:g}")]
+    for order, passed in zip(found.torque_order, found.transmissibility.T):
+        pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
+                                          f"{found.frequency[passed.argmax()]:.6g} rad/s"))
+    pairs.append(("judder", f"at most {found.peak.max():.6g} rad/s about the cycle mean, rms {found.rms.max():.6g}; "
+                            f"{found.breakaways.max():.4g} breakaways a second"))
+    return rows(pairs)
 
 
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:

@@ -1,0 +1,170 @@
+"""Orders, transmissibility and judder of a run, as reports on noise, vibration and harshness have them.
+
+Slip speed and shaft torque are resampled in equal steps of the engine's phase, so that what goes with the engine stands
+at its order however the frequency varies; a window of Hann over 16 cycles goes along them. An amplitude is that of the
+sine, not a power.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.cycles import accelerations_of
+from tcc_sim.errors import InputError
+from tcc_sim.model.course import phase_at
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers.per_cycle import hermite
+from tcc_sim.trajectory import Floats, Trajectory
+
+CYCLES, HOP = 16, 4
+"""Engine cycles in a window, and from one window to the next."""
+PER_CYCLE = 64
+"""Points in an engine cycle after resampling."""
+HIGHEST = 10
+"""Highest order that is given."""
+LEAST_SAMPLES = 8
+"""Samples that a cycle must have on average; orders up to a quarter of them, and HIGHEST at most, are given."""
+SAMPLES = 128
+"""Samples per engine cycle that a solve keeps for it."""
+
+
+@dataclass(frozen=True, repr=False)
+class Orders:
+    """What windows along a run come to; W windows, N orders.
+
+    time, frequency : (W,) the middle of each window, s, and the engine frequency there, rad/s
+    order : (N,) multiples of the engine frequency
+    slip_speed, shaft_torque : (W, N) amplitudes, rad/s and N m; of order 0 the mean's size
+    torque_order : (K,) the orders that the engine torque has
+    transmissibility : (W, K) shaft torque to engine torque
+    rms, peak : (W,) of the slip speed about its mean over each cycle, rad/s
+    breakaways : (W,) from stick to slip, 1/s
+    """
+
+    time: Floats
+    frequency: Floats
+    order: Floats
+    slip_speed: Floats
+    shaft_torque: Floats
+    torque_order: Floats
+    transmissibility: Floats
+    rms: Floats
+    peak: Floats
+    breakaways: Floats
+
+    def __repr__(self) -> str:
+        return (f"<Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
+                f"orders up to {self.order[-1]:g}>")
+
+    def as_json(self) -> dict[str, Any]:
+        """The key `orders` of `simulate --json` and `analyse --json`."""
+        names = ("frequency", "time", "order", "slip_speed", "shaft_torque", "torque_order", "transmissibility")
+        return {**{name: getattr(self, name).tolist() for name in names},
+                "judder": {name: getattr(self, name).tolist() for name in ("rms", "peak", "breakaways")}}
+
+    def cut(self, order: float, of: str = "shaft_torque") -> Floats:
+        """The amplitude of one order along the run, (W,)."""
+        found: Floats = getattr(self, of)[:, int(np.argmin(np.abs(self.order - order)))]
+        return found
+
+
+def orders_of(run: Trajectory) -> Orders:
+    """The orders of a run from its samples.
+
+    Parameters
+    ----------
+    run : with its system, and samples of which there are LEAST_SAMPLES to a cycle
+
+    Raises
+    ------
+    InputError
+        Fewer than CYCLES cycles, too few samples, or no system.
+    """
+    system = run.system
+    if system is None:
+        raise InputError("the trajectory has no system, which says what the engine's phase is")
+    turns = turns_at(system, run.t)
+    whole = math.floor(float(turns[-1] - turns[0]) + 1e-9)
+    if whole < CYCLES:
+        raise InputError(f"orders need {CYCLES} engine cycles, and there are {whole}")
+    if len(turns) < LEAST_SAMPLES * whole:
+        raise InputError(f"orders need {LEAST_SAMPLES} samples in an engine cycle, and there are "
+                         f"{len(turns) / whole:.3g}")
+    begin = math.ceil(float(turns[0]) * PER_CYCLE - 1e-6)
+    count = (math.floor(float(turns[-1]) * PER_CYCLE + 1e-6) - begin) // PER_CYCLE * PER_CYCLE + 1
+    at = system.cycle_start((begin + np.arange(count)) / PER_CYCLE)
+    v, shaft, torque = _resampled(run, system, at)
+    length = CYCLES * PER_CYCLE
+    starts = np.arange(0, count - length, HOP * PER_CYCLE)
+    highest = min(float(HIGHEST), 0.25 * len(turns) / whole)
+    order = np.arange(math.floor(highest * CYCLES) + 1) / CYCLES
+    spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
+    driven = _driven(system)
+    driven = driven[driven <= order[-1]]
+    places = np.rint(driven * CYCLES).astype(int)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        passed = spectra[1][:, places] / spectra[2][:, places]
+    apart = _about_cycle_mean(v)
+    ends = starts + length
+    broke = _breakaways(run)
+    counts = np.searchsorted(broke, at[ends]) - np.searchsorted(broke, at[starts])
+    lasted = at[ends] - at[starts]
+    return Orders(
+        time=at[(starts + ends) // 2], frequency=2.0 * np.pi * CYCLES / lasted, order=order, slip_speed=spectra[0],
+        shaft_torque=spectra[1], torque_order=driven, transmissibility=passed,
+        rms=np.array([math.sqrt(float(np.mean(apart[a:b] ** 2))) for a, b in zip(starts, ends)]),
+        peak=np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), breakaways=counts / lasted)
+
+
+def turns_at(system: System, t: Floats) -> Floats:
+    """Engine cycles passed at the times t, (n,)."""
+    return t / system.cycle if system.course is None else np.asarray(phase_at(system.course, t)) / (2.0 * math.pi)
+
+
+def _resampled(run: Trajectory, system: System, at: Floats) -> tuple[Floats, Floats, Floats]:
+    """Slip speed, shaft torque and engine torque at the times `at`, by cubics with the rates of the equations."""
+    d = system.driveline
+    slip, plate = accelerations_of(run.plate_angle, run.plate_speed, run.engine_torque, run.friction_torque, system)
+    shaft = d.damping * run.plate_speed + d.stiffness * run.plate_angle
+    return (hermite(at, run.t, run.slip_speed, slip),
+            hermite(at, run.t, shaft, d.damping * plate + d.stiffness * run.plate_speed),
+            hermite(at, run.t, run.engine_torque, np.gradient(run.engine_torque, run.t)))
+
+
+def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: int) -> Floats:
+    """(W, count) amplitudes of the first `count` multiples of one turn in a window, by Hann's window."""
+    hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    out = np.empty((len(starts), count))
+    for row, start in zip(out, starts.tolist()):
+        row[:] = 2.0 * np.abs(np.fft.rfft(values[start:start + length] * hann)[:count]) / hann.sum()
+    out[:, 0] *= 0.5
+    return out
+
+
+def _driven(system: System) -> Floats:
+    """The orders that the engine torque has."""
+    engine = system.engine
+    higher = [n for n, a in enumerate(engine.harmonic_amplitudes, 2) if a > 0.0]
+    return np.array(([1.0] if engine.torque_amplitude > 0.0 else []) + higher, dtype=np.float64)
+
+
+def _about_cycle_mean(v: Floats) -> Floats:
+    """The slip speed less its mean over the engine cycle that it is in."""
+    whole = (len(v) - 1) // PER_CYCLE * PER_CYCLE
+    cycles = v[:whole].reshape(-1, PER_CYCLE)
+    out: Floats = np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)
+    return out
+
+
+def _breakaways(run: Trajectory) -> Floats:
+    """When the clutch goes from stick to slip, s, ascending."""
+    if len(run.transitions.time):
+        moves = run.transitions
+        return np.asarray(moves.time[moves.before == 0])
+    out: Floats = run.t[1:][(run.state[:-1] == 0) & (run.state[1:] != 0)]
+    return out

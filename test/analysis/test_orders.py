@@ -1,0 +1,81 @@
+"""Orders against closed forms: a sine of known amplitude through a run-up, pure stick, and slow ramps against a sweep."""
+
+import json
+import math
+from dataclasses import replace as with_fields
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.orders import CYCLES, orders_of, turns_at
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.sweeps.simulation import simulate
+
+
+def ramp(scene, low, high, seconds, **values):
+    return load_scene(scene).with_values({"engine.frequency_times": [0.0, seconds],
+                                          "engine.frequency_values": [low, high], **values})
+
+
+def test_amplitudes_are_those_of_sines_that_go_with_the_engine():
+    scene = ramp("stick", 100.0, 300.0, 4.0)
+    run = solve(scene, duration=4.0, samples_per_cycle=64, solver="fixed_step")
+    phase = 2.0 * math.pi * turns_at(scene.system, run.t)
+    d, inertia = scene.system.driveline, scene.system.driveline.plate_inertia
+    angle, omega = 0.2 + 0.03 * np.sin(phase) + 0.01 * np.sin(2.5 * phase + 0.3), np.interp(run.t, [0, 4], [100, 300])
+    speed = omega * (0.03 * np.cos(phase) + 0.025 * np.cos(2.5 * phase + 0.3))
+    rise = np.gradient(speed, run.t)
+    friction = inertia * rise + d.damping * speed + d.stiffness * angle
+    still = with_fields(run, slip_speed=5.0 + 2.0 * np.sin(3.0 * phase), plate_angle=angle, plate_speed=speed,
+                        friction_torque=friction, system=replace(scene.system, {"driveline.damping": 0.0}))
+    found = orders_of(still)
+    for order, amplitude in ((1.0, 0.03), (2.5, 0.01)):
+        np.testing.assert_allclose(found.cut(order), d.stiffness * amplitude, rtol=3e-3)
+    np.testing.assert_allclose(found.cut(0.0), d.stiffness * 0.2, rtol=1e-3)
+    assert found.cut(7.0).max() < 1e-3 * d.stiffness * 0.03
+    np.testing.assert_allclose(found.frequency, np.interp(found.time, [0, 4], [100, 300]), rtol=0.02)
+    assert found.order[1] == 1.0 / CYCLES
+
+
+def test_order_one_of_a_stuck_clutch_is_the_closed_form():
+    scene = ramp("stick", 200.0, 210.0, 20.0)
+    found = orders_of(solve(scene, duration=20.0, samples_per_cycle=64))
+    d, omega = scene.system.driveline, found.frequency
+    inertia = d.flywheel_inertia + d.plate_inertia
+    spring = d.stiffness + 1j * omega * d.damping
+    exact = np.abs(spring / (spring - inertia * omega**2))
+    np.testing.assert_allclose(found.transmissibility[5:, 0], exact[5:], rtol=1e-3)
+    np.testing.assert_allclose(found.cut(1.0)[5:], 250.0 * exact[5:], rtol=1e-3)
+    assert found.breakaways.max() == 0.0
+
+
+def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
+    scene = ramp("minimal", 80.0, 84.0, 40.0)
+    run = solve(scene, duration=40.0)
+    starts = scene.system.cycle_start(np.arange(len(run.cycles)))
+    for frequency in (81.0, 82.0, 83.0):
+        at = int(np.searchsorted(starts, (frequency - 80.0) * 10.0))
+        steady = simulate(load_scene("minimal").with_values({"engine.frequency": frequency}), cycles=120, discard=100)
+        assert run.cycles.highest[at] == pytest.approx(steady.summary.max_slip_speed, rel=0.01)
+
+
+def test_judder_of_a_run_up_ends_where_breakaways_do():
+    found = simulate("runup", samples_per_cycle=64)
+    orders = orders_of(found.trajectory)
+    moves = found.trajectory.transitions
+    last = float(moves.time[moves.before == 0][-1])
+    assert last == pytest.approx((182.0 - 60.0) / 27.0, abs=0.1)
+    assert orders.breakaways[orders.time > last + 1.0].max() == 0.0
+    assert orders.peak[orders.time > last + 1.0].max() < 0.05
+    assert orders.peak.max() > 10.0
+    json.dumps(orders.as_json(), allow_nan=False)
+
+
+def test_what_is_too_short_or_too_coarse_is_refused():
+    with pytest.raises(InputError, match="orders need 16 engine cycles, and there are 4"):
+        orders_of(solve(load_scene("slip"), cycles=4, samples_per_cycle=64))
+    with pytest.raises(InputError, match="orders need 8 samples in an engine cycle, and there are 4"):
+        orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
