@@ -8,6 +8,7 @@ from pathlib import Path
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
 from tcc_sim.errors import InputError, require
 from tcc_sim.output.terminal import say
+from tcc_sim.topics import JOINT_NAMES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,8 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", type=Path,
                         help="write the samples as .csv or .npz, with their units and the scene; of the run whose "
                         "figures are shown")
+    parser.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
+                        help="names of the two joints in a recording where they have others")
     parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
+
+
+def joint_names(text: str) -> dict[str, str]:
+    """Names by joint, from `flywheel=NAME,clutch_plate=NAME`."""
+    found = dict(part.partition("=")[::2] for part in text.split(","))
+    if not all(found.values()) or not set(found) <= set(JOINT_NAMES):
+        raise argparse.ArgumentTypeError(f"{text!r} must be flywheel=NAME,clutch_plate=NAME")
+    return found
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,9 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
         require("rerun", "Rerun")
     found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene,
-                   verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
+                   verify=arguments.verify, damping=arguments.damping, window=window,
+                   joints=arguments.joints, progress=True)
     if arguments.out is not None:
-        recording = read(arguments.recording, arguments.scene)
+        recording = read(arguments.recording, arguments.scene, arguments.joints)
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
         write_samples(arguments.out, samples, recording.scene.text(), head=True)
     if arguments.plot is not None:

@@ -8,7 +8,8 @@ serialises.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,6 @@ _NAMES = _names()
 _PAIR = struct.pack("<II", 2, 0)
 assert (8 + len(_NAMES)) % 8 == 0, "the count of positions is followed by four bytes of padding"
 _JOINT_STATE = struct.Struct(f"<4siI{len(_NAMES)}s8sdd8sdd8sdd")
-_OTHER = struct.unpack("<2d", b"\1" * 16)
 _FIRST = 12 + len(_NAMES) + 8
 
 JOINT_STATE = np.dtype({
@@ -58,6 +58,8 @@ JOINT_STATE = np.dtype({
 change.
 """
 
+MOST_JOINTS = 1000
+"""Joints that a message may name."""
 FLUID_PRESSURE = np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"],
                            "formats": ["<i4", "<u4", "<f8", "<f8"],
                            "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size})
@@ -186,18 +188,82 @@ def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
     return found
 
 
-def joint_state_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Bytes of a joint_states message, and a mask of those that every message has: names and counts, not values or
-    padding.
-
-    Padding is left out because ROS 2 sends whatever its buffer held before.
+class JointStateLayout(NamedTuple):
+    """Where the values of two joints stand in a joint_states message: as NumPy sees it, the bytes of an example, and
+    which of them every message of this layout has (names and counts, not values or padding, in which ROS 2 sends
+    whatever its buffer held before).
     """
-    zeros = (0.0,) * 6
-    example = np.frombuffer(joint_state(0, *zeros), dtype=np.uint8)
-    pair = struct.pack("<I4s", 2, b"\xff" * 4)
-    other = _JOINT_STATE.pack(b"\0\1\xff\xff", -1, 0xFFFFFFFF, _names(b"\xff"), pair, *_OTHER, pair, *_OTHER, pair,
-                              *_OTHER)
-    return example, example == np.frombuffer(other, dtype=np.uint8)
+
+    record: np.dtype[np.void]
+    example: NDArray[np.uint8]
+    fixed: NDArray[np.bool_]
+
+
+def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
+                       frame_id: str = "") -> JointStateLayout:
+    """The layout of messages with these names, of which `joints` are flywheel and clutch plate, with a position, a
+    velocity and an effort for each name.
+
+    Raises
+    ------
+    ValueError
+        A joint is not among the names.
+    """
+    data, fixed = bytearray(HEADER + bytes(8)), bytearray(b"\1\1" + bytes(10))
+    starts = []
+
+    def put(content: bytes, same: bool) -> None:
+        data.extend(content)
+        fixed.extend(bytes([same]) * len(content))
+
+    def align(size: int) -> None:
+        put(bytes(-(len(data) - 4) % size), False)
+
+    for text in (frame_id, None, *names):
+        align(4)
+        content = text.encode() + b"\0" if text is not None else b""
+        put(_LENGTH.pack(len(content) if text is not None else len(names)) + content, True)
+    for _ in range(3):
+        align(4)
+        put(_LENGTH.pack(len(names)), True)
+        align(8)
+        starts.append(len(data))
+        put(bytes(8 * len(names)), False)
+    places = [list(names).index(joint) for joint in joints]
+    record = np.dtype({"names": list(JOINT_STATE.names or ()), "formats": ["<i4", "<u4"] + ["<f8"] * 6,
+                       "offsets": [4, 8, *(start + 8 * place for start in starts for place in places)],
+                       "itemsize": len(data)})
+    return JointStateLayout(record, np.frombuffer(bytes(data), np.uint8), np.frombuffer(bytes(fixed), np.bool_))
+
+
+def read_joint_names(data: bytes) -> tuple[str, list[str]]:
+    """Frame and joint names of a serialised JointState.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian JointState.
+    """
+    try:
+        if data[1] != HEADER[1]:
+            raise ValueError("not a little-endian sensor_msgs/msg/JointState")
+        frame_id, position = _text_at(data, 12)
+        count, names = _LENGTH.unpack_from(data, position)[0], []
+        position += 4
+        for _ in range(min(count, MOST_JOINTS)):
+            name, position = _text_at(data, position)
+            names.append(name)
+    except (struct.error, IndexError) as error:
+        raise ValueError("not a sensor_msgs/msg/JointState") from error
+    return frame_id, names
+
+
+def _text_at(data: bytes, position: int) -> tuple[str, int]:
+    """A string at a place in a message, and where what follows on a 4-byte boundary starts."""
+    size = _LENGTH.unpack_from(data, position)[0]
+    if not 1 <= size <= len(data) - position - 4:
+        raise ValueError("a string is longer than its message")
+    return data[position + 4:position + 3 + size].decode(), position + 4 + (size + 3) // 4 * 4
 
 
 def fluid_pressure_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:

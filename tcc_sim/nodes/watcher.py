@@ -60,7 +60,7 @@ class Watcher:
         self._told, self._told_at = 0, 0.0
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
-        self._template, self._fixed = cdr.joint_state_template()
+        _, self._template, self._fixed = cdr.joint_state_layout()
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)

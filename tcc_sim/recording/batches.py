@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -11,12 +11,14 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording.records import Messages
 from tcc_sim.recording.stamps import Break, StampCounter
 
 Floats = NDArray[np.float64]
 _MOST_WAITING = 1 << 18
+_MOST_NAMED = 20
 _HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
 _VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
 
@@ -63,13 +65,35 @@ class Heads(NamedTuple):
     sent_ns: NDArray[np.int64]
 
 
-def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int]) -> tuple[JointStates, Heads, int]:
+def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
+                 layout: cdr.JointStateLayout) -> tuple[JointStates, Heads, int]:
     """The joint_states of one chunk in their order, and how many messages have another layout and were left out."""
-    heads, rows, refused = _rows(data, messages, channels, *cdr.joint_state_template())
-    records = rows.view(cdr.JOINT_STATE)[:, 0]
+    heads, rows, refused = _rows(data, messages, channels, layout.example, layout.fixed)
+    records = rows.view(layout.record)[:, 0]
     columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in _VALUES}
     sent_ns = np.where(heads.sent_ns > 0, heads.sent_ns, heads.log_ns)
     return JointStates(stamp_ns=cdr.stamps(records), log_ns=heads.log_ns, sent_ns=sent_ns, **columns), heads, refused
+
+
+def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.JointStateLayout:
+    """Where the values of two joints stand, by the first message of these channels.
+
+    Raises
+    ------
+    RecordingError
+        It names other joints.
+    """
+    first = int(np.flatnonzero(np.isin(messages.channel, channels))[0])
+    begin = int(messages.offset[first]) + 22
+    try:
+        frame, names = cdr.read_joint_names(data[begin:begin + int(messages.length[first]) - 22])
+    except ValueError:
+        return cdr.joint_state_layout()  # Damaged or no JointState: what has another layout is counted.
+    if not set(joints) <= set(names):
+        said = ", ".join(names[:_MOST_NAMED]) or "without names"
+        raise RecordingError(f"its joints are {said}; say which of them are flywheel and clutch plate: "
+                             "--joints flywheel=NAME,clutch_plate=NAME")
+    return cdr.joint_state_layout(names, joints, frame)
 
 
 def pressures(data: NDArray[np.uint8], messages: Messages,

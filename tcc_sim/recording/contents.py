@@ -215,3 +215,16 @@ def first_channels(stream: Iterable[Record], contents: Contents, wanted: str, ex
         if enough:
             return
         enough = any(channel.type == wanted for channel in contents.channels.values())
+
+
+def together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The results of two parts of a recording: counts by topic added, all else as the later one has it."""
+    if one is None or other is None:
+        return one or other
+    found = {**one, **other}
+    for key, value in other.items():
+        before = one.get(key)
+        if isinstance(value, dict) and isinstance(before, dict):
+            found[key] = {**before, **{topic: count + before.get(topic, 0) if isinstance(count, int) and isinstance(
+                before.get(topic, 0), int) else count for topic, count in value.items()}}
+    return found

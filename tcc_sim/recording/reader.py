@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import RecordingError, counted, one_line
+from tcc_sim.messages import cdr
 from tcc_sim.recording import records
-from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, pressures
-from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, unpack
+from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, layout_of, pressures
+from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
+from tcc_sim.topics import FLUID_PRESSURE, JOINT_NAMES, JOINT_STATE
 
 _MOST_NAMED, _LARGEST_COUNT, _MOST_PARTS = 50, 10**18, 100_000
 
@@ -37,7 +38,8 @@ class Run:
     size : bytes of all files
     """
 
-    def __init__(self, path: Path, paths: list[Path], topic: str | None = None) -> None:
+    def __init__(self, path: Path, paths: list[Path], topic: str | None = None,
+                 joints: Mapping[str, str] | None = None) -> None:
         self.path, self.paths = path, paths
         self.warnings = Warnings()
         self.messages: dict[str, int] = {}
@@ -64,6 +66,8 @@ class Run:
         self.paths, self._given = list(self._contents), paths
         self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording says its scene again.
         self.joint_states_topic = topic or _choose(self.topics)
+        self._joints = tuple((joints or {}).get(name, name) for name in JOINT_NAMES)
+        self._layout: cdr.JointStateLayout | None = None
 
     def _open(self, path: Path) -> None:
         """Read what a file says of itself."""
@@ -78,7 +82,7 @@ class Run:
         self.size += size
         self.complete &= stream.complete
         self.scenes += contents.scenes
-        self.result = _together(self.result, contents.result)
+        self.result = together(self.result, contents.result)
         self.topics.update({channel.topic: channel.type for channel in contents.channels.values()})
 
     @property
@@ -131,7 +135,8 @@ class Run:
                     refused[pressure] += left_out
                     join.add_pressures(stamps, values, self._publisher(heads, channels), heads.number)
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
-                    batch, heads, left_out = joint_states(array, messages, found)
+                    self._layout = self._layout or layout_of(data, messages, found, self._joints)
+                    batch, heads, left_out = joint_states(array, messages, found, self._layout)
                     refused[self.joint_states_topic] += left_out
                     for part in self._runs(batch, self._publisher(heads, channels), heads.number):
                         yield from (part,) if join is None else join.add(part)
@@ -237,12 +242,13 @@ class Run:
                                  "and nothing tells them apart")
 
 
-def open_run(path: Path | str, topic: str | None = None) -> Run:
+def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, str] | None = None) -> Run:
     """Open a bag directory or an MCAP file.
 
     Parameters
     ----------
     topic : the joint_states topic to read where a recording has several; the only one, or the shortest, by default
+    joints : names that flywheel and clutch_plate have in the recording, where they have others
 
     Raises
     ------
@@ -253,9 +259,13 @@ def open_run(path: Path | str, topic: str | None = None) -> Run:
     paths = [path]
     if path.is_dir():
         paths = sorted(path.glob("*.mcap"), key=lambda part: (_number(part)[0] or 0, part.name))
+    if path.suffix == ".db3" or (not paths and any(path.glob("*.db3"))):
+        bag = path.parent if path.suffix == ".db3" else path
+        raise RecordingError(f"{bag} is a bag in SQLite, which is not read; rosbags-convert --src {bag} --dst "
+                             f"{bag}_mcap --dst-storage mcap (from pip install rosbags) makes one that is")
     if not paths:
         raise RecordingError(f"{path} holds no .mcap file")
-    return Run(path, paths, topic)
+    return Run(path, paths, topic, joints)
 
 
 def _number(path: Path) -> tuple[int | None, str]:
@@ -268,19 +278,6 @@ def _missing_parts(paths: list[Path]) -> list[int]:
     """Numbers that are left out between those of the parts of a split recording, and before the first."""
     numbers = {_number(path)[0] or 0 for path in paths}
     return [n for n in range(min(max(numbers), _MOST_PARTS)) if n not in numbers] if len(paths) > 1 else []
-
-
-def _together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[str, Any] | None:
-    """The results of two parts of a recording: counts by topic added, all else as the later one has it."""
-    if one is None or other is None:
-        return one or other
-    found = {**one, **other}
-    for key, value in other.items():
-        before = one.get(key)
-        if isinstance(value, dict) and isinstance(before, dict):
-            found[key] = {**before, **{topic: count + before.get(topic, 0) if isinstance(count, int) and isinstance(
-                before.get(topic, 0), int) else count for topic, count in value.items()}}
-    return found
 
 
 def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name: str) -> list[int]:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 Stamps = NDArray[np.int64]
 MOST_DIFFERENCES = 100_000
 """Different distances of stamps that are remembered of a run; a recording of a clock has a handful."""
+REGULAR, JITTERED = 0.05, 20_000
+"""Stamps jitter where no distance makes up more than this part of them; the first so many messages of a run tell."""
 MOST_RETURNS = 3
 """How often a run may go on where the one before it ended, by chance, where nothing says who published it."""
 
@@ -39,6 +41,7 @@ class _Run:
     messages: int = 0
     differences: Counter[int] = field(default_factory=Counter)
     tick: int = 0
+    jitter: int = 0
 
     def add(self, steps: Stamps) -> None:
         """Count distances, ns, all above 0; the tick is the most frequent of them, so a gap at the start does no harm.
@@ -47,14 +50,28 @@ class _Run:
         for value, count in zip(values.tolist(), counts.tolist()):
             if value in self.differences or len(self.differences) < MOST_DIFFERENCES:
                 self.differences[value] += count
-                if self.differences[value] > self.differences[self.tick]:
+                if not self.jitter and self.differences[value] > self.differences[self.tick]:
                     self.tick = value
+
+    @property
+    def longest(self) -> int:
+        """The longest distance that is no gap: one and a half ticks, and more where stamps jitter."""
+        return self.tick + self.tick // 2 + self.jitter
+
+    def settle(self) -> None:
+        """Take the median for the tick where hardly two distances are the same, as in stamps that jitter."""
+        count = sum(self.differences.values())
+        if self.messages > JITTERED or not count or self.differences[self.tick] > REGULAR * count:
+            return
+        values = np.sort(np.array(list(self.differences)))
+        self.tick = int(np.median(values))
+        self.jitter = int(np.percentile(np.abs(values - self.tick), 95.0))
 
     def figures(self, tick: int) -> tuple[int, int, int]:
         """Gaps, stamps that they leave out, and distances that are uneven without being a gap."""
         gaps = lost = uneven = 0
         for step, count in self.differences.items():
-            if 2 * step > 3 * tick:
+            if 2 * step > 3 * tick + 2 * self.jitter:
                 gaps += count
                 lost += count * (round(step / tick) - 1)
             elif abs(step - tick) > max(tick // 100, 2):
@@ -161,7 +178,8 @@ class StampCounter:
         self._run.messages += end - begin
         self._run.add(forward[forward > 0])
         self._look_back(stamps[first:end], forward)
-        longest = self._run.tick + self._run.tick // 2 if self._run.tick else np.iinfo(np.int64).max
+        self._run.settle()
+        longest = self._run.longest if self._run.tick else np.iinfo(np.int64).max
         start = begin
         for k in (first + np.flatnonzero((forward == 0) | (forward > longest))).tolist():
             if k > start:

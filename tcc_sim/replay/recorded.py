@@ -66,6 +66,7 @@ class Recording:
     ----------
     path : bag directory or .mcap file, complete or cut short
     scene : name or file, for a recording that holds none
+    joints : names that flywheel and clutch_plate have in it, where they have others
 
     Raises
     ------
@@ -83,9 +84,9 @@ class Recording:
     [0.5, 1.0]
     """
 
-    def __init__(self, path: Path | str, scene: str | None = None) -> None:
+    def __init__(self, path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
-        self._run, self._given = open_run(path), scene
+        self._run, self._given, self._joints = open_run(path, joints=joints), scene, joints
         self.scene = scene_of(self._run, scene)
 
     def __repr__(self) -> str:
@@ -112,7 +113,7 @@ class Recording:
         """From each start, reset, restart or change of parameters to the next, with the figures of each."""
         from tcc_sim.replay.replay import replay
 
-        return replay(self.path, scene=self._given).segments
+        return replay(self.path, scene=self._given, joints=self._joints).segments
 
     @cached_property
     def commands(self) -> Mapping[str, Command]:
@@ -200,7 +201,7 @@ class Recording:
             return self.scene.system
 
 
-def read(path: Path | str, scene: str | None = None) -> Recording:
+def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None) -> Recording:
     """A recording as data (see `Recording`).
 
     Examples
@@ -209,7 +210,7 @@ def read(path: Path | str, scene: str | None = None) -> Recording:
     >>> tcc_sim.read(folder / "read.mcap").runs[0].began_by
     'start'
     """
-    return Recording(path, scene)
+    return Recording(path, scene, joints)
 
 
 def trajectory_of(batches: Sequence[JointStates], system: System, clock: EngineClock, solver: str) -> Trajectory:

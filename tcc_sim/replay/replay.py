@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
-           damping: bool = False, window: Window | None = None, progress: bool = False) -> Replay:
+           damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
+           progress: bool = False) -> Replay:
     """Read a recording in bounded memory through the analysis and, if asked, to Rerun while reading.
 
     Parameters
@@ -53,6 +54,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     verify : solve the run again from the recording alone, all of it
     damping : work out the equivalent damping (21) of the last cycles
     window : a run and a part of its time; None for all of the recording
+    joints : names that flywheel and clutch_plate have in the recording, where they have others
     progress : show a bar on a terminal
 
     Raises
@@ -73,7 +75,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     'slip'
     """
     began = time.perf_counter()
-    run = open_run(path)
+    run = open_run(path, joints=joints)
     own = scene_of(run, scene)
     if damping:
         _check_damping(own)

@@ -70,7 +70,7 @@ def test_numpy_reads_a_joint_state_back(stamp):
 
 
 def test_template_holds_for_any_values_and_not_for_other_names():
-    expected, fixed = cdr.joint_state_template()
+    _, expected, fixed = cdr.joint_state_layout()
     data = np.frombuffer(cdr.joint_state(2**60, *values(0)[1:7]), dtype=np.uint8)
     assert (data[fixed] == expected[fixed]).all()
     assert sorted(np.flatnonzero(fixed)) == [n for n in range(len(data)) if n not in JOINT_STATE_PADDING
