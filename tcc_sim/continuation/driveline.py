@@ -15,6 +15,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven import stroboscopic as event_driven_stroboscopic
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
 from tcc_sim.solvers.smoothed import stroboscopic
+from tcc_sim.solvers.stroboscopic import Prepared, prepared
 from tcc_sim.trajectory import Cycles, State, Trajectory
 
 RTOL = 1e-12
@@ -23,7 +24,6 @@ SCALES = (10.0, 0.1, 10.0)
 EXACTLY_STUCK = 1e-12
 """Slip speed, rad/s, below which the set-valued law is taken to stick."""
 
-Prepared = stroboscopic.Prepared | event_driven_stroboscopic.Prepared
 Passed = stroboscopic.Stroboscopic | event_driven_stroboscopic.SectionMap
 
 
@@ -89,8 +89,7 @@ class DrivelineMap:
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""
         if self._prepared is None or self._prepared[0] != values:
-            of = event_driven_stroboscopic.Prepared if self.piecewise else stroboscopic.Prepared
-            self._prepared = values, of(self.system_at(values), self.keys, RTOL)
+            self._prepared = values, prepared(self.system_at(values), self.keys, RTOL)
         return self._prepared[1]
 
     def _each(self, states: Floats, values: Values, firsts: Sequence[float],

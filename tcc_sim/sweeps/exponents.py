@@ -1,9 +1,10 @@
-"""The largest Lyapunov exponent of the smoothed model, with an interval, and the diagnosis of motions without period.
+"""The largest Lyapunov exponent of either friction law, with an interval, and the diagnosis of motions without period.
 
 A periodic motion of period N has the exponent log |mu|/(N T) of its largest Floquet multiplier mu, the largest
 eigenvalue of the product of the tangent maps over a period. Any other has the mean growth of a tangent vector that is
 renormalised at the end of every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). It is the same
-whatever the norm; this one is the energy of the linear part. The tangent is that of `solvers.tangent`.
+whatever the norm; this one is the energy of the linear part. The tangent is that of the engine's
+stroboscopic map; under the set-valued law it jumps where slip ends.
 
 An exponent near 0 alone does not make a motion quasi-periodic: its slip may grow, its period may be a long one, or its
 chaos weak. What shows a torus is that averages over its section converge faster than any power of their length when
@@ -21,13 +22,12 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.analysis.summary import slip_grows
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.compiling.compiled import compiled
-from tcc_sim.solvers.tangent import longest_step, pass_cycle, passed, scales_of
-from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.solvers.stroboscopic import prepared
+from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
 from tcc_sim.trajectory import Floats, State, Status
 
 CONFIDENCE = 0.95
@@ -41,6 +41,10 @@ FINE, COARSE = 1e-7, 1e-6
 """Tolerances of a mean growth; their difference over the same cycles is taken for the error of the finer."""
 COMPARED = 4
 """One cycle of so many is taken at both tolerances."""
+FIRST = np.array([1.0, 0.01, 1.0])
+"""The tangent vector at the start, of no particular direction: stick knows nothing of a change of slip speed alone."""
+TOGETHER = 1000
+"""Cycles whose tangent maps are worked out in one call."""
 PERIODIC_FINE, PERIODIC_COARSE = 1e-10, 1e-9
 POLISHINGS = 4
 """Newton steps towards the periodic motion."""
@@ -96,7 +100,6 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
 
     Parameters
     ----------
-    system : with the smoothed law
     state : at t = start_cycle 2 pi/omega
     cycles : engine cycles averaged where there is no period, at least 40
     period : of the motion as its section shows it, in engine cycles; 0 for none
@@ -104,19 +107,18 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     Raises
     ------
     InputError
-        The set-valued law, or too few cycles.
+        Too few cycles.
     """
-    check_smoothed(system)
     if not 2 * BATCHES <= cycles <= 10_000_000:
         raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
     start = np.array([state.slip_speed, state.plate_angle, state.plate_speed])
+    if not np.isfinite(start).all():
+        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
     excitation = common_cycles(system, LONGEST_PERIOD)
     together = math.lcm(period, excitation)
     if 0 < together <= LONGEST_PERIOD:
         return _periodic(system, start, start_cycle, together)
-    terms = terms_of(system)
-    growth, difference = tangent_growth(start, start_cycle, cycles + ALIGNING_CYCLES, system.cycle, terms,
-                                        longest_step(terms), scales_of(terms), stick_speed_of(terms))
+    growth, difference = tangent_growth(system, start, start_cycle, cycles + ALIGNING_CYCLES)
     growth, difference = growth[ALIGNING_CYCLES:], difference[ALIGNING_CYCLES // COMPARED:]
     if not (np.isfinite(growth).all() and np.isfinite(difference).all()):
         return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
@@ -167,12 +169,6 @@ def change_of_averages(points: Floats) -> float:
     return float((np.abs(late - early) / size).max())
 
 
-def check_smoothed(system: System) -> None:
-    """Raise InputError for the set-valued law."""
-    if system.friction.law != "smoothed":
-        raise InputError(f"friction.law is {system.friction.law}; the Lyapunov exponent is that of the smoothed law")
-
-
 def diagnosis(mean: float, half: float) -> str:
     """What a growth per cycle with the half width of its interval says of a motion without period."""
     if mean - half > 0.0:
@@ -198,7 +194,7 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
     The state is brought onto the motion by Newton's method. The error is the difference of two tolerances, and where
     the state does not close, of two periods that follow each other.
     """
-    scale = np.array([scales_of(terms_of(system))[k] for k in (2, 1, 2)])
+    scale = sizes_of(terms_of(system))
     at, start = state, state
     image, matrix = mapped(system, at, first, period, PERIODIC_FINE)
     gap = float(np.abs((image - at) / scale).max())
@@ -221,11 +217,19 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
 
 def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: float) -> tuple[Floats, Floats]:
     """The state after some engine cycles and the tangent map of the way, (3, 3); NaN where the steps fail."""
-    at, matrix = state.copy(), np.eye(3)
-    for n in range(cycles):
-        if not passed(system, at, matrix, first + n, tolerance):
-            return np.full(3, math.nan), np.full((3, 3), math.nan)
-    return at, matrix
+    try:
+        found = prepared(system, (), tolerance).over(state, first, first + cycles)
+    except NumericalFailure:
+        return np.full(3, math.nan), np.full((3, 3), math.nan)
+    return found.state, found.derivative
+
+
+def sizes_of(terms: Terms) -> Floats:
+    """The sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s) of a motion, (3,)."""
+    torque = abs(terms.mean_torque) + abs(terms.mean_load) + (terms.torque[0] if terms.torque is not None else 0.0)
+    angle = max(torque, 1.0) / terms.linear[3]
+    speed = angle * natural_frequency(terms)
+    return np.array([speed, angle, speed])
 
 
 def _exponent(matrix: Floats, system: System, period: int) -> float:
@@ -236,31 +240,35 @@ def _exponent(matrix: Floats, system: System, period: int) -> float:
     return math.log(max(largest, 1e-300)) / (period * system.cycle)
 
 
-@compiled
-def tangent_growth(state: Floats, first: int, cycles: int, cycle: float, terms: Terms, longest: float,
-                   scales: tuple[float, float, float], peak: float) -> tuple[Floats, Floats]:
+def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats]:
     """Logarithm of the growth of a tangent vector in every engine cycle, (cycles,) array, and how much less it is at
     the coarser tolerance, in one of COMPARED cycles; NaN from where the steps fail.
     """
     growth, difference = np.full(cycles, np.nan), np.full(cycles // COMPARED, np.nan)
-    inertia1, inertia2, stiffness = terms.linear[0], terms.linear[1], terms.linear[3]
-    at, vector, work = state.copy(), np.empty((3, 1)), np.zeros((13, 7))
-    vector[0, 0], vector[1, 0], vector[2, 0] = 1.0, 0.0, 0.0
-    size = 1.0
-    for c in range(cycles):
-        rough, along = at.copy(), vector.copy()
-        if not pass_cycle(at, vector, first + c, FINE, cycle, longest, scales, peak, terms, work, None):
+    i1, i2, _, stiffness = terms_of(system).linear
+    energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
+    fine, coarse = (prepared(system, (), tolerance) for tolerance in (FINE, COARSE))
+    vector = FIRST  # Its growth is among those that the caller leaves out.
+    for begin in range(0, cycles, TOGETHER):
+        count = min(TOGETHER, cycles - begin)
+        run = solve(system, cycles=count, state=State(*state.tolist()), start_cycle=first + begin)
+        if run.status is not Status.DONE or run.cycles is None:
             break
-        size = math.sqrt(inertia1 * (vector[0, 0] + vector[2, 0]) ** 2 + inertia2 * vector[2, 0] ** 2
-                         + stiffness * vector[1, 0] ** 2)
-        growth[c] = math.log(size)
-        if c % COMPARED == COMPARED - 1:
-            if not pass_cycle(rough, along, first + c, COARSE, cycle, longest, scales, peak, terms, work, None):
-                break
-            other = math.sqrt(inertia1 * (along[0, 0] + along[2, 0]) ** 2 + inertia2 * along[2, 0] ** 2
-                              + stiffness * along[1, 0] ** 2)
-            difference[c // COMPARED] = growth[c] - math.log(other)
-        for k in range(3):
-            vector[k, 0] /= size
-    # The first vector was not of unit size; its growth is among those that the caller leaves out.
+        section, numbers = run.cycles.section, range(first + begin, first + begin + count)
+        compared = range(COMPARED - 1 - begin % COMPARED, count, COMPARED)
+        ends = [n + 1.0 for n in numbers]
+        try:
+            maps = [m.derivative for m in fine.each(section[:-1], list(numbers), ends)]
+            rough = {c: coarse.over(section[c], numbers[c], ends[c]).derivative for c in compared}
+        except NumericalFailure:
+            break
+        for c, matrix in enumerate(maps):
+            following = matrix @ vector
+            size = float(np.linalg.norm(energy @ following))
+            growth[begin + c] = math.log(size)
+            if c in rough:
+                other = float(np.linalg.norm(energy @ (rough[c] @ vector)))
+                difference[(begin + c) // COMPARED] = growth[begin + c] - math.log(other)
+            vector = following / size
+        state = section[-1]
     return growth, difference

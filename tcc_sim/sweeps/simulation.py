@@ -22,7 +22,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_setting, choose, solve
-from tcc_sim.sweeps.exponents import Lyapunov, check_smoothed, largest_lyapunov_exponent
+from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.steady_state import Settling, Start, settle
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
@@ -93,8 +93,6 @@ class Plan:
         """Raise InputError where the solver or the Lyapunov exponent cannot do this system, before anything is solved.
         """
         check_setting(choose(system, self.solver), self.rtol, self.step)
-        if self.lyapunov:
-            check_smoothed(system)
         for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"), (
                 self.direction != "cold", f"direction {self.direction}"), (self.discard == "auto", "discard auto")):
             if asked:

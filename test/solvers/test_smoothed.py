@@ -188,6 +188,7 @@ def test_a_motion_in_stick_follows_the_slowest_engine(frequency):
     system = replace(System(), {**FIG02, "engine.frequency": frequency})
     found = smoothed.solve(Problem(system, State(0.0, 0.0, 0.0), cycles=2)).raise_for_status()
     e, d = system.engine, system.driveline
-    lag = e.torque_amplitude * frequency * d.damping / d.stiffness**2  # K23 theta2 + C23 theta2' = Te, nearly: v creeps.
+    # K23 theta2 + C23 theta2' = Te, nearly: v creeps.
+    lag = e.torque_amplitude * frequency * d.damping / d.stiffness**2
     assert found.cycles.section[1:, 1] == pytest.approx(e.mean_torque / d.stiffness - lag, abs=0.05 * lag)
     assert found.statistics.steps < 1000

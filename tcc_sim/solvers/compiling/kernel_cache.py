@@ -24,7 +24,6 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import CompileResult
 
 from tcc_sim.errors import one_line
-from tcc_sim.solvers.compiling import linked
 from tcc_sim.solvers.compiling.kernel_text import Reach
 
 SECONDS_PER_BYTE = 2.2e-4
@@ -177,9 +176,10 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     is read or walked before the kernel is first called.
     """
 
-    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
+    def __init__(self, function: FunctionType, options: dict[str, Any], how: str) -> None:
         self._py_func = function
         self._options = options
+        self._how = how
 
     @property
     def cache_path(self) -> str:
@@ -189,7 +189,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     @cached_property
     def reach(self) -> Reach:
         """What the kernel can call."""
-        return Reach(self._py_func, numba.__version__, linked.OWN_TEXT, sorted(map(repr, self._options.items())))
+        return Reach(self._py_func, numba.__version__, self._how, sorted(map(repr, self._options.items())))
 
     def enable(self) -> None:
         """It is always on."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
+
+from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
 from tcc_sim.solvers.compiling.compiled import fast
@@ -13,9 +17,15 @@ from tcc_sim.solvers.smoothed.collocation_step import fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import NODES
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES
 from tcc_sim.solvers.smoothed.sensitivity_step import carry_collocation, carry_series, end_collocation, look_at
-from tcc_sim.solvers.smoothed.series_step import Friction
-from tcc_sim.solvers.smoothed.state import SERIES, Memory, Place, Step
+from tcc_sim.solvers.smoothed.series_step import Friction, law_here
+from tcc_sim.solvers.smoothed.setup import Limits
+from tcc_sim.solvers.smoothed.state import LAYER, SERIES, Memory, Place, Step
+from tcc_sim.solvers.terms import Terms
 
+GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(6))
+"""Half the abscissae and weights of the six-point rule, by which integrals along a step are taken."""
+PIECES = 4
+"""Parts of a step that it is applied to."""
 SAMPLES = 8
 """Parts of a step in which the largest |slip speed| is looked for before Newton's method."""
 
@@ -80,6 +90,50 @@ def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, s
 
 
 @fast
+def add_slopes(slopes: Any, low: float, high: float, unit: float, degree: int, loaded: bool, limits: Limits,
+               mean_load: float, pulsation: tuple[float, float, float] | None, stribeck: Stribeck, drive: Any,
+               rows: Any) -> None:
+    """Add a piece's integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), those of (21)."""
+    for k in range(len(GAUSS)):
+        at = 0.5 * (low + high) + GAUSS[k] * (high - low)
+        v, weight, load = polynomial.value(rows, SLIP, degree, at), WEIGHTS[k] * (high - low) * unit, 0.0
+        if loaded:
+            load = mean_load
+            if pulsation is not None:
+                turned = pulsation[1] * at * unit
+                load += pulsation[0] * (drive.load_sine * math.cos(turned) + drive.load_cosine * math.sin(turned))
+        slope = load * law_here(v, 1.0 if v > 0.0 else -1.0, LAYER, limits.sigma, stribeck)[1]
+        slopes[0] += weight * slope * v * v
+        slopes[1] += weight * v * v
+        slopes[2] += weight * min(slope, 0.0)
+
+
+@fast
+def average_slopes(slopes: Any, x: float, unit: float, degree: int, loaded: bool, limits: Limits, terms: Terms,
+                   drive: Any, rows: Any) -> None:
+    """`add_slopes` over [0, x] of a step, in pieces that end where |v| passes the peak of mubar: dT/dv has a kink there
+    once it is limited.
+    """
+    for i in range(PIECES):
+        low, high = x * i / PIECES, x * (i + 1) / PIECES
+        inside = abs(polynomial.value(rows, SLIP, degree, low)) < limits.stick_speed
+        at = high
+        if (abs(polynomial.value(rows, SLIP, degree, high)) < limits.stick_speed) != inside:
+            begin = low
+            for _ in range(50):
+                middle = 0.5 * (begin + at)
+                if (abs(polynomial.value(rows, SLIP, degree, middle)) < limits.stick_speed) != inside:
+                    at = middle
+                else:
+                    begin = middle
+        add_slopes(slopes, low, at, unit, degree, loaded, limits, terms.mean_load, terms.pulsation, terms.stribeck,
+                   drive, rows)
+        if at < high:
+            add_slopes(slopes, at, high, unit, degree, loaded, limits, terms.mean_load, terms.pulsation,
+                       terms.stribeck, drive, rows)
+
+
+@fast
 def end_cycle(tangent: Any, cycle: int) -> None:
     """Keep what the largest |slip speed| of a cycle changes by."""
     for i in range(tangent.groups.shape[0]):
@@ -110,6 +164,8 @@ def carry(tangent: Any, method: int, place: Place, friction: Friction, step: Ste
         fill_plate(rung, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
+    if tangent.shared.averaged:
+        average_slopes(tangent.shared.slopes, x, step.unit, degree, loaded, limits, terms, drive, rows)
     carry_peak(tangent, order, degree, 0.0, min(cut, x), series, rung, rows, work)
     if cut <= x:
         end_cycle(tangent, memory.output.cycle)

@@ -70,6 +70,25 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
     return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles)
 
 
+def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
+    """The integrals over engine cycle number `cycle` of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), by quadrature on the
+    polynomials of the steps; see (21).
+
+    Raises
+    ------
+    NumericalFailure
+        The engine stopped early.
+    """
+    shared = room_of(1, 2).tangent.shared
+    shared["slopes"], shared["averaged"] = 0.0, 1
+    try:
+        Prepared(system, (), rtol).over(state, cycle, cycle + 1)
+        found: Floats = shared["slopes"].copy()
+    finally:
+        shared["averaged"] = 0
+    return found
+
+
 def terms_for(system: System, changes: Floats) -> Terms:
     """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
     terms, omega, p = terms_of(system), system.engine.frequency, system.pressure

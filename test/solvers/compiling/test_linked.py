@@ -47,6 +47,21 @@ def test_parts_reached_along_several_ways_give_what_python_gives():
     assert summed(3) == 0.5 - 0.5 + 9.0
 
 
+def test_a_kernel_that_is_not_linked_gives_what_python_gives():
+    """As kernels are compiled under a Numba that is newer than what has been tested."""
+    def part(x):
+        return 3.0 * x
+
+    own = compiled(part, linked=False)
+
+    def kernel(x):
+        return own(x) + 1.0
+
+    found = compiled(kernel, linked=False)
+    assert found(2.0) == 7.0
+    assert own.overloads  # Compiled by itself, as Numba does.
+
+
 def test_a_part_is_compiled_for_python_only_where_python_calls_it():
     @fast
     def part(x):
