@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tcc_sim.basins.rows import basins
     from tcc_sim.continuation.motions import continuation
+    from tcc_sim.estimation.identify import identify
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.model.parameters import System
     from tcc_sim.plant.closed_loop import closed_loop
@@ -35,12 +36,13 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "scatter": "tcc_sim.sweeps.scatter", "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep",
            "analyse": "tcc_sim.replay.replay",
            "continuation": "tcc_sim.continuation.motions", "basins": "tcc_sim.basins.rows",
-           "linearise": "tcc_sim.estimation.linearise", "plot": "tcc_sim.views.plots",
-           "closed_loop": "tcc_sim.plant.closed_loop", "read": "tcc_sim.replay.recorded"}
+           "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",
+           "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop",
+           "read": "tcc_sim.replay.recorded"}
 _OTHERWISE_NAMED = {"analyse": "replay"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "linearise", "load_scene", "plot", "read", "scatter", "simulate", "solve", "sweep", "sweep_grid"]
+           "identify", "linearise", "load_scene", "plot", "read", "scatter", "simulate", "solve", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

@@ -27,6 +27,7 @@ VERBS: dict[str, str] = {
     "sweep": "solve a scene at many values of one key",
     "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
     "basins": "find attractors and their basins in a plane of two initial conditions",
+    "identify": "find parameters of a scene in a recording or a table of measurements",
     "linearise": "give the transfer function from pressure or engine torque about a settled motion",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",

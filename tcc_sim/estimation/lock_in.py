@@ -1,8 +1,8 @@
 """A point of the frequency response by simulation: a small sine on the input, and the output's part at its frequency.
 
 The real-time solver holds the input over each tick at its value in the tick's middle. What the sine does is the
-difference from the same run without it: the answer at its frequency, side bands of the periodic motion, and a slow drift
-where the plant is an integrator. One least-squares fit tells them apart.
+difference from the same run without it: the answer at its frequency, side bands of the periodic motion, and a slow
+drift where the plant is an integrator. One least-squares fit tells them apart.
 """
 
 from __future__ import annotations

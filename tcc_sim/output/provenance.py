@@ -18,7 +18,8 @@ from tcc_sim.scene import OPERATION_QUANTITIES, Scene
 
 FORMATS: dict[str, int] = {
     "simulate": 1, "analyse": 1, "sweep": 1, "sweep_points": 1, "continue": 1, "basins": 1, "basin_rows": 1,
-    "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "soak": 1, "realtime": 1, "linearise": 1}
+    "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "soak": 1, "realtime": 1,
+    "linearise": 1, "identify": 1}
 """Kinds of JSON with the number of their schema; sweep_points and basin_rows are files of one line a point or row."""
 
 

@@ -1,0 +1,106 @@
+"""`tcc-sim identify`: parameters of a scene from a recording or a table of measurements."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.errors import InputError, counted
+from tcc_sim.output.terminal import say
+
+if TYPE_CHECKING:
+    from tcc_sim.estimation.identify import Identification
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What was measured, what is free, and where the results go."""
+    parser.add_argument("measured", metavar="RUN|FILE.csv", type=Path,
+                        help="a recording, or a table with the columns t, slip_speed, plate_speed, plate_angle, "
+                        "engine_torque, actuation_pressure, as far as they were measured (SI)")
+    parser.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
+                        help="a key to identify; engine_torque.offset and actuation_pressure.offset are what the "
+                        "sensors show too much")
+    parser.add_argument("--scene", metavar="SCENE",
+                        help="name of a bundled scene, or a file: what is not free (default: the recording's own)")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--noise", metavar="CHANNEL=S,...",
+                        help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
+    parser.add_argument("--likelihood", metavar="KEY", help="work out the profile likelihood of a free key too")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
+    parser.add_argument("--out", metavar="SCENE.yaml", type=Path, help="the scene with the values found")
+    add_plot(parser)
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check everything, fit, write what was asked for, and print the verdicts."""
+    from tcc_sim.estimation.identify import identify
+    from tcc_sim.estimation.measurement import read_recording, read_table
+    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.sweeps.progress import progress_bar
+
+    own = None
+    if arguments.measured.suffix == ".csv":
+        measured = read_table(arguments.measured)
+    else:
+        measured, own = read_recording(arguments.measured)
+    scene = load_scene(arguments.scene) if arguments.scene is not None else own
+    if scene is None:
+        raise InputError("a table says nothing of its scene; give --scene")
+    scene = scene.with_values(parse_assignments(arguments.set))
+    free = dict(_assigned("--free", word) for word in arguments.free)
+    noise = None
+    if arguments.noise is not None:
+        noise = {k: math.nan if v is None else v
+                 for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
+    if arguments.json not in (None, STANDARD_OUTPUT):
+        new_file(arguments.json, arguments.force)
+    if arguments.out is not None:
+        if arguments.out.suffix != ".yaml":
+            raise InputError(f"--out is {arguments.out}; its name must end in .yaml")
+        new_file(arguments.out, arguments.force)
+    check_plot(arguments, arguments.json, arguments.out)
+    with progress_bar("iteration") as bar:
+        found = identify(measured, free, scene=scene, noise=noise, likelihood=arguments.likelihood, tick=bar.update)
+    if arguments.plot is not None:
+        from tcc_sim.views.identification import identification
+        from tcc_sim.views.style import width_of
+
+        with draft(arguments.plot) as part:
+            identification(part, found, scene.name, width_of(arguments.width))
+    if arguments.json is not None:
+        write_json(arguments.json, document("identify", found.as_json(), scene, arguments.words))
+    if arguments.json != STANDARD_OUTPUT:
+        _print(found)
+    if not found.accepted:
+        print(f"tcc-sim: no fit: {found.why}", file=sys.stderr)
+        return 1
+    if arguments.out is not None:
+        with draft(arguments.out) as part:
+            part.write_text(found.scene.text(), encoding="utf-8")
+    return 0
+
+
+def _print(found: Identification) -> None:
+    """The verdicts."""
+    say(f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square a degree of freedom "
+        f"{found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
+    for p in found.parameters:
+        say(f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}")
+
+
+def _assigned(option: str, word: str) -> tuple[str, float | None]:
+    """KEY and number of KEY=NUMBER; None without one."""
+    key, equals, text = word.partition("=")
+    if not equals:
+        return key, None
+    try:
+        return key, float(text)
+    except ValueError:
+        raise InputError(f"{option} is {word!r}; {text!r} is no number") from None

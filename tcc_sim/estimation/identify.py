@@ -1,0 +1,286 @@
+"""`tcc-sim identify`: parameters of the driveline and of its friction law from a measurement, with what they are worth.
+
+A fit by multiple shooting (`multiple_shooting`), restarted from a Sobol set where it is none; the covariance of the
+parameters for the noise of the channels; and for every parameter a verdict. A fit whose residuals are larger than the
+noise is refused as one: its parameters are then no result.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation.measurement import CHANNELS, Measurement, noise_of, read_recording, read_table
+from tcc_sim.estimation.multiple_shooting import KINETIC, STATIC, Fit, Settings, fit
+from tcc_sim.estimation.verdicts import Gates, Parameter, judged, why_not
+from tcc_sim.estimation.windows import NEAR_ONE, OFFSETS, Model, check_key
+from tcc_sim.model.parameters import QUANTITIES, values_of
+from tcc_sim.model.parameters import replace as changed
+from tcc_sim.scene import Scene, load_scene
+from tcc_sim.trajectory import Floats
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The profile likelihood of one parameter: the least chi-square, over that of the fit, while it is held."""
+
+    key: str
+    values: Floats
+    excess: Floats
+
+
+@dataclass(frozen=True, repr=False)
+class Identification:
+    """What a measurement says of the free parameters.
+
+    parameters : in the order that they were asked for
+    correlations : (P, P)
+    chi2_per_dof : of the residuals over the noise
+    accepted : whether that is a fit
+    why : what speaks against it, empty where it is one
+    noise : standard deviation by channel, in its unit
+    windows, starts : windows of the last stage, and fits that were tried
+    seconds : computing time
+    scene : with the values found, where the fit is accepted
+    measurement, residuals : what was fitted, and by how much it differs, by channel
+    likelihood : where one was asked for
+    """
+
+    parameters: tuple[Parameter, ...]
+    correlations: Floats
+    chi2_per_dof: float
+    accepted: bool
+    why: str
+    noise: dict[str, float]
+    windows: int
+    starts: int
+    seconds: float
+    scene: Scene
+    measurement: Measurement
+    residuals: dict[str, Floats]
+    likelihood: Likelihood | None = None
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
+        return f"<Identification: {'' if self.accepted else 'no fit, '}chi2/dof {self.chi2_per_dof:.3f}; {found}>"
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for every parameter, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
+        return {name: [getattr(p, name) for p in self.parameters] for name in Parameter.__dataclass_fields__}
+
+    def as_json(self) -> dict[str, Any]:
+        """The JSON values of `identify --json`."""
+        out: dict[str, Any] = {
+            "parameters": [dict(vars(p)) for p in self.parameters],
+            "correlations": [[_finite(x) for x in row] for row in self.correlations.tolist()],
+            "chi2_per_dof": _finite(self.chi2_per_dof), "accepted": self.accepted, "why": self.why, "noise": self.noise,
+            "windows": self.windows, "starts": self.starts, "seconds": self.seconds}
+        for row in out["parameters"]:
+            row.update({k: _finite(v) for k, v in row.items() if isinstance(v, float)})
+        if self.likelihood is not None:
+            out["likelihood"] = {"key": self.likelihood.key, "values": self.likelihood.values.tolist(),
+                                 "excess": [_finite(x) for x in self.likelihood.excess.tolist()]}
+        return out
+
+
+def _finite(x: float) -> float | None:
+    """A number for JSON."""
+    return x if math.isfinite(x) else None
+
+
+def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
+             scene: Scene | str | None = None, noise: Mapping[str, float] | None = None, likelihood: str | None = None,
+             settings: Settings | None = None, gates: Gates | None = None,
+             tick: Callable[[], None] | None = None) -> Identification:
+    """Free parameters of a scene from a measurement.
+
+    Parameters
+    ----------
+    measured : a Measurement, a table's file (.csv, `measurement.read_table`), or a recording
+    free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset)
+    scene : scene, name or file: what is not free, and the inputs that were not measured; a recording has its own
+    noise : standard deviation by channel, rad/s or rad; what is absent is estimated from the signal
+    likelihood : key whose profile likelihood is wanted
+    tick : called after every iteration
+
+    Raises
+    ------
+    InputError
+        A key that cannot be identified, a start out of its range, noise that is no number above 0, a measurement that
+        cannot be used, or the set-valued law.
+
+    Examples
+    --------
+    >>> import numpy as np, tcc_sim
+    >>> from tcc_sim.estimation.measurement import Measurement
+    >>> run = tcc_sim.closed_loop("minimal", lambda reading: None, seconds=0.4)
+    >>> noise = 0.05 * np.random.default_rng(1).standard_normal((2, len(run.t)))
+    >>> speeds = {"slip_speed": run.slip_speed + noise[0], "plate_speed": run.plate_speed + noise[1]}
+    >>> measured = Measurement(run.t, speeds)
+    >>> found = tcc_sim.identify(measured, {"driveline.stiffness": 3200.0}, scene="minimal")
+    >>> found.accepted, round(found.parameters[0].value, -1)
+    (True, 3000.0)
+    """
+    began = time.perf_counter()
+    settings, gates = settings or Settings(), gates or Gates()
+    measured, scene = _given(measured, load_scene(scene) if isinstance(scene, str) else scene)
+    starts = _starts(scene, free)
+    keys = tuple(starts)
+    if likelihood is not None and likelihood not in keys:
+        raise InputError(f"the likelihood of {likelihood} was asked for; it must be one of the free keys")
+    if scene.system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
+                         "limit for a large friction.smoothing it is")
+    levels = _noise(measured, noise)
+    _check_clock(measured, scene, gates)
+    model = Model(scene.system, keys, measured)
+    begin = np.array(list(starts.values()))
+    limit = gates.known if noise and set(noise) >= set(levels) else gates.estimated
+    best: Fit | None = None
+    tried = 0
+    for values in _around(keys, begin, gates):
+        tried += 1
+        try:
+            found = fit(model, levels, values, settings, tick=tick)
+        except (NumericalFailure, RuntimeError):   # RuntimeError: SciPy met a singular matrix.
+            continue
+        if best is None or found.chi2 < best.chi2:
+            best = found
+        if best.chi2 < limit:
+            break
+    if best is None:
+        raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
+    if limit == gates.estimated and best.chi2 < limit:   # The residuals tell the noise better than the signal did.
+        levels = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
+        best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
+    accepted = best.chi2 < limit
+    why = "" if accepted else why_not(best, model, begin, levels, limit)
+    errors = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
+    correlations = best.covariance / np.outer(errors, errors)
+    parameters = tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates)
+                       for i in range(len(keys)))
+    profile = None
+    if likelihood is not None and accepted:
+        profile = _profile(model, levels, settings, best, likelihood, errors)
+    named = {k: float(v) for k, v in zip(keys, best.values) if k not in OFFSETS}
+    return Identification(parameters, correlations, best.chi2, accepted, why, levels, len(best.starts), tried,
+                          time.perf_counter() - began, scene.with_values(named) if accepted else scene, measured,
+                          best.residuals, profile)
+
+
+def _given(measured: Measurement | str | Path, scene: Scene | None) -> tuple[Measurement, Scene]:
+    """The measurement and the scene that it is of."""
+    if not isinstance(measured, Measurement):
+        path = Path(measured)
+        if path.suffix == ".csv":
+            measured = read_table(path)
+        else:
+            measured, own = read_recording(path)
+            scene = scene or own
+    if scene is None:
+        raise InputError("a table says nothing of its scene; give one (--scene)")
+    return measured, scene
+
+
+def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> dict[str, float]:
+    """The start of every free key, checked."""
+    asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys(free)
+    if not asked:
+        raise InputError("no key is free; name at least one")
+    values, out = dict(values_of(scene.system)), {}
+    for key, start in asked.items():
+        check_key(key)
+        if start is None:
+            start = 0.0 if key in OFFSETS else values[key]
+        out[key] = float(start)  # type: ignore[arg-type]
+        if key in OFFSETS:
+            continue
+        QUANTITIES[key].check(key, out[key])
+        if out[key] <= 0.0:
+            raise InputError(f"{key} begins at {out[key]:g} {QUANTITIES[key].unit}; the start must be above 0")
+    kinetic = out.get(KINETIC, values[KINETIC])
+    if STATIC in out:
+        out[STATIC] = max(out[STATIC], float(kinetic) * NEAR_ONE)  # type: ignore[arg-type]
+    scene.with_values({k: v for k, v in out.items() if k not in OFFSETS})
+    return out
+
+
+def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str, float]:
+    """Standard deviation of every measured channel."""
+    for name, value in (given or {}).items():
+        if name not in CHANNELS:
+            raise InputError(f"noise of {name!r} was given; channels are {', '.join(CHANNELS)}")
+        if not 0.0 < value < math.inf:
+            raise InputError(f"the noise of {name} is {value:g} {CHANNELS[name]}; it must be a number above 0")
+    return {name: float((given or {}).get(name, 0.0)) or noise_of(column) for name, column in measured.channels.items()}
+
+
+def _check_clock(measured: Measurement, scene: Scene, gates: Gates) -> None:
+    """Raise InputError where the motion drifts against the scene's engine: another frequency, or another clock."""
+    engine = scene.system.engine
+    if "engine_torque" in measured.inputs or engine.source == "topic" or engine.torque_amplitude == 0.0 \
+            or measured.t[-1] - measured.t[0] < 8.0 * scene.system.cycle:
+        return
+    signal = measured.channels.get("plate_speed", measured.channels["slip_speed"])
+    wave = (signal - signal.mean()) * np.exp(-1j * engine.frequency * measured.t)
+    quarter = max(int(len(wave) // 4 * measured.step / scene.system.cycle), 1) * scene.system.cycle
+    part = min(round(quarter / measured.step), len(wave))
+    first, last = wave[:part].mean(), wave[-part:].mean()
+    if min(abs(first), abs(last)) < 0.2 * float(np.std(signal)):
+        return
+    turned = float(np.angle(last / first))
+    span = float(measured.t[-part:].mean() - measured.t[:part].mean())
+    if abs(turned) > gates.drift:
+        raise InputError(f"{measured.source}: the motion's phase drifts by {turned:.3g} rad against engine.frequency "
+                         f"within {span:.3g} s; the engine ran at about {engine.frequency + turned / span:.6g} rad/s, "
+                         f"the scene says {engine.frequency:.6g} rad/s, or the clocks differ")
+
+
+def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
+    """The starts of the fits: the one given, then a Sobol set around it."""
+    points = qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts] if gates.starts > 1 else np.empty((0, len(keys)))
+    out = [begin]
+    for point in points:
+        values = np.where([k in OFFSETS for k in keys], begin, begin * (1.0 + gates.spread * (2.0 * point - 1.0)))
+        if STATIC in keys and KINETIC in keys:
+            at = keys.index(STATIC)
+            values[at] = max(values[at], values[keys.index(KINETIC)] * 1.02)
+        out.append(values)
+    return out
+
+
+def _profile(model: Model, noise: dict[str, float], settings: Settings, found: Fit, key: str,
+             errors: Floats) -> Likelihood:
+    """The least chi-square while `key` is held at values around its own, the others being fitted again."""
+    at = model.keys.index(key)
+    held = [k for k in model.keys if k != key]
+    values = found.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
+    excess: NDArray[np.float64] = np.full(len(values), np.nan)
+    samples = sum(len(r) for r in found.residuals.values())
+    least = found.chi2 * max(samples - len(model.keys) - 3, 1)
+    for i, value in enumerate(values):
+        try:
+            fixed = {key: float(value)}
+            if key in OFFSETS:
+                name = OFFSETS[key]
+                inputs = {**model.measured.inputs}
+                if name not in inputs:
+                    continue
+                inputs[name] = inputs[name] - value
+                other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
+            else:
+                other = Model(changed(model.system, fixed), tuple(held), model.measured)
+            again = fit(other, noise, np.delete(found.values, at), settings, settings.stages[-1:], found.starts)
+        except (NumericalFailure, InputError, RuntimeError):
+            continue
+        excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
+    return Likelihood(key, values, excess)

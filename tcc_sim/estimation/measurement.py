@@ -1,0 +1,165 @@
+"""What was measured of a driveline: evenly spaced samples of its speeds, and of its inputs where they were measured."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.recording.batches import JointStates
+from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.trajectory import Floats
+
+CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
+INPUTS = {"engine_torque": "N m", "actuation_pressure": "Pa"}
+"""Columns of what the driveline did, and of what drove it, with their units."""
+EVEN, FEWEST, MOST = 1e-3, 50, 1_000_000
+"""Largest deviation of a step between samples from the others, relative; fewest and most samples."""
+STILL = 1e-12
+"""A channel whose spread is below this part of its size is dead."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Evenly spaced samples.
+
+    t : (n,) s, of simulation time: the engine torque of a scene is at its phase there
+    channels : (n,) arrays by name of CHANNELS; slip_speed is always there
+    inputs : (n,) arrays by name of INPUTS, each value held from its sample to the next; what is absent comes from the
+        scene
+    source : where it is from, for sentences
+    """
+
+    t: Floats
+    channels: dict[str, Floats]
+    inputs: dict[str, Floats] = field(default_factory=dict)
+    source: str = "the measurement"
+
+    @property
+    def step(self) -> float:
+        """Time between samples, s."""
+        return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        if not FEWEST <= n <= MOST:
+            raise InputError(f"{self.source} has {n} samples; {FEWEST} to {MOST} are needed")
+        if "slip_speed" not in self.channels:
+            raise InputError(f"{self.source} has no slip_speed; identification needs it")
+        for name, column in (("t", self.t), *self.channels.items(), *self.inputs.items()):
+            if not np.isfinite(column).all():
+                k = int(np.flatnonzero(~np.isfinite(column))[0])
+                raise InputError(f"{self.source}: {name} of sample {k} is no number")
+        steps = np.diff(self.t)
+        usual = float(np.median(steps))
+        if usual <= 0.0:
+            raise InputError(f"{self.source}: the times do not grow")
+        worst = int(np.argmax(np.abs(steps - usual)))
+        if steps[worst] > 1.5 * usual:
+            raise InputError(f"{self.source} has a gap of {steps[worst]:.4g} s at {self.t[worst]:.6g} s beside steps "
+                             f"of {usual:.4g} s; identification needs evenly spaced samples: take the part before or "
+                             "after")
+        if abs(steps[worst] - usual) > EVEN * usual:
+            raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
+                             f"of {usual:.6g} s; identification needs evenly spaced samples")
+        for name, column in self.channels.items():
+            if np.ptp(column) <= STILL * max(1.0, float(np.abs(column).max())):
+                raise InputError(f"{self.source}: {name} is {column[0]:g} {CHANNELS[name]} throughout; the channel is "
+                                 "dead, or nothing moved")
+
+
+def read_table(path: Path) -> Measurement:
+    """The measurement in a table: a header line with `t` and names of CHANNELS and INPUTS, then numbers.
+
+    Raises
+    ------
+    InputError
+        No such file, an unknown or missing column, or a line that does not hold its numbers.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = csv.reader(file)
+            names = [name.strip() for name in next(rows, [])]
+            known = ("t", *CHANNELS, *INPUTS)
+            for name in names:
+                if name not in known:
+                    raise InputError(f"{path}: the column {name!r} is unknown; columns are {', '.join(known)}")
+            for name in ("t", "slip_speed"):
+                if name not in names:
+                    raise InputError(f"{path} has no column {name}")
+            if len(set(names)) < len(names):
+                raise InputError(f"{path} has a column twice")
+            lines = [_numbers(path, number, row, len(names)) for number, row in enumerate(rows, 2) if row]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+    columns = dict(zip(names, np.array(lines, dtype=np.float64).reshape(-1, len(names)).T))
+    return Measurement(columns["t"], {name: columns[name] for name in CHANNELS if name in columns},
+                       {name: columns[name] for name in INPUTS if name in columns}, str(path))
+
+
+def _numbers(path: Path, number: int, row: list[str], width: int) -> list[float]:
+    """The numbers of a line."""
+    if len(row) != width:
+        raise InputError(f"{path}, line {number}: {len(row)} values; the header names {width}")
+    try:
+        return [float(word) for word in row]
+    except ValueError:
+        raise InputError(f"{path}, line {number}: {', '.join(row)[:60]!r} are not all numbers") from None
+
+
+def read_recording(path: Path) -> tuple[Measurement, Scene]:
+    """The longest run of a recording, and the scene that it was of.
+
+    An input is measured where the scene takes it from a topic; a tick's state follows what was held through it, so that
+    such an input moves back by one sample.
+
+    Raises
+    ------
+    InputError
+        The recording holds no scene, or its scene changed while it ran.
+    RecordingError
+        Nothing can be read.
+    """
+    from tcc_sim.recording.reader import open_run
+
+    recorded = open_run(path)
+    runs: dict[int, list[JointStates]] = {}
+    for batch in recorded.batches():
+        runs.setdefault(batch.run, []).append(batch)
+    if recorded.scene_text is None:
+        raise InputError(f"{path} holds no scene; give --scene and a table instead")
+    if len({scene.text for scene in recorded.scenes}) > 1:
+        raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
+    scene = parse_scene(recorded.scene_text, str(path))
+    parts = max(runs.values(), key=lambda batches: sum(map(len, batches)))
+
+    def column(name: str) -> Floats:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    plate = column("plate_speed")
+    inputs = {}
+    if scene.system.engine.source == "topic":
+        inputs["engine_torque"] = _held(column("engine_torque"))
+    if scene.system.pressure.source == "topic" and parts[0].applied_pressure is not None:
+        inputs["actuation_pressure"] = _held(column("applied_pressure"))
+    channels = {"slip_speed": column("flywheel_speed") - plate, "plate_speed": plate}
+    return Measurement(column("stamp_ns") * 1e-9, channels, inputs, str(path)), scene
+
+
+def _held(applied: Floats) -> Floats:
+    """What holds from each sample on, of what was applied up to it."""
+    return np.append(applied[1:], applied[-1])
+
+
+def noise_of(signal: Floats) -> float:
+    """Standard deviation of the white noise on a signal, from its sixth differences.
+
+    A signal of frequency w leaves (w h)^6 of itself in them, white noise sqrt(924) of itself; the median leaves out
+    where the signal has kinks. It is an upper estimate where the sampling is coarse.
+    """
+    found = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
+    return max(found, 1e-9 * float(np.abs(signal).max()))

@@ -1,0 +1,120 @@
+"""What a fit is worth: whether it is one, and for every parameter whether the measurement tells it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.estimation.multiple_shooting import INDEX, KINETIC, STATIC, Fit
+from tcc_sim.estimation.windows import NEAR_ONE, OFFSETS, Model, states_of
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.trajectory import Floats
+
+WITHIN = 1.959963984540054
+"""Standard errors on either side of a 95 % interval."""
+
+
+@dataclass(frozen=True)
+class Gates:
+    """What a fit must keep to count as one, and a parameter to count as identified.
+
+    known, estimated : largest chi-square a degree of freedom, where the noise was given, and where it was estimated
+    relative : largest standard error of an identified parameter, relative to its value
+    correlated : largest correlation with another free parameter of an identified one
+    starts : fits that are tried, the first from the given values, the others from a Sobol set around them
+    spread : of that set, relative
+    drift : largest difference between the phases of the data's first and last quarter and the scene's, rad
+    """
+
+    known: float = 1.2
+    estimated: float = 1.5
+    relative: float = 0.15
+    correlated: float = 0.99
+    starts: int = 5
+    spread: float = 0.15
+    drift: float = 0.15
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free parameter.
+
+    start, value, standard_error, low, high : in its unit; low to high is the 95 % interval
+    verdict : identified, not identifiable, or at its bound
+    why : in a sentence
+    """
+
+    key: str
+    start: float
+    value: float
+    standard_error: float
+    low: float
+    high: float
+    verdict: str
+    why: str
+
+
+def judged(keys: tuple[str, ...], i: int, start: float, found: Fit, errors: Floats, correlations: Floats,
+            accepted: bool, gates: Gates) -> Parameter:
+    """The verdict on one parameter."""
+    key, value, error = keys[i], float(found.values[i]), float(errors[i])
+    low, high = value - WITHIN * error, value + WITHIN * error
+    others = np.abs(correlations[i]).copy()
+    others[i] = 0.0
+    most = int(np.argmax(others)) if len(keys) > 1 else i
+    relative = error / max(abs(value), 1e-300)
+    verdict, why = "identified", f"the 95 % interval reaches {100.0 * WITHIN * relative:.3g} % to either side"
+    if key in OFFSETS:
+        relative, why = 0.0, "an offset, with its 95 % interval"
+    if not accepted:
+        verdict, why = "not identifiable", "the fit is refused, so that its value says nothing"
+    elif _at_bound(keys, i, found.values):
+        verdict, why = "at its bound", "the fit ends at the largest or smallest value that is allowed"
+    elif not math.isfinite(error) or relative > gates.relative or others[most] > gates.correlated:
+        verdict = "not identifiable"
+        why = f"its standard error is {100.0 * relative:.3g} %"
+        if others[most] > 0.9:
+            why += f", and it goes with {keys[most]} (correlation {correlations[i, most]:.3f})"
+        why += "; " + TOLD_BY.get(key, "a longer measurement would tell, or one with more of the motion in it")
+    return Parameter(key, start, value, error, low, high, verdict, why)
+
+
+TOLD_BY = {
+    "friction.decay": "samples at 10 kHz would tell, which see slip just after breakaway",
+    "friction.static_coefficient": "samples at 10 kHz would tell, or a fixed friction.decay",
+    "friction.smoothing": "samples within the layer |v| < 2/sigma would tell: a higher rate or a slower passage",
+    "driveline.flywheel_inertia": "the flywheel's speed, or a known change of the mean torque, would tell"}
+"""What measurement would tell a parameter that this one does not."""
+
+
+def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:
+    """Whether a value is at an end of its range."""
+    key, value = keys[i], float(values[i])
+    if key in OFFSETS:
+        return False
+    if key in (STATIC, KINETIC) and STATIC in keys and KINETIC in keys \
+            and values[keys.index(STATIC)] <= values[keys.index(KINETIC)] * NEAR_ONE * (1.0 + 1e-9):
+        return True
+    quantity = QUANTITIES[key]
+    return value <= quantity.low * (1.0 + 1e-9) or value >= quantity.high * (1.0 - 1e-9)
+
+
+def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float) -> str:
+    """What speaks against a fit, in sentences."""
+    out = (f"chi-square a degree of freedom is {found.chi2:.3g}, above {limit:g}: the scene does not explain the "
+           "measurement.")
+    rest = model.system.engine.mean_torque / model.system.driveline.stiffness
+    begin, n = np.array([[model.measured.channels["slip_speed"][0], rest, 0.0]]), len(model.measured.t) - 1
+    try:
+        alone = states_of(model, begin, n, start, model.substeps(start))[0]
+    except NumericalFailure:
+        alone = np.zeros((n + 1, 3))
+    for name, data in model.measured.channels.items():
+        computed = alone[:, INDEX[name]]
+        if np.std(computed) > 0.0 and float(np.corrcoef(data, computed)[0, 1]) < -0.3:
+            out += f" {name} looks as if its sign were swapped."
+    share = max((float(np.sqrt(np.mean(r**2))) / noise[name], name) for name, r in found.residuals.items())
+    return f"{out} Most of it is in {share[1]}, whose residuals are {share[0]:.3g} times its noise."

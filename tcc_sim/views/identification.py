@@ -1,0 +1,75 @@
+"""What `identify` found as a picture: measured and fitted speeds, their residuals, and the parameters' intervals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.views import style
+
+SHOWN = 400
+"""Samples of the measured and fitted speeds that are drawn."""
+
+
+def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw an `Identification`.
+
+    Parameters
+    ----------
+    path : png, svg or pdf file
+    found : what `identify` gives
+    title : name of the scene
+    width : inch
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    """
+    names = list(found.residuals)
+    rows = len(names) + 2 + (found.likelihood is not None)
+    with style.figure(width, 1.5 * rows + 0.6) as drawn:
+        axes = drawn.subplots(rows, 1)
+        _speeds(axes[0], found, title)
+        for axis, name in zip(axes[1:], names):
+            residual = found.residuals[name] / found.noise[name]
+            axis.plot(found.measurement.t[:len(residual)], residual, color=style.GREY, linewidth=0.5)
+            axis.set_ylabel(f"{name.replace('_', ' ')}\nresidual / noise")
+        axes[len(names)].set_xlabel("time (s)")
+        _parameters(axes[len(names) + 1], found)
+        if found.likelihood is not None:
+            axes[-1].plot(found.likelihood.values, found.likelihood.excess, marker="o")
+            axes[-1].axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
+            axes[-1].set_xlabel(found.likelihood.key)
+            axes[-1].set_ylabel("chi-square over\nthe least one")
+            axes[-1].legend(loc="upper center")
+        return style.save(drawn, path)
+
+
+def _speeds(axis: Any, found: Any, title: str) -> None:
+    """The first samples of the slip speed, measured and fitted."""
+    residual = found.residuals["slip_speed"]
+    data = found.measurement.channels["slip_speed"][:len(residual)]
+    t = found.measurement.t[:len(residual)]
+    axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
+    axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
+    axis.set_ylabel("slip speed (rad/s)")
+    words = f"chi-square a degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
+    axis.set_title(f"{title}: {words}" if title else words)
+    axis.legend(loc="upper right", ncols=2)
+
+
+def _parameters(axis: Any, found: Any) -> None:
+    """Values relative to their starts, with 95 % intervals."""
+    rows = np.arange(len(found.parameters))
+    sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in found.parameters])
+    values = np.array([p.value - p.start for p in found.parameters]) / sizes * 100.0
+    errors = np.array([p.high - p.value for p in found.parameters]) / sizes * 100.0
+    axis.errorbar(values, rows, xerr=errors, linestyle="none", marker="o", capsize=3.0)
+    axis.axvline(0.0, color=style.INK, linewidth=0.7)
+    axis.set_yticks(rows, [p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key
+                           for p in found.parameters])
+    axis.set_ylim(len(rows) - 0.5, -0.5)
+    axis.set_xlabel("value and 95 % interval, from the start (%)")

@@ -1,0 +1,189 @@
+"""Parameters from measurements that SciPy made, with known noise: found, covered by their intervals, or refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from documents import valid
+from scipy.integrate import solve_ivp
+
+from tcc_sim import cli
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.identify import identify
+from tcc_sim.estimation.measurement import Measurement, noise_of, read_table
+from tcc_sim.estimation.multiple_shooting import Settings, fit
+from tcc_sim.estimation.verdicts import Gates
+from tcc_sim.estimation.windows import Model
+from tcc_sim.scene import load_scene
+
+KEYS = {"friction.static_coefficient": 0.3, "friction.kinetic_coefficient": 0.24, "driveline.damping": 0.6,
+        "driveline.stiffness": 3000.0, "driveline.plate_inertia": 0.02}
+FIG02 = load_scene("fig02")
+BEGAN, ONCE = 1.0, Gates(starts=1)
+
+
+@cache
+def moved(seconds: float = 0.5, rate: float = 1000.0, held: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, states (n, 3) and engine torque of scene fig02 from `BEGAN` on, by SciPy on equations (1) to (7).
+
+    held : the torque is that of the sample before
+    """
+    system = FIG02.system
+    engine, pressure = system.engine, system.pressure
+    ratio = 0.3 / 0.24
+
+    def torque(t: float) -> float:
+        t = math.floor(t * rate * (1.0 + 1e-12)) / rate if held else t
+        return engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        load = 0.24 * 0.08 * 0.1 * (pressure.mean + pressure.amplitude * math.sin(engine.frequency * t))
+        friction = (1.0 + (ratio - 1.0) * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0]) * load
+        plate = (friction - 0.6 * x[2] - 3000.0 * x[1]) / 0.02
+        return [(torque(t) - friction) / 0.2 - plate, x[2], plate]
+
+    t = BEGAN + np.arange(round(seconds * rate)) / rate
+    step = 1.0 / rate if held else math.inf
+    run = solve_ivp(rates, (0.0, t[-1]), [150.0, 0.0, 0.0], "LSODA", t, rtol=1e-9, atol=1e-10, max_step=step)
+    return t, run.y.T, np.array([torque(x) for x in t])
+
+
+def measured(seed: int = 0, seconds: float = 0.5, **changes: object) -> tuple[Measurement, dict[str, float]]:
+    """Slip and plate speed with noise of 1 % of their spread, and that noise."""
+    t, states, _ = moved(seconds)
+    noise = 0.01 * states.std(axis=0)
+    seen = states + noise * np.random.default_rng(seed).standard_normal(states.shape)
+    channels = {"slip_speed": seen[:, 0], "plate_speed": seen[:, 2]}
+    return Measurement(t, channels | dict(changes)), {"slip_speed": noise[0], "plate_speed": noise[2]}
+
+
+def starts(seed: int) -> dict[str, float]:
+    """Every key 10 % off, in a random direction."""
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(KEYS))
+    return {k: v * (1.0 + 0.1 * s) for (k, v), s in zip(KEYS.items(), signs)}
+
+
+def test_parameters_are_found_from_starts_ten_percent_off() -> None:
+    for seed in range(2):
+        data, noise = measured(seed)
+        found = identify(data, starts(seed), scene=FIG02, noise=noise)
+        assert found.accepted, found
+        for p in found.parameters:
+            assert abs(p.value - KEYS[p.key]) < 4.0 * p.standard_error, p
+            assert p.verdict == "identified", p
+            assert p.standard_error < 0.05 * p.value, p
+
+
+def test_intervals_cover_the_truth() -> None:
+    """The last stage from the truth on, for 10 draws of the noise: squared errors are their variances.
+
+    Fifty numbers, of which five go together: where the counts of sub-steps were not held this was above 50.
+    """
+    _, states, _ = moved(0.3)
+    truth, settings, squares = np.array(list(KEYS.values())), Settings(), []
+    for seed in range(10):
+        data, noise = measured(100 + seed, 0.3)
+        model = Model(FIG02.system, tuple(KEYS), data)
+        found = fit(model, noise, truth, settings, settings.stages[-1:], states[::100].copy())
+        squares.append((found.values - truth) ** 2 / np.diag(found.covariance))
+    assert 0.4 < np.mean(squares) < 2.0
+    assert np.mean(np.array(squares) < 1.96**2) >= 0.88
+
+
+def test_what_one_kilohertz_does_not_tell_is_said() -> None:
+    """The decay goes with mu_s: at 1 kHz the fall after breakaway is over within a sample or two."""
+    data, noise = measured(3)
+    free = {k: KEYS[k] for k in list(KEYS)[:2]} | {"friction.decay": 2.5}
+    found = identify(data, free, scene=FIG02, noise=noise)
+    decay = found.parameters[2]
+    assert abs(found.correlations[0, 2]) > 0.9
+    assert decay.verdict == "not identifiable"
+    assert "friction.static_coefficient" in decay.why
+    assert "10 kHz" in decay.why
+
+
+def test_measured_torque_drives_the_model_and_its_offset_is_found() -> None:
+    t, states, torque = moved(0.2, 1000.0, held=True)
+    rng = np.random.default_rng(5)
+    channels = {"slip_speed": states[:, 0] + 0.05 * rng.standard_normal(len(t)),
+                "plate_speed": states[:, 2] + 0.05 * rng.standard_normal(len(t))}
+    data = Measurement(t, channels, {"engine_torque": torque + 6.0})
+    found = identify(data, {"driveline.stiffness": 3150.0, "engine_torque.offset": None}, scene=FIG02,
+                     noise={"slip_speed": 0.05, "plate_speed": 0.05})
+    assert found.accepted
+    for p, truth in zip(found.parameters, (3000.0, 6.0)):
+        assert abs(p.value - truth) < 4.0 * p.standard_error, p
+
+
+def test_the_noise_of_a_smooth_signal_is_found() -> None:
+    t = np.arange(2000) * 1e-3
+    for level in (0.01, 1.0):
+        signal = 50.0 * np.sin(100.0 * t) + level * np.random.default_rng(0).standard_normal(len(t))
+        assert noise_of(signal) == pytest.approx(level, rel=0.1)
+
+
+def test_wrong_data_give_a_sentence() -> None:
+    data, noise = measured()
+    t, slip, plate = data.t, data.channels["slip_speed"], data.channels["plate_speed"]
+    free = {"driveline.stiffness": 3100.0}
+    with pytest.raises(InputError, match=r"gap of 0\.031 s"):
+        Measurement(np.delete(t, slice(100, 130)), {"slip_speed": np.delete(slip, slice(100, 130))})
+    with pytest.raises(InputError, match="dead"):
+        Measurement(t, {"slip_speed": slip, "plate_speed": np.zeros_like(t)})
+    with pytest.raises(InputError, match="no number"):
+        Measurement(t, {"slip_speed": np.where(t > 1.2, np.nan, slip)})
+    with pytest.raises(InputError, match="clocks differ"):
+        identify(Measurement(BEGAN + (t - BEGAN) * 1.003, data.channels), free, scene=FIG02)
+    swapped = identify(Measurement(t, {"slip_speed": slip, "plate_speed": -plate}), free, scene=FIG02, noise=noise,
+                       gates=ONCE)
+    assert not swapped.accepted
+    assert "plate_speed looks as if its sign were swapped" in swapped.why
+    other = identify(data, free, scene=FIG02.with_values({"engine.torque_amplitude": 200.0}), noise=noise,
+                     gates=ONCE)
+    assert not other.accepted
+    assert other.parameters[0].verdict == "not identifiable"
+    for wrong, words in (({"clutch.area": 1.0}, "cannot be identified"), ({"friction.decai": 1.0}, "friction.decay"),
+                         ({"driveline.stiffness": -1.0}, "driveline.stiffness is -1"), ({}, "no key is free")):
+        with pytest.raises(InputError, match=words):
+            identify(data, wrong, scene=FIG02)
+
+
+def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
+    pytest.importorskip("matplotlib")
+    t, states, _ = moved()
+    table, out = tmp_path / "data.csv", tmp_path / "mine.yaml"
+    noise = 0.1 * np.random.default_rng(8).standard_normal((len(t), 2))
+    np.savetxt(table, np.column_stack([t, states[:, [0, 2]] + noise]), delimiter=",", header="t,slip_speed,plate_speed",
+               comments="")
+    words = ["identify", str(table), "--free", "driveline.stiffness=3200", "--free", "driveline.damping", "--scene",
+             "fig02", "--noise", "slip_speed=0.1,plate_speed=0.1", "--likelihood", "driveline.stiffness", "--json",
+             str(tmp_path / "found.json"), "--out", str(out), "--plot", str(tmp_path / "found.png")]
+    assert cli.main(words) == 0
+    assert "identified" in capsys.readouterr().out
+    found = valid("identify", json.loads((tmp_path / "found.json").read_text()))
+    assert found["accepted"]
+    stiffness = found["parameters"][0]
+    assert load_scene(str(out)).system.driveline.stiffness == pytest.approx(stiffness["value"])
+    profile = found["likelihood"]
+    # One parameter's profile is a parabola: 1.96 standard errors from the best value it rises by 3.84.
+    rise = np.interp(stiffness["high"], profile["values"], profile["excess"])
+    assert rise == pytest.approx(3.84, rel=0.3)
+    assert cli.main(words) == 2
+    assert cli.main(["identify", str(table), "--free", "driveline.stiffness"]) == 2
+    assert "--scene" in capsys.readouterr().err
+
+
+def test_a_table_is_read_or_refused(tmp_path) -> None:
+    path = tmp_path / "x.csv"
+    rows = "".join(f"{k * 1e-3},{k % 7}\n" for k in range(60))
+    path.write_text("t,slip_speed\n" + rows)
+    assert read_table(path).step == pytest.approx(1e-3)
+    for text, words in (("t,slip_speed\n1,2\n", "samples"), ("t,slip\n" + rows, "unknown"), ("t\n1\n", "no column"),
+                        ("t,slip_speed\n1,x\n", "line 2"), ("t,slip_speed\n1,2,3\n", "3 values")):
+        path.write_text(text)
+        with pytest.raises(InputError, match=words):
+            read_table(path)
