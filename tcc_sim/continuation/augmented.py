@@ -45,7 +45,8 @@ class MinimallyAugmented:
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting
         # Differences, and what a canard makes of rounding, leave more of g than of the orbit's own equations.
-        self.settings = replace(shooting.settings, correct_tolerance=LOOSE, residual=LOOSE)
+        self.settings = replace(shooting.settings, correct_tolerance=LOOSE, residual=LOOSE, regrowth=2.0,
+                                largest_step=min(shooting.settings.largest_step, LONGEST))
         self.turning = kind == "neimark_sacker"
         found = shooting.linearise(z)
         self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
@@ -166,7 +167,9 @@ class MinimallyAugmented:
         return float(np.real(np.conj(mu) * np.sum(w * cubic) / (w[-1] @ q[0])))
 
 
-LOOSE = 1e-7
+LONGEST = 0.03
+"""Longest step along a curve, of which a picture shows every corner."""
+LOOSE = 1e-8
 """Last step and residual with which a point of a curve is one."""
 DIFFERENCE, BEND = 3e-6, 1e-3
 """Steps of differences along null vectors of length one, in natural sizes: of first and of second order."""

@@ -93,7 +93,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
                 tests, remeshed = _tests(state, state.here), count
                 continue
             return StopReason.STEP, 0
-        if edge is None and any(not low <= new.z[k] <= high for k, low, high in bounds):
+        if edge is None and any(not low <= new.z[k] <= high for k, low, high in state.bounds):
             state.step_size.length = 0.5 * length
             continue
         if _on_a_canard(state, new, run):

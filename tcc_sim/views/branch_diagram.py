@@ -101,6 +101,10 @@ def _curves(axis: Any, found: Mapping[str, Any]) -> None:
         axis.plot(curve["value"], curve["second"], color=style.CYCLE[kinds.index(curve["kind"]) % len(style.CYCLE)],
                   label=None if name in named else name)
         named.add(name)
+        for point in curve.get("special", []):
+            axis.plot([point["value"]], [point["second"]], linestyle="none", marker="o", markersize=3.0, color=style.INK)
+            axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
+                          textcoords="offset points", fontsize=6.5)
     axis.set_xlabel(found["over"])
     axis.set_ylabel(found["second_over"])
     _legend(axis)

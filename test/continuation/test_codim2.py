@@ -181,3 +181,12 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
     lost = limit(torn, 0.8, smoothed)
     assert lost.value is None
     assert lost.why.startswith("not found: the curve of the bifurcation was lost at sigma = ")
+
+
+def test_a_curve_goes_on_where_its_orbits_are_cut_anew() -> None:
+    # Period two has x + y = 1 - b and x y = (1 - b)^2 - a; its derivative has the trace 4 x y + 2 b and the
+    # determinant b^2, so it doubles at a = (1 - b)^2 + (1 + b)^2/4.
+    curve, _ = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], settings=Settings(growth=2.5), period=2)
+    assert curve.values == pytest.approx([(1.0 - b) ** 2 + 0.25 * (1.0 + b) ** 2 for b in curve.second], abs=1e-7)
+    assert {end.reason for end in curve.ended} == {StopReason.RANGE}
+    assert (min(curve.second) < -1.1, max(curve.second)) == (True, pytest.approx(1.5))
