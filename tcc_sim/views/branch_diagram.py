@@ -102,7 +102,8 @@ def _curves(axis: Any, found: Mapping[str, Any]) -> None:
                   label=None if name in named else name)
         named.add(name)
         for point in curve.get("special", []):
-            axis.plot([point["value"]], [point["second"]], linestyle="none", marker="o", markersize=3.0, color=style.INK)
+            axis.plot([point["value"]], [point["second"]], linestyle="none", marker="o", markersize=3.0,
+                      color=style.INK)
             axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                           textcoords="offset points", fontsize=6.5)
     axis.set_xlabel(found["over"])
