@@ -36,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
     parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
+    parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
+                        help="torque and pressure from a recording, or from the columns t, engine_torque and "
+                        "actuation_pressure of a table")
     parser.add_argument("--orders", action="store_true",
                         help="work out orders, transmissibility and judder too; --plot then draws the order map")
     add_plot(parser)
@@ -55,6 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene = load_scene(arguments.scene).with_values({**parse_assignments(arguments.set),
                                                      **parse_profiles(arguments.profile)})
+    if arguments.inputs is not None:
+        from tcc_sim.replay.given_inputs import driven_by
+
+        scene = driven_by(scene, arguments.inputs)
     cycle, duration = scene.system.cycle, arguments.duration
     if arguments.cycles is None and duration is None:
         duration = scene.system.span or None

@@ -25,10 +25,15 @@ class Inputs:
 
 
 def held(t: Floats, values: Floats) -> Floats:
-    """Values held from each time to the next, as lines."""
-    return np.stack([t, values, np.zeros(len(t))], axis=1)
+    """Values held from each time to the next, as lines; before the first time it is the first value."""
+    return _from_the_start(np.stack([t, values, np.zeros(len(t))], axis=1))
 
 
 def joined(t: Floats, values: Floats) -> Floats:
-    """Values joined by straight lines, the last one held."""
-    return np.stack([t, values, np.append(np.diff(values) / np.diff(t), 0.0)], axis=1)
+    """Values joined by straight lines, constant outside."""
+    return _from_the_start(np.stack([t, values, np.append(np.diff(values) / np.diff(t), 0.0)], axis=1))
+
+
+def _from_the_start(lines: Floats) -> Floats:
+    """Lines that begin at time 0."""
+    return lines if lines[0, 0] <= 0.0 else np.concatenate([[[0.0, lines[0, 1], 0.0]], lines])

@@ -1,4 +1,4 @@
-"""Orders against closed forms: a sine of known amplitude through a run-up, pure stick, and slow ramps against a sweep."""
+"""Orders against closed forms: sines of known amplitude through a run-up, pure stick, slow ramps against a sweep."""
 
 import json
 import math

@@ -1,0 +1,100 @@
+"""Engine torque and actuation pressure from a recording or from a table, to drive a scene by."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.inputs import Inputs, held, joined
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.replay.recorded import read
+from tcc_sim.scene import Scene
+from tcc_sim.topics import topic
+from tcc_sim.trajectory import Floats
+
+MOST = 2_000_000
+"""Rows of a table."""
+TIME, TORQUE, PRESSURE = "t", "engine_torque", "actuation_pressure"
+
+
+def driven_by(scene: Scene, path: Path) -> Scene:
+    """`scene` with the torque and the pressure of a recording's first run, or of a table's columns, in the place of its
+    own; what these do not tell stays the scene's.
+
+    What a command held in a recording is held through the tick that applied it; what the driveline made by itself is
+    joined by straight lines. A table (CSV) has the column t, s, and engine_torque, N m, or actuation_pressure, Pa, or
+    both, each held from one row to the next.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or values that are no inputs.
+    """
+    inputs = of_table(path) if path.suffix == ".csv" else of_recording(path)
+    return dataclasses.replace(scene, system=dataclasses.replace(scene.system, inputs=inputs))
+
+
+def of_recording(path: Path) -> Inputs:
+    """The inputs of the first run of a recording."""
+    run = read(path).trajectory(0)
+    if run.system is None or len(run.t) < 2:
+        raise InputError(f"{path}: there are no inputs in it, since it has fewer than two states")
+    t, system = run.t - run.t[0], run.system
+    pressure = run.saturation_torque / system.torque_per_pressure
+    lines: list[Floats | None] = []
+    for values, source in ((run.engine_torque, system.engine.source), (pressure, system.pressure.source)):
+        known = np.isfinite(values)
+        if not known.any():
+            lines.append(None)
+        elif source == "topic":
+            lines.append(held(t[:-1][known[1:]], values[1:][known[1:]]))
+        else:
+            lines.append(joined(t[known], values[known]))
+    if all(line is None for line in lines):
+        raise InputError(f"{path}: neither torque nor pressure was recorded")
+    return Inputs(lines[0], lines[1], float(t[-1]))
+
+
+def of_table(path: Path) -> Inputs:
+    """The inputs in the columns of a CSV file."""
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: {getattr(error, 'strerror', None) or 'not a table of text in UTF-8'}") from None
+    names = [name.strip() for name in rows[0]] if rows else []
+    if TIME not in names or not {TORQUE, PRESSURE} & set(names):
+        raise InputError(f"{path}: the first line must name the columns {TIME} and {TORQUE} or {PRESSURE}")
+    body = [row for row in rows[1:] if row]
+    if not 2 <= len(body) <= MOST:
+        raise InputError(f"{path}: it has {len(body)} rows; it must have 2 to {MOST}")
+    columns = {name: _numbers(path, body, names.index(name), name) for name in (TIME, TORQUE, PRESSURE)
+               if name in names}
+    t = columns.pop(TIME)
+    if t[0] < 0.0 or not np.all(np.diff(t) > 0.0):
+        raise InputError(f"{path}: the times in column t must begin at 0 or later and increase")
+    for name, values in columns.items():
+        meant = QUANTITIES[topic(name).key]
+        wrong = np.flatnonzero((values < meant.low) | (values > meant.high))
+        if len(wrong):
+            raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
+                             f"{meant.interval()}")
+    lines = [held(t, columns[name]) if name in columns else None for name in (TORQUE, PRESSURE)]
+    return Inputs(lines[0], lines[1], float(t[-1]))
+
+
+def _numbers(path: Path, rows: list[list[str]], place: int, name: str) -> Floats:
+    """A column of finite numbers."""
+    found = np.empty(len(rows))
+    for k, row in enumerate(rows):
+        try:
+            found[k] = float(row[place])
+        except (ValueError, IndexError):
+            found[k] = np.nan
+        if not np.isfinite(found[k]):
+            raise InputError(f"{path}: line {k + 2} has no number in column {name}")
+    return found

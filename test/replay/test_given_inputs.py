@@ -1,0 +1,84 @@
+"""A scene driven by data: by a table against the node's own plant, by a recording against the run that it holds."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.plant.driveline import Plant
+from tcc_sim.recording.trajectory_bag import write_trajectory
+from tcc_sim.replay.given_inputs import driven_by
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+
+STEPS = 120
+
+
+def table(path, **columns):
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values()))
+    return path
+
+
+def commands():
+    t = np.arange(STEPS) * 1e-3
+    return t, 300.0 + 200.0 * np.sin(190.0 * t), 2e5 + 1e5 * np.cos(77.0 * t)
+
+
+def test_a_table_gives_what_the_plant_gives_that_holds_its_values(tmp_path):
+    t, torque, pressure = commands()
+    path = table(tmp_path / "in.csv", t=[*t, STEPS * 1e-3], engine_torque=[*torque, 0.0],
+                 actuation_pressure=[*pressure, 0.0])
+    scene = load_scene("commands").with_values({"pacing": "lockstep"})
+    plant = Plant(scene)
+    plant.warm_up()
+    for a, b in zip(torque, pressure):
+        plant.hold(float(a), float(b))
+        plant.stepper.advance()
+    driven = driven_by(scene, path)
+    assert driven.system.span == pytest.approx(STEPS * 1e-3)
+    found = solve(driven, solver="fixed_step", duration=STEPS * 1e-3).final
+    v, angle, speed, _ = plant.stepper.state
+    # The plant takes as many sub-steps as each pressure needs; a shift by one tick would be 40 N m.
+    assert (found.slip_speed, found.plate_angle) == pytest.approx((v, angle), rel=1e-3)
+    exact = solve(driven, duration=STEPS * 1e-3, rtol=1e-9).final
+    assert (exact.slip_speed, exact.plate_angle) == pytest.approx((v, angle), rel=1e-3)
+    assert exact.plate_speed == pytest.approx(speed, abs=0.01)
+
+
+def test_a_recording_gives_itself_again_and_another_clutch_something_else(tmp_path):
+    scene = load_scene("fig02").with_values({"pressure.amplitude": 0.0})
+    run = solve(scene, cycles=6, samples_per_cycle=200, flywheel_angle=True)
+    write_trajectory(tmp_path / "run.mcap", run, scene.text())
+    again = solve(driven_by(scene, tmp_path / "run.mcap"), duration=float(run.t[-1]) * 0.999).final
+    same = solve(scene, duration=float(run.t[-1]) * 0.999).final
+    assert again.plate_angle == pytest.approx(same.plate_angle, rel=2e-3)
+    other = scene.with_values({"friction.kinetic_coefficient": 0.2})
+    assert solve(driven_by(other, tmp_path / "run.mcap"), duration=0.2).final.plate_angle != pytest.approx(
+        solve(scene, duration=0.2).final.plate_angle, rel=1e-3)
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("t,torque\n0,1\n1,1\n", "must name the columns t and engine_torque or actuation_pressure"),
+    ("t,engine_torque\n0,1\n", "has 1 rows"), ("t,engine_torque\n0,1\n0,1\n", "must begin at 0 or later and increase"),
+    ("t,engine_torque\n0,1\n1,x\n", "line 3 has no number in column engine_torque"),
+    ("t,actuation_pressure\n0,1\n1,-5\n", "actuation_pressure is -5 Pa at 1 s; it must be 0 to 1e"), ("", "must name")])
+def test_what_is_no_table_of_inputs_is_refused(tmp_path, text, message):
+    path = tmp_path / "in.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        driven_by(load_scene("commands"), path)
+
+
+def test_the_command_takes_a_table(tmp_path, capsys):
+    t, torque, _ = commands()
+    path = table(tmp_path / "in.csv", t=t, engine_torque=torque)
+    assert main(["simulate", "commands", "--inputs", str(path)]) == 0
+    assert "commands: 0.119 s" in capsys.readouterr().out
+    assert main(["simulate", "commands", "--inputs", str(tmp_path / "none.csv")]) == 2
+    assert math.isclose(driven_by(load_scene("commands"), path).system.span, 0.119)
