@@ -30,6 +30,8 @@ LARGEST_SURPRISE = 1.0
 """Largest difference, rad, of a block's phase from what the blocks before it let expect."""
 FASTEST_DRIFT = 0.3
 """Largest relative change of frequency, 1/s, that is expected."""
+LARGEST_TWIST = 0.5
+"""Largest difference, rad, between the phases of the halves of a block."""
 MISSES = 2
 """Blocks one after the other that may fail within a stretch."""
 FEWEST_BLOCKS, FEW_BLOCKS = 4, 12
@@ -188,10 +190,8 @@ class _Run:
         count = self._block()
         if len(self._t) <= count:
             return False
-        t = self._t[:count]
-        found = _fit(t, self._torque[:count], self._expected(t))
-        # The first block says where the phase is, which the opening does not where it begins before the oscillation.
-        if found.share >= STRONGEST_LINE and (abs(found.ahead) <= LARGEST_SURPRISE or self._stretch is None):
+        t, found = self._t[:count], self._measured(count)
+        if found is not None:
             self._stretch = self._stretch or Stretch()
             self._misses = 0
             self._add(self._stretch, found, float(t[0]), float(self._t[count]), float(t[-1]))
@@ -204,6 +204,19 @@ class _Run:
         self._t, self._torque = self._t[count:], self._torque[count:]
         return True
 
+    def _measured(self, count: int) -> _Fit | None:
+        """The line in the first samples that wait; None where it is weak, or not what the blocks before let expect.
+
+        The first block says where the phase is: an opening may begin before the oscillation. The halves of a block must
+        agree: a line of another frequency may have the phase that is expected in the middle.
+        """
+        phase = self._expected(self._t[:count])
+        found, *halves = (_fit(self._t[part], self._torque[part], phase[part])
+                          for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
+        apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
+        agrees = abs(found.ahead) <= LARGEST_SURPRISE or self._stretch is None
+        return found if found.share >= STRONGEST_LINE and agrees and abs(apart) <= LARGEST_TWIST else None
+
     def _add(self, stretch: Stretch, found: _Fit, begin: float, end: float, last: float) -> None:
         """Add a block to a stretch: its samples go from `begin` to `last`, the next one begins at `end`."""
         middle = 0.5 * (begin + last)
@@ -214,8 +227,8 @@ class _Run:
         """Make what is left at the end a block of its own, or a part of the last one where it is short."""
         begin, last = float(self._t[0]), float(self._t[-1])
         if 2 * len(self._t) >= self._block():
-            found = _fit(self._t, self._torque, self._expected(self._t))
-            if found.share >= STRONGEST_LINE and abs(found.ahead) <= LARGEST_SURPRISE:
+            found = self._measured(len(self._t))
+            if found is not None:
                 self._add(stretch, found, begin, last, last)
                 return
         stretch.bounds[-1] = stretch.bounds[-1][0], last

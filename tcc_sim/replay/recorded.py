@@ -21,7 +21,7 @@ from tcc_sim.recording.commands import SOURCE, Commands
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.places import places_of
 from tcc_sim.replay.segments import Segment
-from tcc_sim.replay.timing import Timing, scene_of, timing_of
+from tcc_sim.replay.timing import Timing, frequency_changes, scene_of, timing_of
 from tcc_sim.replay.window import Window
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
@@ -187,7 +187,7 @@ class Recording:
     @cached_property
     def _timing(self) -> Timing:
         """How the engine cycles of all runs are counted."""
-        return timing_of(self.scene, None, self.batches())
+        return timing_of(self.scene, None, self.batches(), frequency_changes(self._run))
 
     def _system(self, index: int) -> System:
         """What the scene in force at the state with this index describes."""

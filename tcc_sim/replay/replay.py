@@ -26,7 +26,7 @@ from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog
 from tcc_sim.replay.tail import Tail
-from tcc_sim.replay.timing import Timing, scene_of, timing_of
+from tcc_sim.replay.timing import Timing, frequency_changes, scene_of, timing_of
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.replay.window import Window
 from tcc_sim.scene import Scene
@@ -80,7 +80,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     if damping:
         _check_damping(own)
     part = window or Window()
-    timing = timing_of(own, frequency, part.of(watched(run, "frequency", progress)))
+    timing = timing_of(own, frequency, part.of(watched(run, "frequency", progress)), frequency_changes(run))
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         reading = _Reading(run, own, timing, discard, verify, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -16,6 +17,8 @@ from tcc_sim.scene import Scene, load_scene, parse_scene
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 SLICE, TICKS = 0.1, 20
 """Seconds, and samples at least, of a slice of time where there are no engine cycles."""
+MOST_LOOKED_AT = 1000
+"""Scenes of a recording in which a change of frequency is looked for."""
 COMPLETE = 0.98
 """Part of a run in which cycles are known that needs no words."""
 
@@ -52,13 +55,14 @@ class Timing:
         return f"{self.low:.6g} to {self.high:.6g} rad/s, {SOURCES[self.source]}"
 
 
-def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates]) -> Timing:
+def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates], changed: bool = False) -> Timing:
     """How the cycles of a recording of this scene are counted.
 
     Parameters
     ----------
     given : angular frequency of the engine torque, rad/s, or None
-    batches : the recording, which is read only where the torque came from a topic
+    batches : the recording, which is read only where the torque came from a topic or its frequency was changed
+    changed : the frequency was changed while running, so that the phase went on at another pace
 
     Raises
     ------
@@ -70,7 +74,7 @@ def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates])
     if given is not None:
         return Timing(Uniform(2.0 * math.pi / given), "given", given, given)
     engine = scene.system.engine
-    if engine.source != "topic":
+    if engine.source != "topic" and not changed:
         said = engine.frequency_values or (engine.frequency,)
         return Timing(clock_of_scene(scene.system), "scene", min(said), max(said))
     tracker = PhaseTracker()
@@ -89,6 +93,14 @@ def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates])
                 "of the engine torque can be followed")
     found = longest if not longest.why else max(runs.values(), key=lambda run: len(run.starts))
     return Timing(clock, "found", found.low, found.high, note)
+
+
+def frequency_changes(run: Run) -> bool:
+    """Whether the engine's frequency was changed while the driveline ran."""
+    texts = [record.parameters for record in run.scenes[:MOST_LOOKED_AT]]
+    said = [re.findall(r"^ +frequency: *(\S+)", text, re.MULTILINE) for text in texts]
+    return any(record.first_stamp_ns and after != before
+               for record, before, after in zip(run.scenes[1:], said, said[1:]))
 
 
 def scene_of(run: Run, given: str | None = None) -> Scene:

@@ -158,3 +158,22 @@ def test_a_run_of_nothing_but_nan_has_no_figures_and_takes_none_from_another(tmp
     found = replay(bag(tmp_path / "run", [*steady(1.0, 150.0), *nothing, *steady(0.5, 90.0)], SLIP), discard=0)
     assert [s.summary is None for s in found.segments] == [False, True, False]
     assert found.segments[2].summary.min_slip_speed == pytest.approx(90.0, abs=0.2)
+
+
+def test_a_frequency_that_was_changed_while_running_counts_from_there_on_and_keeps_its_phase(tmp_path):
+    """150 rad/s up to 2 s, 180 rad/s behind, without a jump of phase."""
+    def phase(t):
+        return 150.0 * np.minimum(t, 2.0) + 180.0 * np.maximum(t - 2.0, 0.0)
+
+    rows = by_hand(4.0, lambda t: 150.0 + 8.0 * np.cos(phase(t)), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
+                   lambda t: 300.0 + 250.0 * np.sin(phase(t)), lambda t: LOAD + 0.0 * t)
+    path = bag(tmp_path / "run", rows, SLIP, said=[said_at(2001, 2001, engine__frequency=180.0)])
+    found = replay(path, discard=0)
+    assert (found.frequency_source, found.timing.low, found.timing.high) == (
+        "found", pytest.approx(150.0, rel=0.02), pytest.approx(180.0, rel=0.02))
+    first, second = found.segments
+    assert second.changes == {"engine.frequency": 180.0}
+    for segment, frequency in ((first, 150.0), (second, 180.0)):
+        assert segment.summary.cycles == pytest.approx(2.0 * frequency / (2.0 * math.pi), abs=8)
+        assert segment.summary.period == 1
+        assert segment.summary.section[0][1] == pytest.approx(158.0, abs=0.1)
