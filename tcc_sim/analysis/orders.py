@@ -8,6 +8,7 @@ sine, not a power.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,7 +89,7 @@ def orders_of(run: Trajectory) -> Orders:
     system = run.system
     if system is None:
         raise InputError("the trajectory has no system, which says what the engine's phase is")
-    turns = turns_at(system, run.t)
+    turns, when = _phase_of(run, system)
     whole = math.floor(float(turns[-1] - turns[0]) + 1e-9)
     if whole < CYCLES:
         raise InputError(f"orders need {CYCLES} engine cycles, and there are {whole}")
@@ -97,7 +98,7 @@ def orders_of(run: Trajectory) -> Orders:
                          f"{len(turns) / whole:.3g}")
     begin = math.ceil(float(turns[0]) * PER_CYCLE - 1e-6)
     count = (math.floor(float(turns[-1]) * PER_CYCLE + 1e-6) - begin) // PER_CYCLE * PER_CYCLE + 1
-    at = system.cycle_start((begin + np.arange(count)) / PER_CYCLE)
+    at = when((begin + np.arange(count)) / PER_CYCLE)
     v, shaft, torque = _resampled(run, system, at)
     length = CYCLES * PER_CYCLE
     starts = np.arange(0, count - length, HOP * PER_CYCLE)
@@ -124,6 +125,20 @@ def orders_of(run: Trajectory) -> Orders:
 def turns_at(system: System, t: Floats) -> Floats:
     """Engine cycles passed at the times t, (n,)."""
     return t / system.cycle if system.course is None else np.asarray(phase_at(system.course, t)) / (2.0 * math.pi)
+
+
+def _phase_of(run: Trajectory, system: System) -> tuple[Floats, Callable[[Floats], Floats]]:
+    """Engine cycles passed at the samples, and when so many have passed: the scene's or, where the torque was commanded,
+    those that were told from it, each of one frequency.
+    """
+    if system.engine.source != "topic":
+        return turns_at(system, run.t), system.cycle_start
+    starts = run.cycles.starts if run.cycles is not None else None
+    if starts is None or len(starts) < 2 or not np.isfinite(starts).all():
+        raise InputError("the torque was commanded, and its engine cycles are not known: there are no orders")
+    numbers = np.arange(len(starts), dtype=np.float64)
+    within = run.t[(run.t >= starts[0]) & (run.t <= starts[-1])]
+    return np.interp(within, starts, numbers), lambda turns: np.interp(turns, numbers, starts)
 
 
 def _resampled(run: Trajectory, system: System, at: Floats) -> tuple[Floats, Floats, Floats]:

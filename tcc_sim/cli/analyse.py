@@ -40,6 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "figures are shown")
     parser.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
                         help="names of the two joints in a recording where they have others")
+    parser.add_argument("--orders", action="store_true", help="work out orders, transmissibility and judder of the run "
+                        "whose figures are shown; --plot then draws the order map")
     parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
 
@@ -57,6 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.output.samples import check_suffix, write_samples
+    from tcc_sim.output.table import order_lines
     from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
     from tcc_sim.replay.window import Window
@@ -78,17 +81,29 @@ def run(arguments: argparse.Namespace) -> int:
                    discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene,
                    verify=arguments.verify, damping=arguments.damping, window=window,
                    joints=arguments.joints, progress=True)
-    if arguments.out is not None:
+    lines, results = found.lines(), found.json()
+    if arguments.out is not None or arguments.orders:
         recording = read(arguments.recording, arguments.scene, arguments.joints)
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
+    if arguments.orders:
+        from tcc_sim.analysis.orders import orders_of
+
+        orders = orders_of(samples)
+        results["orders"] = orders.as_json()
+        lines += order_lines(orders)
+    if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), head=True)
     if arguments.plot is not None:
+        from tcc_sim.views.order_map import plot_orders
         from tcc_sim.views.plots import plot
 
         with draft(arguments.plot) as part:
-            plot(found, part, arguments.width)
+            if arguments.orders:
+                plot_orders(orders, samples, part, arguments.width, title=arguments.recording.name)
+            else:
+                plot(found, part, arguments.width)
     if arguments.json is not None:
-        write_json(arguments.json, document("analyse", found.json(), found.scene, arguments.words))
+        write_json(arguments.json, document("analyse", results, found.scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
-        say("\n".join(found.lines()))
+        say("\n".join(lines))
     return 0

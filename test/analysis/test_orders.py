@@ -79,3 +79,16 @@ def test_what_is_too_short_or_too_coarse_is_refused():
         orders_of(solve(load_scene("slip"), cycles=4, samples_per_cycle=64))
     with pytest.raises(InputError, match="orders need 8 samples in an engine cycle, and there are 4"):
         orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
+
+
+def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
+    from tcc_sim.cli import main
+    from tcc_sim.recording.trajectory_bag import write_trajectory
+
+    scene = ramp("minimal", 80.0, 160.0, 3.0)
+    run = solve(scene, duration=3.0, samples_per_cycle=64, flywheel_angle=True)
+    write_trajectory(tmp_path / "run.mcap", run, scene.text())
+    assert main(["analyse", str(tmp_path / "run.mcap"), "--orders", "--json", str(tmp_path / "a.json")]) == 0
+    found, own = json.loads((tmp_path / "a.json").read_text())["orders"], orders_of(run)
+    np.testing.assert_allclose(found["shaft_torque"], own.shaft_torque[:len(found["time"])], atol=1e-3)
+    np.testing.assert_allclose(found["transmissibility"], own.transmissibility[:len(found["time"])], rtol=1e-4)
