@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="mean slip speed, rad/s; the pressure that gives it is found (default: the scene's "
                         "pressure)")
     parser.add_argument("--frequencies", metavar="START:STOP:COUNT",
-                        help="rad/s, evenly in logarithm (default: 60 from 2 to the slipping mode)")
+                        help="rad/s, evenly in logarithm (default: 240 from 2 to the slipping mode)")
     parser.add_argument("--check", metavar="N", type=int, default=0,
                         help="find the response by simulation at N of the frequencies too")
     parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")

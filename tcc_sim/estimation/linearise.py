@@ -29,7 +29,7 @@ Complex = NDArray[np.complex128]
 INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
 OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
 """What may be asked for, with its unit."""
-LOW, COUNT = 2.0, 60
+LOW, COUNT = 2.0, 240
 """Frequencies that are given unless others are asked for: from LOW rad/s to the slipping mode, evenly in logarithm."""
 MOST_FREQUENCIES = 100_000
 
@@ -125,7 +125,7 @@ def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure",
     scene : scene, system, or the name or file of a scene
     input, output : names of INPUTS and OUTPUTS
     slip : mean slip speed, rad/s, for which the pressure is found; None takes the scene's pressure
-    frequencies : rad/s, above 0; by default 60 from 2 rad/s to sqrt(K23/I2), evenly in logarithm
+    frequencies : rad/s, above 0; by default 240 from 2 rad/s to sqrt(K23/I2), evenly in logarithm
     check : number of the frequencies at which the response is found by simulation too
     tick : called after every simulated point
 
