@@ -21,8 +21,8 @@ from tcc_sim.topics import TOPICS
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 PAGES = [README, *(ROOT / ".github" / f"{name}.md" for name in (
-    "scenes", "nodes", "lockstep", "testing", "fmu", "recordings", "solvers", "continuation", "python", "paper",
-    "security"))]
+    "scenes", "nodes", "lockstep", "testing", "fmu", "recordings", "solvers", "estimation", "continuation", "python",
+    "paper", "security"))]
 """What people read; the reports that commands write are not among them."""
 NODES = ROOT / "tcc_sim" / "nodes"
 
