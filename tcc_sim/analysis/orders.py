@@ -128,8 +128,8 @@ def turns_at(system: System, t: Floats) -> Floats:
 
 
 def _phase_of(run: Trajectory, system: System) -> tuple[Floats, Callable[[Floats], Floats]]:
-    """Engine cycles passed at the samples, and when so many have passed: the scene's or, where the torque was commanded,
-    those that were told from it, each of one frequency.
+    """Engine cycles passed at the samples, and when so many have passed: the scene's or, where the torque was
+    commanded, those that were told from it, each of one frequency.
     """
     if system.engine.source != "topic":
         return turns_at(system, run.t), system.cycle_start
