@@ -50,6 +50,8 @@ class MinimallyAugmented:
         self.turning = kind == "neimark_sacker"
         found = shooting.linearise(z)
         self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
+        self.steepness = 0.0
+        """Change of g per natural size at the last point that was linearised."""
         left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
         self.b, self.c = left[:, -1], right[-1]
 
@@ -91,7 +93,8 @@ class MinimallyAugmented:
         rows = np.array([gradient.real, gradient.imag] if self.turning else [gradient])
         values = np.array([np.real(g), np.imag(g)] if self.turning else [g])
         # On a canard g passes from one sign to the other within rounding of z: how far z is from there counts.
-        size = max(float(np.linalg.norm(gradient)), 1.0)
+        self.steepness = float(np.linalg.norm(gradient))
+        size = max(self.steepness, 1.0)
         orbit = np.pad(found.jacobian, ((0, 0), (0, 1))) if self.turning else found.jacobian
         return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.monodromy,
                           found.blocks, found.seen)

@@ -35,6 +35,8 @@ ENDING = {"neimark_sacker": ("resonance_1_1", "resonance_1_2")}
 """Special points in which curves of a kind end: the pair of multipliers becomes real there."""
 CANARD_RUN, STANDS_STILL, CANARD_GROWTH = 12, 1e-4, 1.0
 """Points, changes of the parameters in parts of their ranges, and decades by which a multiplier grows on a canard."""
+STEEP = 1e3
+"""Change of g per natural size above which a curve ends there: over a step of the differences that is its error."""
 Bounds = tuple[tuple[int, float, float], ...]
 """(index of an unknown, low, high) of both parameters."""
 
@@ -92,7 +94,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
             if remeshed < count and _remesh(state, anew=True):
                 tests, remeshed = _tests(state, state.here), count
                 continue
-            return StopReason.STEP, 0
+            return _why_no_step(state), 0
         if edge is None and any(not low <= new.z[k] <= high for k, low, high in state.bounds):
             state.step_size.length = 0.5 * length
             continue
@@ -131,6 +133,17 @@ def _on_a_canard(state: CurveState, new: Solution, run: deque[Floats]) -> bool:
         return True
     moved = np.ptp(np.array(run), axis=0)
     return len(run) == CANARD_RUN and moved[:-1].max() <= STANDS_STILL and moved[-1] >= CANARD_GROWTH
+
+
+def _why_no_step(state: CurveState) -> StopReason:
+    """Why there is no next point: the motions may bend too sharply, as where an interval of slip begins, and g is then
+    all but a jump.
+    """
+    if state.augmented is not None:
+        state.augmented.linearise(state.here.z)
+        if state.augmented.steepness > STEEP:
+            return StopReason.STEEP
+    return StopReason.STEP
 
 
 def _next(state: CurveState) -> Solution | None:

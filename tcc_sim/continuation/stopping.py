@@ -26,6 +26,8 @@ class StopReason(Enum):
     STEP = ("no further point was found beyond {name} = {value:.9g}: no step, however short, met a residual of "
             "{limit:g}")
     SPECIAL = "ended in a {what} at {name} = {value:.9g}"
+    STEEP = ("ended at {name} = {value:.9g}: there a multiplier changes by one within {limit:.1g} of the natural "
+             "sizes, as where slip begins, which differences do not resolve")
     INTERRUPTED = "interrupted at {name} = {value:.9g}"
 
 
