@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,9 +34,9 @@ def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
     """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
     periods = sorted({b["period"] for b in curve["branches"]})
     for number, branch in enumerate(curve["branches"]):
-        thicker = 0.35 * min(periods.index(branch["period"]), 3)
-        for (x, y), dashes, width in zip(stable_and_unstable(curve, number), ("-", UNSTABLE), (1.1, 0.7)):
-            axis.plot(x / unit, y, linestyle=dashes, linewidth=width + thicker, color=colour, zorder=2.5)
+        rank = min(periods.index(branch["period"]), 3)
+        for (x, height), dashes, width in zip(stable_and_unstable(curve, number), ("-", UNSTABLE), (1.1, 0.7)):
+            axis.plot(x / unit, height, linestyle=dashes, linewidth=width + 0.35 * rank, color=colour, zorder=2.5)
     for found in curve["bifurcations"]:
         axis.plot([found["value"] / unit], [found["max_slip_speed"]], linestyle="none", marker=MARKS[found["kind"]][0],
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
@@ -97,7 +98,8 @@ def top_of(curves: Sequence[Data]) -> tuple[float, int]:
     inside = [0.0]
     for curve in curves:
         inside += [max(b["max_slip_speed"]) for b in curve["branches"]]
-        inside += [v for v, done in zip(curve["max_slip_speed"], curve["settled"]) if done and v is not None]
+        steady = marked(curve)[0][1]
+        inside += [v for v, done in zip(curve["max_slip_speed"], steady) if done and v is not None]
     top = max(1.12 * max(inside), 1e-6)
     return top, sum(v is not None and v > top for curve in curves for v in curve["max_slip_speed"])
 
@@ -112,14 +114,12 @@ def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: 
     """
     axis.set_axis_off()
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
-    other = "hollow: section does not repeat" + (f" ({beyond} beyond the axes)" if beyond else "")
     handles = axis.plot([], [], color=style.INK, label="stable (thicker: longer period)")
     if not all(all(b["stable"]) for curve in curves for b in curve["branches"]):
         handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
-    handles += axis.plot([], [], marker="o", markersize=2.0, markeredgewidth=0.0, label="sweep", **looks)
-    if beyond or not all(all(curve["settled"]) for curve in swept):
-        handles += axis.plot([], [], marker="o", markersize=2.4, markerfacecolor="white", markeredgewidth=0.5,
-                             label=other, **looks)
+    for mark in marks_met(swept):
+        name = mark.name + (f" ({beyond} beyond the axes)" if beyond and mark is not SETTLED else "")
+        handles += axis.plot([], [], label=name, **mark.look(style.INK, 2.4))
     for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
@@ -129,6 +129,41 @@ def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: 
         handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
                              label="jump off the branches")
     axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How the points of a sweep look whose motion is of one kind."""
+
+    name: str
+    marker: str
+    full: bool = False
+
+    def look(self, colour: str, size: float = 1.8) -> dict[str, Any]:
+        """Keywords of the plot."""
+        return {"linestyle": "none", "marker": self.marker, "color": colour, "markersize": size,
+                "markerfacecolor": colour if self.full else "white", "markeredgewidth": 0.0 if self.full else 0.5}
+
+
+SETTLED = Mark("settled in a period", "o", full=True)
+APERIODIC = Mark("no period up to 16", "o")
+SETTLING = Mark("still settling to a period", "x")
+AWAY = Mark("slip grows without end", "^")
+
+
+def marked(curve: Data) -> list[tuple[Mark, np.ndarray]]:
+    """What the points of a curve are, each kind with (n,) where."""
+    def column(name: str, other: Any) -> np.ndarray:
+        return np.array([other if v is None else v for v in curve.get(name, [other] * len(curve["period"]))])
+
+    away, period, done = column("runaway", False), column("period", 0), column("settled", True)
+    where = (~away & (period > 0) & done, ~away & (period > 0) & ~done, ~away & (period == 0), away)
+    return list(zip((SETTLED, SETTLING, APERIODIC, AWAY), (w.astype(bool) for w in where)))
+
+
+def marks_met(curves: Sequence[Data]) -> list[Mark]:
+    """The kinds of points that curves have."""
+    return list(dict.fromkeys(mark for curve in curves for mark, where in marked(curve) if where.any()))
 
 
 def paint_chart(drawn: Any, data: Data) -> None:
@@ -151,6 +186,13 @@ def paint_chart(drawn: Any, data: Data) -> None:
                           color=COLOURS.get((kind, min(period, 2)), style.GREEN), linewidth=0.9,
                           linestyle=(0, (4, 2)) if kind == "stick_border" else "-", zorder=3)
         named.setdefault(name, line)
+        for end, reason in zip((0, -1), curve["ended"]):
+            mark = end_of(reason)
+            if mark is not None:
+                point, = axis.plot([curve["value"][end] / data["unit"]], [curve["second"][end] / data["second_unit"]],
+                                   linestyle="none", marker=mark[0], color=style.INK, markersize=3.0,
+                                   markeredgewidth=0.7, zorder=4)
+                named.setdefault(mark[1], point)
     axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=r"frequency ratio $\omega/\omega_n$",
              ylabel={"mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$", "psi/pi": r"phase $\psi/\pi$"}[data["second_axis"]])
     met = sorted(set(shades.ravel().tolist()))
@@ -159,6 +201,17 @@ def paint_chart(drawn: Any, data: Data) -> None:
     shown = below.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="center", ncols=4,
                          fontsize=6.8)
     shown.set_in_layout(False)
+
+
+ENDS = (("range", None), ("first point", None), ("canard", ("*", "canard: not resolved beyond")),
+        ("step", ("x", "no further point found")), ("further", ("x", "no further point found")),
+        ("points", ("|", "longest curve followed")))
+"""By a word of the reason for which a curve ended what stands at its end: nothing at the edge and where it closes."""
+
+
+def end_of(reason: str) -> tuple[str, str] | None:
+    """Mark and name of a curve's end; None where the edge of the chart or its own beginning shows it."""
+    return next((mark for word, mark in ENDS if word in reason), ("x", "no further point found"))
 
 
 def _shade(period: int | None, regime: str | None) -> int:

@@ -51,8 +51,10 @@ def _caption(data: Data) -> str:
     if "cycles" not in data or data["kind"] == "chart":
         return str(data["caption"])
     most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
+    still = any(mark is panels.SETTLING for mark in panels.marks_met(data["curves"]))
+    grey = "; grey: still settling to a period" if still else ""
     return (f"{data['caption']}; {data['cycles']} engine cycles, the first {data['discarded']} dropped; "
-            rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}")
+            rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}{grey}")
 
 
 def _numbers(values: list[float | None]) -> np.ndarray:
@@ -66,36 +68,27 @@ def _marks(axis: Any, data: Data) -> None:
         axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
 
 
-def settled(curve: Data) -> np.ndarray:
-    """(n,) whether the section repeats within the cycles solved; a record that does not say so counts as settled."""
-    return np.array([bool(x) for x in curve.get("settled", [True] * len(curve["theta2"]))])
-
-
 def _orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
-    """The section points over the parameter, pale where the section does not repeat yet or never does."""
-    done = settled(curve)
+    """The section points over the parameter: grey where a period has not settled; none where slip grows without end."""
     counts = np.array([len(p or ()) for p in curve["theta2"]])
     points = np.concatenate([np.array(p or (), dtype=np.float64) for p in curve["theta2"]])
-    solid = np.repeat(done, counts)
     place = np.repeat(x, counts)
-    for where, look in ((~solid, style.GREY), (solid, colour)):
-        axis.plot(place[where], points[where], linestyle="none", marker=".", markersize=1.6, markeredgewidth=0.0,
-                  color=look, rasterized=True)
+    for mark, where in panels.marked(curve):
+        if mark is not panels.AWAY:
+            shown = np.repeat(where, counts)
+            axis.plot(place[shown], points[shown], linestyle="none", marker=".", markersize=1.6, markeredgewidth=0.0,
+                      color=style.GREY if mark is panels.SETTLING else colour, rasterized=True)
 
 
-UNSETTLED = "hollow, grey: section does not repeat within these cycles"
 OTHER = "coexists: reached from a neighbour's state"
 SPIKE = "spike of a cold start beside it"
 
 
 def _maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
-    """The largest slip speeds: full where the section repeats, hollow where it does not; what coexists, and spikes."""
-    values, done = _numbers(curve["max_slip_speed"]), settled(curve)
+    """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
+    values = _numbers(curve["max_slip_speed"])
     axis.plot(x, values, color=colour, linewidth=0.9, label=curve["label"])
-    at = np.array(x)
-    axis.plot(at[done], values[done], linestyle="none", color=colour, marker="o", markersize=1.6, markeredgewidth=0.0)
-    axis.plot(at[~done], values[~done], linestyle="none", color=colour, marker="o", markersize=2.4,
-              markerfacecolor="white", markeredgewidth=0.5)
+    _points(axis, x, curve, colour)
     rows = curve.get("coexisting", [])
     axis.plot([x[r["index"]] for r in rows], [r["other"]["max_slip_speed"] for r in rows], linestyle="none", marker="D",
               markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, color=colour)
@@ -108,8 +101,8 @@ def _legend_of_marks(axis: Any, curves: list[Data]) -> None:
     """Entries for the marks that this picture has."""
     rows = [r for curve in curves for r in curve.get("coexisting", [])]
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
-    if any(not settled(c).all() for c in curves):
-        axis.plot([], [], marker="o", markersize=2.6, markeredgewidth=0.5, label=UNSETTLED, **looks)
+    for mark in panels.marks_met(curves):
+        axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.6))
     if rows:
         axis.plot([], [], marker="D", markersize=3.2, markeredgewidth=0.7, label=OTHER, **looks)
     if any(r["spike"] for r in rows):
@@ -117,43 +110,55 @@ def _legend_of_marks(axis: Any, curves: list[Data]) -> None:
 
 
 def _paint_map(drawn: Any, data: Data) -> None:
-    """Left the maxima of every curve, right an orbit diagram for each."""
+    """Left the maxima, right an orbit diagram for every curve; curves that would hide each other have rows of their
+    own, with the others pale behind them.
+    """
     curves, x = data["curves"], data["x"]
     if "branches" in curves[0]:
         _paint_branches(drawn, data)
         return
-    grid = drawn.add_gridspec(len(curves), 2, width_ratios=(1.0, 1.05))
-    maxima = drawn.add_subplot(grid[:, 0])
+    stacked = _crowded(curves)
+    grid = drawn.add_gridspec(len(curves) + 1, 2, width_ratios=(1.0, 1.05),
+                              height_ratios=[1.0] * len(curves) + [0.3 / _map_height(data)])
+    maxima = [drawn.add_subplot(grid[k, 0]) for k in range(len(curves))] if stacked else [
+        drawn.add_subplot(grid[:-1, 0])] * len(curves)
     orbits = [drawn.add_subplot(grid[k, 1]) for k in range(len(curves))]
-    for k, curve in enumerate(curves):
+    for k, (curve, left, right) in enumerate(zip(curves, maxima, orbits)):
         colour = style.CYCLE[k]
-        _maxima(maxima, x, curve, colour)
-        _orbit(orbits[k], x, curve, colour)
-        orbits[k].set_ylabel(SECTION)
-        orbits[k].set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
-        orbits[k].sharex(maxima)
-        orbits[k].margins(y=0.08)
-        orbits[k].locator_params(axis="y", nbins=4)
-        if k < len(curves) - 1:
-            orbits[k].tick_params(labelbottom=False)
-        _marks(orbits[k], data)
-    _marks(maxima, data)
-    maxima.set_ylabel(MAXIMUM)
-    maxima.set_xlim(x[0], x[-1])
-    maxima.set_ylim(0.0, _top(x, curves))
-    for axis in (maxima, orbits[-1]):
+        if stacked:
+            for other in curves:
+                left.plot(x, _numbers(other["max_slip_speed"]), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
+        _maxima(left, x, curve, colour)
+        _orbit(right, x, curve, colour)
+        right.set_ylabel(SECTION)
+        for axis in (left, right) if stacked else (right,):
+            axis.set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
+        right.margins(y=0.08)
+        for axis in dict.fromkeys((left, right)):
+            axis.set_xlim(x[0], x[-1])
+            axis.locator_params(axis="y", nbins=4 if stacked or axis is right else 8)
+            axis.tick_params(labelbottom=k == len(curves) - 1 or axis is maxima[0] is maxima[-1])
+            _marks(axis, data)
+    for axis in dict.fromkeys(maxima):
+        axis.set_ylabel(MAXIMUM)
+        axis.set_ylim(0.0, _top(x, curves, legend=not stacked))
+    for axis in (maxima[-1], orbits[-1]):
         axis.set_xlabel(AXES[data["axis"]])
-    maxima.set_title("(a) maximum slip speed")
+    maxima[0].set_title("(a) maximum slip speed")
     orbits[0].set_title("(b) orbit diagrams")
-    maxima.add_artist(maxima.legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none"))
-    known = len(maxima.lines)
-    _legend_of_marks(maxima, curves)
-    if maxima.lines[known:]:
-        from matplotlib.transforms import ScaledTranslation
+    if not stacked:
+        maxima[0].add_artist(maxima[0].legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none"))
+    below = drawn.add_subplot(grid[-1, :])
+    below.set_axis_off()
+    _legend_of_marks(below, curves)
+    below.legend(loc="center", ncols=3, fontsize=6.5).set_in_layout(False)
 
-        below = maxima.transAxes + ScaledTranslation(-0.1, -0.36, drawn.dpi_scale_trans)
-        maxima.legend(handles=maxima.lines[known:], loc="upper left", bbox_to_anchor=(0.0, 0.0), bbox_transform=below,
-                      fontsize=6.5)
+
+def _crowded(curves: list[Data]) -> bool:
+    """Whether the maxima of curves jump about so much that they would hide each other."""
+    values = [_numbers(curve["max_slip_speed"]) for curve in curves]
+    size = max(float(np.nanmax(v)) for v in values)
+    return sum(int((np.abs(np.diff(v)) > 0.05 * size).sum()) for v in values) > 5 * len(curves)
 
 
 def _paint_branches(drawn: Any, data: Data) -> None:
@@ -192,19 +197,17 @@ def _paint_branches(drawn: Any, data: Data) -> None:
 
 
 def _points(axis: Any, x: list[float], curve: Data, colour: str) -> None:
-    """The maxima of a sweep as points alone: full where the section repeats, hollow where it does not."""
-    values, done, at = _numbers(curve["max_slip_speed"]), settled(curve), np.array(x)
-    axis.plot(at[done], values[done], linestyle="none", color=colour, marker="o", markersize=2.0, markeredgewidth=0.0,
-              alpha=0.55, zorder=2)
-    axis.plot(at[~done], values[~done], linestyle="none", color=colour, marker="o", markersize=2.2,
-              markerfacecolor="white", markeredgewidth=0.4, zorder=2)
+    """The maxima of a sweep as points alone, each marked by what its motion is."""
+    values, at = _numbers(curve["max_slip_speed"]), np.array(x)
+    for mark, where in panels.marked(curve):
+        axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
 
 
-def _top(x: list[float], curves: list[Data]) -> float:
-    """The end of the axis of maxima, above which no curve reaches and the legend at its right hides none."""
-    values = np.stack([_numbers(curve["max_slip_speed"]) for curve in curves])
+def _top(x: list[float], curves: list[Data], *, legend: bool) -> float:
+    """The end of the axis of maxima, above which no curve reaches and a legend at its right hides none."""
+    values = np.stack([np.where(panels.marked(c)[3][1], np.nan, _numbers(c["max_slip_speed"])) for c in curves])
     values = np.where(np.isfinite(values), values, 0.0)
-    below = values[:, np.array(x) >= x[0] + 0.55 * (x[-1] - x[0])]
+    below = values[:, np.array(x) >= x[0] + 0.55 * (x[-1] - x[0])] if legend else np.zeros(1)
     return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
 
 
@@ -219,6 +222,12 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     damping.annotate(r"$-C_{23}$", (1.005, data["threshold"]), xycoords=("axes fraction", "data"), color=style.RED,
                      va="center")
     damping.set_ylabel("damping (N m s/rad)")
+    damping.set_ylim(top=1.35)
+    close = damping.inset_axes((0.66, 0.62, 0.33, 0.33))
+    close.plot(x, 1e3 * weighted, color=style.GREEN, linewidth=0.8)
+    close.set_xlim(x[0], x[-1])
+    close.set_title(r"$C_f$, $10^{-3}$ N m s/rad", fontsize=6.0, pad=2.0)
+    close.tick_params(labelsize=5.5)
     style.legend_above(damping)
     _maxima(maxima, data["x"], {**curve, "label": "_"}, style.BLUE)
     _legend_of_marks(maxima, [curve])
@@ -249,6 +258,8 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
                       label=DIRECTIONS[curve["direction"]])
         axis.set_ylabel(SECTION)
         style.legend_above(axis)
+    for axis in axes:
+        _slipping_away(axis, x, data)
     for axis in axes[1:]:
         axis.sharex(axes[0])
     for axis in axes[1:len(shown)]:
@@ -272,6 +283,18 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
     style.panel_titles(axes, titles)
     if branched:
         axes[-1].set_title(axes[-1].get_title(loc="left"), pad=panels.room_above(curves))
+
+
+def _slipping_away(axis: Any, x: list[float], data: Data) -> None:
+    """Where Tsm < Tm: what does not stick slips away."""
+    keys = data["parameters"]
+    ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]
+                                          * keys["clutch.area"] * keys["clutch.radius"])
+    if x[0] < ratio < x[-1]:
+        axis.axvspan(x[0], ratio, color=style.GREY, alpha=0.25, linewidth=0.0, zorder=0)
+        axis.annotate("clutch slips away,\n$T_{sm} < T_m$", (ratio, 0.96), xycoords=("data", "axes fraction"),
+                      xytext=(3.0, 0.0), textcoords="offset points", fontsize=6.0, va="top", color=style.INK,
+                      bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0})
 
 
 def _paint_law(drawn: Any, data: Data) -> None:

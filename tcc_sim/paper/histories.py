@@ -11,6 +11,8 @@ from tcc_sim.views import style
 Data = dict[str, Any]
 
 CYCLES = "time (engine cycles)"
+NARROWEST = 0.02
+"""Least width of a section's axis, as a part of the motion's extent: what is narrower shows rounding."""
 SLIP = r"$\dot\delta_1$ (rad/s)"
 
 
@@ -28,6 +30,9 @@ def paint_histories(drawn: Any, data: Data) -> None:
         section.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
                      markersize=5.0 if periodic else 1.6)
         section.margins(0.1)
+        low, high = section.get_ylim()
+        half = 0.5 * max(high - low, NARROWEST * float(np.ptp(panel["slip_speed"])))
+        section.set_ylim(0.5 * (low + high) - half, 0.5 * (low + high) + half)
         speed.set_ylabel(SLIP)
         angle.set_ylabel(r"$\delta_2$ (rad)")
         section.set_ylabel(SLIP)

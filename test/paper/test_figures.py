@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import valid
+from scipy.integrate import solve_ivp
 
+from tcc_sim.benchmarks.references import Law
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.closed_form import stick_margin
@@ -106,7 +108,14 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
     assert [(s["period"], s["settled"]) for s in data["steady"]] == [(1, True), (2, True), (2, True)]
-    assert [s["max_slip_speed"] for s in data["steady"]] == pytest.approx([36.297, 63.657, 63.742], abs=2e-3)
+    # The first by SciPy over a cycle; the others are the motion of Fig. 2 without smoothing, nearly or exactly.
+    system = paper_system(FIGURES[2].series[0].values)
+    law = Law(system)
+    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data["steady"][0]["final"], method="Radau",
+                    rtol=1e-9, atol=1e-10, max_step=system.cycle / 400)
+    assert data["steady"][0]["max_slip_speed"] == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
+    sharper, exact = (s["max_slip_speed"] for s in data["steady"][1:])
+    assert sharper == pytest.approx(exact, rel=2e-3)
     # The solvers start there: the first curve closes after its cycle.
     v = data["curves"][0]["slip_speed"]
     assert v[0] == pytest.approx(v[-1], abs=1e-4)
@@ -129,30 +138,58 @@ def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
     assert stands_out(np.array([9.0, 5.0, 9.0]), 1, 1.0)
 
 
-def test_points_that_have_not_settled_are_drawn_apart() -> None:
-    from tcc_sim.paper import drawings
+def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
+    """Hollow is what has no period; what settles still, and slip that grows without end, are told apart from it."""
+    from tcc_sim.paper import branch_panels, drawings
     from tcc_sim.views import style
 
-    curve = {"label": "a curve", "max_slip_speed": [1.0, 2.0, 3.0], "settled": [True, False, None],
-             "theta2": [[0.1], [0.2, 0.3], None], "coexisting": [
+    curve = {"label": "a curve", "max_slip_speed": [1.0, 2.0, 3.0, 900.0], "settled": [True, False, False, False],
+             "period": [1, 2, 0, 0], "runaway": [False, False, False, True],
+             "theta2": [[0.1], [0.2, 0.3], [0.4, 0.5, 0.6], [0.7]], "coexisting": [
                  {"index": 1, "max_slip_speed": 2.0, "spike": True, "other": {"max_slip_speed": 9.0}}]}
+    x = [1.0, 2.0, 3.0, 4.0]
     with style.figure() as drawn:
         axis, orbit = drawn.subplots(1, 2)
-        drawings._maxima(axis, [1.0, 2.0, 3.0], curve, style.BLUE)
-        marks = {str(line.get_marker()): line.get_xydata().tolist() for line in axis.lines if line.get_marker() != "o"}
-        assert marks["D"] == [[2.0, 9.0]]
-        assert marks["v"] == [[2.0, 2.0]]
-        full, hollow = [line for line in axis.lines if line.get_marker() == "o"]
-        assert (len(full.get_xdata()), len(hollow.get_xdata())) == (1, 2)
-        assert hollow.get_markerfacecolor() == "white"
-        drawings._orbit(orbit, [1.0, 2.0, 3.0], curve, style.BLUE)
-        pale, solid = orbit.lines
-        assert (pale.get_color(), len(pale.get_xdata())) == (style.GREY, 2)
-        assert (solid.get_color(), len(solid.get_xdata())) == (style.BLUE, 1)
+        drawings._maxima(axis, x, curve, style.BLUE)
+        marks = {(str(line.get_marker()), line.get_markerfacecolor()): line.get_xydata().tolist()
+                 for line in axis.lines[1:]}
+        assert marks["D", "none"] == [[2.0, 9.0]]
+        assert marks["v", "none"] == [[2.0, 2.0]]
+        assert marks["o", style.BLUE] == [[1.0, 1.0]]
+        assert marks["x", "white"] == [[2.0, 2.0]]
+        assert marks["o", "white"] == [[3.0, 3.0]]
+        assert marks["^", "white"] == [[4.0, 900.0]]
+        drawings._orbit(orbit, x, curve, style.BLUE)
+        assert [(line.get_color(), line.get_xdata().tolist()) for line in orbit.lines] == [
+            (style.BLUE, [1.0]), (style.GREY, [2.0, 2.0]), (style.BLUE, [3.0, 3.0, 3.0])]
         known = len(axis.lines)
         drawings._legend_of_marks(axis, [curve])
-        assert [line.get_label() for line in axis.lines[known:]] == [drawings.UNSETTLED, drawings.OTHER, drawings.SPIKE]
-    assert drawings.settled({"theta2": [1, 2]}).all()
+        assert [line.get_label() for line in axis.lines[known:]] == [
+            *(m.name for m in branch_panels.marks_met([curve])), drawings.OTHER, drawings.SPIKE]
+    assert len(branch_panels.marks_met([curve])) == 4
+    assert branch_panels.marks_met([{"period": [1, 2]}]) == [branch_panels.SETTLED]
+    assert drawings._top(x, [curve], legend=False) == pytest.approx(1.06 * 3.0)  # A runaway sets no scale.
+
+
+def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
+    from tcc_sim.continuation.stopping import StopReason
+    from tcc_sim.paper.branch_panels import end_of
+
+    assert end_of("the end of the range, mu_k = 0.2") is None
+    assert end_of("a reason that nobody has thought of") is not None
+    assert {end_of(str(reason.value)) is None for reason in StopReason if "range" in str(reason.value)} <= {True}
+
+
+def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:
+    from tcc_sim.paper import histories
+    from tcc_sim.views import style
+
+    panel = {"t": [0.0, 1.0], "slip_speed": [0.0, 30.0], "plate_angle": [0.1, 0.2], "period": 1, "label": "a",
+             "section": [[0.1, 5.0], [0.1, 5.0 + 1e-13]]}
+    with style.figure() as drawn:
+        histories.paint_histories(drawn, {"panels": [panel] * 2})
+        low, high = drawn.axes[2].get_ylim()
+        assert high - low == pytest.approx(histories.NARROWEST * 30.0)
 
 
 def test_figures_share_the_curves_that_they_have_in_common(monkeypatch) -> None:  # type: ignore[no-untyped-def]
