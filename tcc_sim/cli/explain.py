@@ -14,6 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The scene and where the answer goes."""
     parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--cost", action="store_true", help="measure what a tick of the real-time solver and each of "
+                        "its terms cost; this compiles a kernel for every term")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the answer here")
 
 
@@ -27,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.closed_forms import closed_form_lines
     from tcc_sim.output.explanation import explain
 
-    found = explain(scene)
+    found = explain(scene, cost=arguments.cost)
     say(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")
     for what in ("terms", "topics", "modules"):
         say(f"{what}\n  held:     {', '.join(found[what]['held']) or 'none'}"
@@ -37,9 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
     if step is None:
         say("real-time step: none, the real-time solver takes the smoothed law only")
     else:
-        say(f"real-time step: one {step['tick_s'] * 1e3:g} ms tick in {counted(step['sub_steps'], 'sub-step')} costs "
-            f"{step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
-            f"{step['ratio']:.2f} times as much")
+        say(f"real-time step: {counted(step['sub_steps'], 'sub-step')} in a tick of {step['tick_s'] * 1e3:g} ms")
+        if arguments.cost:
+            say(f"  a tick costs {step['own_s'] * 1e6:.2f} us; with every term on {step['general_s'] * 1e6:.2f} us, "
+                f"{step['ratio']:.2f} times as much")
+            for name, seconds in step["terms_s"].items():
+                say(f"  of it {name}: {seconds * 1e6:.2f} us, {100.0 * seconds / step['own_s']:.0f} %")
         for name, own in step["own_calls"].items():
             say(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
     say("\n".join(closed_form_lines(found["closed_forms"])))

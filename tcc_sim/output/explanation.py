@@ -17,7 +17,7 @@ from tcc_sim.output.closed_forms import closed_forms
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
 from tcc_sim.solvers.fixed_step import Stepper, advance
-from tcc_sim.solvers.terms import general_terms, held_and_left_out, terms_of
+from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, terms_of
 from tcc_sim.topics import TOPICS, Topic
 
 OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distributed")
@@ -25,24 +25,33 @@ OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distribute
 TICK = 1e-3
 """The tick whose cost is measured, s."""
 REPEATS, TICKS = 7, 400
+OPTIONAL = {"torque": "engine torque sine", "harmonics": "engine torque harmonics", "pulsation": "pressure sine",
+            "stribeck": "Stribeck exponential"}
+"""Terms whose cost is measured by leaving them out, with their names for people."""
 FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents"}
 """NumPy's functions that the kernels call, the dear part of a sub-step."""
 
 
-def explain(scene: Scene) -> dict[str, Any]:
-    """Terms held and left out, kernel argument types, modules, topics, and the measured cost of a tick.
+def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
+    """Terms held and left out, kernel argument types, modules, topics, and the calls of a sub-step.
+
+    Parameters
+    ----------
+    cost : measure also what a tick costs, with every term on and without each of those held; it compiles them
 
     Returns
     -------
     A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type
-    of every term; `step`: `tick_s`, `sub_steps`, `own_s`, `general_s`, their `ratio`, and per sub-step of the first
-    tick `own_calls` and `general_calls` of sine, exponential and hyperbolic tangent (None where the real-time solver
-    does not apply: the set-valued law); `closed_forms`: pure slip and pure stick as `closed_forms` gives them.
+    of every term; `step`: `tick_s`, `sub_steps`, and per sub-step of the first tick `own_calls` and `general_calls` of
+    sine, exponential and hyperbolic tangent, with `cost` also `own_s`, `general_s`, their `ratio`, and `terms_s`: what
+    each term adds (None where the real-time solver does not apply: the set-valued law); `closed_forms`: pure slip and
+    pure stick as `closed_forms` gives them.
     """
     terms = terms_of(scene.system)
     held, left_out = held_and_left_out(terms)
     needed = [row.name for row in TOPICS if needs(scene, row)]
-    looked = _look(scene, terms.smoothing is not None)
+    real_time = terms.smoothing is not None
+    looked = _look(scene, real_time)
     loaded = looked["modules"]
     return {
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
@@ -51,7 +60,8 @@ def explain(scene: Scene) -> dict[str, Any]:
         "topics": {"held": needed, "left_out": [row.name for row in TOPICS
                                                 if row.name not in needed and row.direction != "beside"]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
-        "step": {**_cost(scene), **looked["calls"]} if terms.smoothing is not None else None,
+        "step": {"tick_s": TICK, "sub_steps": Stepper(scene.system, TICK).substeps, **(_cost(scene) if cost else {}),
+                 **looked["calls"]} if real_time else None,
         "closed_forms": closed_forms(scene.system),
     }
 
@@ -115,20 +125,22 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
     return found
 
 
-def _cost(scene: Scene) -> dict[str, float]:
-    """Seconds of a tick of the node's solver with this scene's kernel and with every term on, in turn, fastest of
-    several.
+def _cost(scene: Scene) -> dict[str, Any]:
+    """Seconds of a tick of the node's solver with this scene's kernel, with every term on and with each term that can
+    be left out left out, in turn, fastest of several.
     """
     stepper = Stepper(scene.system, TICK)
     n = stepper.substeps
-    kernels = {"own": stepper.terms, "general": general_terms(scene.system)}
+    own = stepper.terms
+    kernels = {"own": own, "general": general_terms(scene.system)}
+    kernels |= {name: Terms(**{**own._asdict(), name: None}) for name in OPTIONAL if getattr(own, name) is not None}
     best = dict.fromkeys(kernels, np.inf)
     for _ in range(REPEATS):
         for name, terms in kernels.items():
             advance(stepper.state.copy(), 0.0, TICK / n, 1, terms, True, None)
             state = stepper.state.copy()
-            began = time.perf_counter()
+            began = time.thread_time()
             advance(state, 0.0, TICK / n, TICKS * n, terms, True, None)
-            best[name] = min(best[name], (time.perf_counter() - began) / TICKS)
-    return {"tick_s": TICK, "sub_steps": n, "own_s": best["own"], "general_s": best["general"],
-            "ratio": best["general"] / best["own"]}
+            best[name] = min(best[name], (time.thread_time() - began) / TICKS)
+    return {"own_s": best["own"], "general_s": best["general"], "ratio": best["general"] / best["own"],
+            "terms_s": {OPTIONAL[name]: best["own"] - best[name] for name in kernels if name in OPTIONAL}}

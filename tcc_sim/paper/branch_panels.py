@@ -186,7 +186,7 @@ def paint_chart(drawn: Any, data: Data) -> None:
                           color=COLOURS.get((kind, min(period, 2)), style.GREEN), linewidth=0.9,
                           linestyle=(0, (4, 2)) if kind == "stick_border" else "-", zorder=3)
         named.setdefault(name, line)
-        for end, reason in zip((0, -1), curve["ended"]):
+        for end, reason in zip((0, -1), curve["reasons"]):
             mark = end_of(reason)
             if mark is not None:
                 point, = axis.plot([curve["value"][end] / data["unit"]], [curve["second"][end] / data["second_unit"]],
@@ -203,15 +203,16 @@ def paint_chart(drawn: Any, data: Data) -> None:
     shown.set_in_layout(False)
 
 
-ENDS = (("range", None), ("first point", None), ("canard", ("*", "canard: not resolved beyond")),
-        ("step", ("x", "no further point found")), ("further", ("x", "no further point found")),
-        ("points", ("|", "longest curve followed")))
-"""By a word of the reason for which a curve ended what stands at its end: nothing at the edge and where it closes."""
+EDGES = ("range", "closed")
+"""Reasons for which a curve ends that the edge of the chart, or its own beginning, shows."""
+ENDS = {"special": ("D", "point of codimension two"), "canard": ("*", "canard: not resolved beyond"),
+        "canard_curve": ("*", "canard: not resolved beyond"), "points": ("|", "longest curve followed")}
+LOST = ("x", "no further point found")
 
 
 def end_of(reason: str) -> tuple[str, str] | None:
-    """Mark and name of a curve's end; None where the edge of the chart or its own beginning shows it."""
-    return next((mark for word, mark in ENDS if word in reason), ("x", "no further point found"))
+    """Mark and name of a curve's end; None where the chart shows it."""
+    return None if reason in EDGES else ENDS.get(reason, LOST)
 
 
 def _shade(period: int | None, regime: str | None) -> int:

@@ -102,6 +102,7 @@ def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
     words = "pure stick ends, by (10)" if curve.kind == "stick_border" else words
     return {"label": words, "kind": curve.kind, "period": period, "creep": creep, "value": list(curve.values),
             "second": list(curve.second), "ended": [str(end) for end in curve.ended],
+            "reasons": [end.reason.name.lower() for end in curve.ended],
             "special": [s.as_json() for s in curve.special]}
 
 

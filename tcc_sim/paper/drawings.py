@@ -222,8 +222,8 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     damping.annotate(r"$-C_{23}$", (1.005, data["threshold"]), xycoords=("axes fraction", "data"), color=style.RED,
                      va="center")
     damping.set_ylabel("damping (N m s/rad)")
-    damping.set_ylim(top=1.35)
-    close = damping.inset_axes((0.66, 0.62, 0.33, 0.33))
+    damping.set_ylim(top=2.6)
+    close = damping.inset_axes((0.66, 0.66, 0.33, 0.28))
     close.plot(x, 1e3 * weighted, color=style.GREEN, linewidth=0.8)
     close.set_xlim(x[0], x[-1])
     close.set_title(r"$C_f$, $10^{-3}$ N m s/rad", fontsize=6.0, pad=2.0)

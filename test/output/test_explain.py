@@ -54,12 +54,23 @@ def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, 
     assert needs(load_scene("fig02").with_values(values), topic(name)) is created
 
 
+def test_cost_is_measured_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "cost.json"
+    assert main(["explain", "minimal", "--cost", "--json", str(file)]) == 0
+    step = valid("explain", json.loads(file.read_text()))["step"]
+    assert list(step["terms_s"]) == ["engine torque sine"]
+    assert step["ratio"] == pytest.approx(step["general_s"] / step["own_s"])
+    assert "of it engine torque sine" in capsys.readouterr().out
+
+
 def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "explained.json"
     assert main(["explain", "fig02", "--json", str(file)]) == 0
     out = capsys.readouterr().out
-    for words in ("Stribeck exponential", "one 1 ms tick in 33 sub-steps", "times as much"):
+    for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms"):
         assert words in out
-    assert valid("explain", json.loads(file.read_text()))["name"] == "fig02"
+    found = valid("explain", json.loads(file.read_text()))
+    assert found["name"] == "fig02"
+    assert "own_s" not in found["step"]
     assert main(["explain", "fig02", "--json", str(file)]) == 2
     assert main(["explain", "fig20"]) == 2

@@ -136,15 +136,18 @@ def given_curve(**more: Any) -> dict[str, Any]:
 def given_figure(number: int, kind: str, curves: list[dict[str, Any]]) -> dict[str, Any]:
     return {"figure": number, "kind": kind, "title": "a title", "caption": "a caption", "law": "smoothed",
             "quick": True,
-            "parameters": {}, "marks": [0.3], "axis": "omega/omega_n", "x": np.linspace(0.05, 0.5, 11).tolist(),
+            "parameters": {"engine.mean_torque": 300.0, "friction.static_coefficient": 0.3, "pressure.mean": 225e3,
+                           "clutch.area": 0.08, "clutch.radius": 0.1},
+            "marks": [0.3], "axis": "omega/omega_n", "x": np.linspace(0.05, 0.5, 11).tolist(),
             "unit": OMEGA_N, "cycles": 100, "discarded": 50, "curves": curves, "seconds": 0.0}
 
 
 def given_chart() -> dict[str, Any]:
     curves = [{"label": "fold, period 2", "kind": "fold", "period": 2, "creep": True, "value": [60.0, 70.0],
-               "second": [0.2, 0.25], "ended": ["one end", "other end"]},
+               "second": [0.2, 0.25], "ended": ["one end", "other end"], "reasons": ["range", "step"]},
               {"label": "pure stick ends, by (10)", "kind": "stick_border", "period": 1, "creep": False,
-               "value": [150.0, 150.0], "second": [0.17, 0.29], "ended": ["one end", "one end"]}]
+               "value": [150.0, 150.0], "second": [0.17, 0.29], "ended": ["one end", "one end"],
+               "reasons": ["closed", "special"]}]
     return {**given_figure(19, "chart", curves), "y": [0.6, 0.8, 1.0], "second_axis": "mu_k/mu_s", "second_unit": 0.3,
             "period": [[1, 2, 0, None, 3, 1, 1, 1, 1, 1, 1]] * 3, "regime": [["stick", *["slip"] * 10]] * 3}
 
@@ -160,7 +163,8 @@ def test_given_branches_are_drawn(data: dict[str, Any], tmp_path: Path) -> None:
 
 
 def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
-    curve = given_curve(max_slip_speed=[10.0, 500.0, None, 10.0, 10.0], settled=[True, False, False, True, True])
+    curve = given_curve(max_slip_speed=[10.0, 500.0, None, 10.0, 10.0], settled=[True, False, False, True, True],
+                        period=[1] * 5)
     assert top_of([curve]) == (pytest.approx(1.12 * 40.0), 1)
 
 

@@ -175,9 +175,9 @@ def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
     from tcc_sim.continuation.stopping import StopReason
     from tcc_sim.paper.branch_panels import end_of
 
-    assert end_of("the end of the range, mu_k = 0.2") is None
-    assert end_of("a reason that nobody has thought of") is not None
-    assert {end_of(str(reason.value)) is None for reason in StopReason if "range" in str(reason.value)} <= {True}
+    shown = {reason.name: end_of(reason.name.lower()) for reason in StopReason}
+    assert [name for name, mark in shown.items() if mark is None] == ["RANGE", "CLOSED"]
+    assert len({mark for mark in shown.values() if mark is not None}) >= 4
 
 
 def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:
