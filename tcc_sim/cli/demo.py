@@ -24,7 +24,8 @@ STEP = 0.1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Scene, duration and directory."""
-    parser.add_argument("--scene", metavar="S", default="fig02", help="name of a bundled scene, or a file (fig02)")
+    parser.add_argument("--scene", metavar="S", help="name of a bundled scene, or a file (default: "
+                        "commands, with a node beside that publishes both commands)")
     parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=10.0, metavar="SECONDS",
                         help="seconds recorded (10)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="directory to create (default: tcc_demo_ and the time)")
@@ -33,9 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Record, analyse, draw, and say what was made."""
     from tcc_sim.nodes.children import require_ros
-    from tcc_sim.scene import load_scene
+    from tcc_sim.scene import NODE_SCENE, load_scene
 
-    scene = load_scene(arguments.scene)
+    name = arguments.scene or NODE_SCENE
+    scene = load_scene(name)
     require_ros()
     directory = new_directory(arguments.out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
     missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
@@ -44,32 +46,42 @@ def run(arguments: argparse.Namespace) -> int:
             f"{' and no overview.png' if len(missing) == 2 else ''}; pip install 'tcc_sim[view]' brings them")
     directory.mkdir()
     recording = directory / "recording"
-    _record(scene, arguments.scene, recording, arguments.duration)
+    _record(scene, name, recording, arguments.duration, commanded=arguments.scene is None)
     return _analyse(scene, recording, directory, missing, arguments.words)
 
 
-def _record(scene: Scene, name: str, recording: Path, duration: float) -> None:
-    """Driveline and recorder as processes of their own, for `duration` seconds of real time; Ctrl-C ends it sooner."""
+def _record(scene: Scene, name: str, recording: Path, duration: float, *, commanded: bool) -> None:
+    """Driveline and recorder as processes of their own, and what commands them, for `duration` seconds of real time;
+    Ctrl-C ends it sooner.
+    """
     from tqdm import tqdm
 
-    from tcc_sim.nodes.children import Session
+    from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 
     say(f"scene {scene.name}: {scene.description}")
     controller = _controller(scene)
     if controller is not None:
         say(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
     session = Session(recording, {"scene": name}, controller)
+    sender = NodeProcess("commander", {"rate": scene.operation.rate}, session.environment) if commanded else None
     say(f"recording {duration:g} s to {recording}", flush=True)
     try:
+        if sender is not None:
+            sender.await_line(SENDING)
+            say("commander: publishes engine_torque and actuation_pressure at the driveline's rate")
         with tqdm(total=duration, desc="recording", unit="s", disable=None, leave=False,
                   bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
             began = time.monotonic()
             while (elapsed := time.monotonic() - began) < duration:
                 bar.update(elapsed - bar.n)
                 session.watch(min(STEP, duration - elapsed))
+                if sender is not None:
+                    sender.check()
     except KeyboardInterrupt:
         say("stopped early; what was recorded is analysed")
     finally:
+        if sender is not None:
+            sender.stop()
         session.stop()
 
 
