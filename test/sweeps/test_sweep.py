@@ -226,7 +226,6 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monk
     ["--over", "engine.torque_amplitude=10:40:3", "--solver", "none"],
     ["--over", "engine.torque_amplitude=10:40:3", "--cycles", "0"],
     ["--over", "engine.torque_amplitude=10:40:3", "--rtol", "2"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--lyapunov", "--set", "friction.law=set_valued"],
     ["--over", "friction.law=1:2:2"],
     ["--over", "rate=100:200:2"],
 ])
