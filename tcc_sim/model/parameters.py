@@ -179,7 +179,6 @@ class System:
         if not self.varying:
             return None
         from tcc_sim.model.course import course_of
-
         return course_of(self.engine, self.pressure, self.inputs)
 
     def cycle_start(self, number: Any) -> Any:
@@ -213,8 +212,8 @@ class System:
     @property
     def span(self) -> float:
         """The last time that a profile or the inputs tell of, s; 0 where there are none."""
-        times = self.engine.frequency_times, self.engine.mean_torque_times, self.pressure.mean_times
-        return max([self.inputs.end if self.inputs else 0.0, *(t[-1] for t in times if t)])
+        e, end = self.engine, self.inputs.end if self.inputs else 0.0
+        return max(t[-1] for t in (e.frequency_times, e.mean_torque_times, self.pressure.mean_times, (end,)) if t)
 
     def check_repeats(self, what: str) -> None:
         """Raise InputError, which says who can, where the excitation does not repeat and `what` needs that it does."""
