@@ -16,7 +16,7 @@ from tcc_sim.paper.mean_pressure import PressureTable
 
 def claims_page(verdicts: list[Verdict], pressures: PressureTable | None, *, complete: bool = True) -> str:
     """A summary, the tables of claims and of mean pressures where there is one, and every claim with its numbers."""
-    lines = ["# The paper's claims", "", f"{counts_of(verdicts)}.", "",
+    lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
              "This page is generated: `tcc-sim claims --markdown FILE` writes it. Each claim of Duan and Singh is "
              "judged by the",
              f"criterion printed with it, at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}; \"depends\" means "
