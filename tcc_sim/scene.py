@@ -10,7 +10,6 @@ import difflib
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +17,13 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Quantity, quantity
+from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
 
 DEFAULT_SCENE = "fig02"
 NODE_SCENE = "commands"
 """What the driveline node runs where nothing says otherwise: it takes commands, and moves by itself until they come."""
-LARGEST_FILE = 1 << 16
-"""A scene file of more bytes is refused unread: a scene needs 1 kB, and the YAML reader some seconds for each MB."""
 LONGEST_VALUE = 4000
 """Characters of a value on the command line; the longest list of harmonics needs fewer than 1000."""
-DEEPEST = 20
-"""Nesting that a scene file may have; the time that the YAML reader takes grows with its square."""
 
 
 @dataclass(frozen=True)
@@ -229,83 +225,10 @@ def parse_scene(text: str, name: str) -> Scene:
     """
     if len(text) > LARGEST_FILE:
         raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
-    values = _flatten(_read_yaml(text))
+    values = read_parameters(text)
     first = text.lstrip().splitlines()[0] if text.strip() else ""
     description = first.lstrip("# ").strip() if first.startswith("#") else ""
     return Scene(name, System(), Operation(), description).with_values(values)
-
-
-def _read_yaml(text: str) -> object:
-    """The parameters of a ROS 2 parameter file. Aliases, tags and duplicated keys are refused."""
-    import yaml
-
-    try:
-        depth = 0
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            line = event.start_mark.line + 1 if event.start_mark is not None else 0
-            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-                raise InputError(f"line {line}: YAML anchors and aliases are not allowed in a scene")
-            if depth > DEEPEST:
-                raise InputError(f"line {line}: nested more than {DEEPEST} deep, which no scene is")
-            if getattr(event, "tag", None):
-                raise InputError(f"line {line}: YAML tags are not allowed in a scene")
-        tree = yaml.load(text, Loader=_unique_loader())
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}: " if mark is not None else ""
-        raise InputError(f"{where}not valid YAML ({getattr(error, 'problem', None) or 'unreadable'})") from None
-    except (RecursionError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError("not valid YAML (unreadable)") from None
-    if not isinstance(tree, dict) or len(tree) != 1:
-        raise InputError("not a scene: it must hold one node, '/**:', with ros__parameters")
-    node = next(iter(tree.values()))
-    if not isinstance(node, dict) or set(node) != {"ros__parameters"} or not isinstance(node["ros__parameters"], dict):
-        raise InputError("not a scene: '/**:' must hold ros__parameters and nothing else")
-    return node["ros__parameters"]
-
-
-def _flatten(tree: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
-    """Nested parameters as dotted keys, as ROS 2 names them."""
-    out: dict[str, object] = {}
-    assert isinstance(tree, dict)
-    for key, value in tree.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict) and depth < 4:
-            nested = _flatten(value, name + ".", depth + 1)
-        else:
-            nested = {name: value}
-        for item in nested:
-            if item in out:
-                raise InputError(f"{item} is given twice")
-        out.update(nested)
-    return out
-
-
-@cache
-def _unique_loader() -> Any:
-    """A SafeLoader that refuses a key given twice; built when the first file is read."""
-    import yaml
-
-    class UniqueLoader(yaml.SafeLoader):
-        """SafeLoader without silent overwriting."""
-
-        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            """A mapping whose keys are all different."""
-            seen = set()
-            for key_node, _ in node.value:
-                key = self.construct_object(key_node, deep=True)
-                if not isinstance(key, str):
-                    raise InputError(f"line {key_node.start_mark.line + 1}: {key!r} is not a parameter name")
-                if key in seen:
-                    raise InputError(f"line {key_node.start_mark.line + 1}: {key} is given twice")
-                seen.add(key)
-            found: dict[Any, Any] = super().construct_mapping(node, deep)
-            return found
-
-    return UniqueLoader
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:

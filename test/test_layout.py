@@ -17,20 +17,20 @@ from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-ORDER = ["errors", "topics", "model", "trajectory", "scene", "messages", "solvers", "plant", "recording", "analysis",
-         "sweeps", "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "testing", "replay",
-         "paper", "benchmarks", "cli", "__main__"]
+ORDER = ["errors", "topics", "model", "trajectory", "parameter_file", "scene", "messages", "solvers", "plant",
+         "recording", "analysis", "sweeps", "continuation", "basins", "estimation", "output", "fmu", "views", "nodes",
+         "testing", "replay", "paper", "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes", "testing"]
-DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories", "benchmarks.precision_drawing",
-            "benchmarks.stability_drawing"]
+DRAWINGS = ["views", "paper.drawings", "paper.law_drawing", "paper.branch_panels", "paper.histories",
+            "benchmarks.precision_drawing", "benchmarks.stability_drawing"]
 ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
     "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks"],
     "pandas": ["replay"], "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
-    "yaml": ["scene", "recording", "messages", "output.provenance"],
+    "yaml": ["parameter_file", "scene", "recording", "messages", "output.provenance"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,
     "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
     "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli"],

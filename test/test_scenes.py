@@ -9,8 +9,8 @@ import pytest
 from tcc_sim import scene as scene_module
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
+from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.scene import (
-    LARGEST_FILE,
     Operation,
     bundled_scenes,
     load_scene,

@@ -10,6 +10,7 @@ import numpy as np
 
 from tcc_sim.paper import branch_panels as panels
 from tcc_sim.paper import histories as paper_histories
+from tcc_sim.paper.law_drawing import paint_law
 from tcc_sim.views import style
 
 Data = dict[str, Any]
@@ -297,34 +298,6 @@ def _slipping_away(axis: Any, x: list[float], data: Data) -> None:
                       bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0})
 
 
-def _paint_law(drawn: Any, data: Data) -> None:
-    """Fig. 3: law, zoom, slope."""
-    wide, near, slope = drawn.subplots(1, 3)
-    for k, curve in enumerate(data["curves"]):
-        colour = style.CYCLE[k]
-        wide.plot(data["slip_speed"], curve["coefficient"], color=colour, label=curve["label"])
-        near.plot(data["near_slip_speed"], curve["near_coefficient"], color=colour)
-        near.plot(data["near_slip_speed"], curve["near_set_valued"], color=colour, linewidth=0.8, linestyle=(0, (3, 2)))
-        slope.plot(data["near_slip_speed"], curve["near_slope"], color=colour)
-        if curve["peak_slip_speed"] is not None:
-            near.plot(curve["peak_slip_speed"], curve["peak"], marker="o", markersize=3.0, color=colour)
-    near.plot([], [], color=style.GREY, linewidth=0.8, linestyle=(0, (3, 2)), label="set-valued law (6)")
-    near.plot([], [], color=style.GREY, linestyle="none", marker="o", label="maximum of (7)")
-    near.set_ylim(0.8, 1.6)
-    slope.set_ylim(-1.5, 1.5)
-    slope.axhline(0.0, color=style.GREY, linewidth=0.6)
-    wide.set_ylabel(r"$\bar\mu$")
-    near.set_ylabel(r"$\bar\mu$")
-    slope.set_ylabel(r"$\partial\bar\mu/\partial\dot\delta_1$ (s/rad)")
-    for axis in (wide, near, slope):
-        axis.set_xlabel(r"$\dot\delta_1$ (rad/s)")
-        axis.margins(x=0.0)
-    handles, labels = wide.get_legend_handles_labels()
-    slope.legend(handles, labels, loc="upper right")
-    near.legend(loc="lower right")
-    style.panel_titles((wide, near, slope), ["smoothed law (7)", "zoom", "slope (20b)"])
-
-
 def _map_height(data: Data) -> float:
     """Room for every orbit diagram, inch."""
     if "branches" in data["curves"][0]:
@@ -343,7 +316,7 @@ KINDS: dict[str, tuple[Callable[[Data], float], Callable[[Any, Data], None]]] = 
     "damping": (lambda data: 5.4, _paint_damping),
     "orbit": (_orbit_height, _paint_orbit),
     "chart": (lambda data: 5.4, panels.paint_chart),
-    "law": (lambda data: 2.7, _paint_law),
+    "law": (lambda data: 2.7, paint_law),
     "histories": (lambda data: 0.6 + 1.75 * len(data["panels"]), paper_histories.paint_histories),
     "delay": (lambda data: 4.4, paper_histories.paint_delay),
     "actuation": (lambda data: 0.6 + 1.4 * len(data["panels"]), paper_histories.paint_actuation),

@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages.definitions import Definition, definition
-from tcc_sim.scene import LARGEST_FILE
+from tcc_sim.parameter_file import LARGEST_FILE
 
 SCENE_RECORD = "tcc_sim"
 RESULT_RECORD = "tcc_sim_result"

@@ -17,6 +17,7 @@ from driveline_bags import TICK, bag, ticked
 from tcc_sim.cli import main
 from tcc_sim.errors import LONGEST_SENTENCE, InputError, RecordingError
 from tcc_sim.messages import cdr
+from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
 from tcc_sim.recording.contents import MOST_TOPICS
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, McapFile, digest
@@ -24,7 +25,7 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
 from tcc_sim.replay import verification
 from tcc_sim.replay.replay import replay
-from tcc_sim.scene import LARGEST_FILE, load_scene
+from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE
 
 MEMORY = 250 << 20

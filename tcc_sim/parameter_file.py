@@ -1,0 +1,97 @@
+"""The text of a ROS 2 parameter file, read so that nothing in it is executed, repeated or taken for something else."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from tcc_sim.errors import InputError
+
+LARGEST_FILE = 1 << 16
+"""A scene file of more bytes is refused unread: a scene needs 1 kB, and the YAML reader some seconds for each MB."""
+DEEPEST = 20
+"""Nesting that a scene file may have; the time that the YAML reader takes grows with its square."""
+
+
+def read_parameters(text: str) -> dict[str, object]:
+    """The parameters of the one node of a parameter file, by dotted keys as ROS 2 names them.
+
+    Raises
+    ------
+    InputError
+        Not YAML, not a parameter file, an alias, a tag, a duplicated key, or nesting beyond any scene's.
+    """
+    return _flatten(_node_of(text))
+
+
+def _node_of(text: str) -> object:
+    """The parameters of a ROS 2 parameter file. Aliases, tags and duplicated keys are refused."""
+    import yaml
+
+    try:
+        depth = 0
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            line = event.start_mark.line + 1 if event.start_mark is not None else 0
+            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+                raise InputError(f"line {line}: YAML anchors and aliases are not allowed in a scene")
+            if depth > DEEPEST:
+                raise InputError(f"line {line}: nested more than {DEEPEST} deep, which no scene is")
+            if getattr(event, "tag", None):
+                raise InputError(f"line {line}: YAML tags are not allowed in a scene")
+        tree = yaml.load(text, Loader=_unique_loader())
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark is not None else ""
+        raise InputError(f"{where}not valid YAML ({getattr(error, 'problem', None) or 'unreadable'})") from None
+    except (RecursionError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("not valid YAML (unreadable)") from None
+    if not isinstance(tree, dict) or len(tree) != 1:
+        raise InputError("not a scene: it must hold one node, '/**:', with ros__parameters")
+    node = next(iter(tree.values()))
+    if not isinstance(node, dict) or set(node) != {"ros__parameters"} or not isinstance(node["ros__parameters"], dict):
+        raise InputError("not a scene: '/**:' must hold ros__parameters and nothing else")
+    return node["ros__parameters"]
+
+
+def _flatten(tree: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
+    """Nested parameters as dotted keys, as ROS 2 names them."""
+    out: dict[str, object] = {}
+    assert isinstance(tree, dict)
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict) and depth < 4:
+            nested = _flatten(value, name + ".", depth + 1)
+        else:
+            nested = {name: value}
+        for item in nested:
+            if item in out:
+                raise InputError(f"{item} is given twice")
+        out.update(nested)
+    return out
+
+
+@cache
+def _unique_loader() -> Any:
+    """A SafeLoader that refuses a key given twice; built when the first file is read."""
+    import yaml
+
+    class UniqueLoader(yaml.SafeLoader):
+        """SafeLoader without silent overwriting."""
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+            """A mapping whose keys are all different."""
+            seen = set()
+            for key_node, _ in node.value:
+                key = self.construct_object(key_node, deep=True)
+                if not isinstance(key, str):
+                    raise InputError(f"line {key_node.start_mark.line + 1}: {key!r} is not a parameter name")
+                if key in seen:
+                    raise InputError(f"line {key_node.start_mark.line + 1}: {key} is given twice")
+                seen.add(key)
+            found: dict[Any, Any] = super().construct_mapping(node, deep)
+            return found
+
+    return UniqueLoader
