@@ -122,7 +122,8 @@ def given_curve(**more: Any) -> dict[str, Any]:
     branch = {"period": 1, "origin": "start", "value": [20.0, 120.0, 150.0, 120.0], "slip_speed": [0.0] * 4,
               "plate_angle": [0.1] * 4, "plate_speed": [0.0] * 4, "max_slip_speed": [10.0, 20.0, 30.0, 40.0],
               "stick_fraction": [0.5] * 4, "stable": [True, True, False, False], "events": ["S+S"] * 4,
-              "multipliers": [[[0.5, 0.0]] * 3] * 4, "ended": ["reached the end", "stopped"], "closed": False}
+              "multipliers": [[[0.5, 0.0]] * 3] * 4, "ended": ["reached the end", "stopped"], "closed": False,
+              "residual": [1e-12] * 4}
     fold = {"kind": "fold", "value": 150.0, "slip_speed": 0.0, "plate_angle": 0.1, "plate_speed": 0.0,
             "max_slip_speed": 30.0, "multipliers": [[1.0, 0.0]] * 3, "residual": 1e-11, "branch": 0, "period": 1}
     jump = {"value": 150.0, "between": [145.0, 155.0], "max_slip_speed": [29.0, 50.0], "cause": "fold",

@@ -192,9 +192,9 @@ def test_memory_holds_cycles_and_not_samples(tmp_path):
         cycles.append(replay(path).summary.cycles)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    # The samples of a cycle are 42 rows of 72 bytes; what is kept of it are 6 numbers and what the summary makes of
-    # them.
-    assert peaks[1] - peaks[0] < 500 * (cycles[1] - cycles[0])
+    # The samples of a cycle are 42 rows of 72 bytes, twice what is allowed here; what is kept of it are 8 numbers, its
+    # start and energy among them, and what the summary makes of them.
+    assert peaks[1] - peaks[0] < 1500 * (cycles[1] - cycles[0])
 
 
 def test_damping_is_refused_before_reading_where_inputs_came_from_topics(tmp_path):

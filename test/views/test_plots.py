@@ -11,6 +11,7 @@ from driveline_bags import bag, ticked
 from tcc_sim.analysis.control import Control, Event, Steps
 from tcc_sim.analysis.cycle_means import CycleMeans
 from tcc_sim.analysis.cycles import cycles_of
+from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -182,17 +183,17 @@ def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
 
 
 def test_cycle_means_are_those_of_a_known_signal():
-    means, step = CycleMeans(0.04), 1e-3
+    means, step = CycleMeans(Uniform(0.04)), 1e-3
     t = np.arange(0, 401) * step
     v = 5.0 + 3.0 * t + np.sin(2.0 * math.pi * t / 0.04)
     ends, found = [], []
     for part in np.array_split(np.arange(401), 13):
-        e, m = means.feed(t[part], v[part])
-        ends, found = [*ends, *e], [*found, *m]
+        for _, e, m in means.feed(t[part], v[part]):
+            ends, found = [*ends, *e], [*found, *m]
     np.testing.assert_allclose(ends, 0.04 * np.arange(1, 11))
     np.testing.assert_allclose(found, 5.0 + 3.0 * (np.array(ends) - 0.02), atol=1e-9)
     means.restart()
-    assert len(means.feed(t[:30], v[:30])[0]) == 0
+    assert not means.feed(t[:30], v[:30])
 
 
 def test_events_of_a_recording(tmp_path):
