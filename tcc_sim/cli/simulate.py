@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from tcc_sim.background import begun
 from tcc_sim.cli.arguments import add_plot, check_plot, new_file
 from tcc_sim.errors import InputError, counted
 from tcc_sim.output.terminal import say
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
     samples = arguments.samples if arguments.out is not None else SAMPLES if shorter or arguments.orders else 0
-    found = in_thread(lambda: simulate(
+    found = _awaited(lambda: simulate(
         scene, plan, duration=duration, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
     lines, results = simulation_lines(scene.name, found), found.as_json()
@@ -122,21 +122,9 @@ def _check_out(arguments: argparse.Namespace, samples: float) -> None:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")
 
 
-def in_thread(work: Callable[[], Result]) -> Result:
+def _awaited(work: Callable[[], Result]) -> Result:
     """What `work` gives, done in a thread: compiled code cannot be interrupted, waiting for it can."""
-    found: list[Result] = []
-    failed: list[BaseException] = []
-
-    def target() -> None:
-        try:
-            found.append(work())
-        except BaseException as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=target, daemon=True)
-    thread.start()
+    found, thread = begun(work)
     while thread.is_alive():
         thread.join(0.2)
-    if failed:
-        raise failed[0]
-    return found[0]
+    return found.result()

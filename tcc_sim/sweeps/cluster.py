@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import Any
 
+from tcc_sim.background import begun
 from tcc_sim.errors import InputError, WorkersLost, require
 
 CONNECT_TIMEOUT = 8.0
@@ -105,20 +105,8 @@ def within(deadline: float, function: Callable[[], Any]) -> Any:
     TimeoutError
         It has not come back by then.
     """
-    found: list[Any] = []
-    failed: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            found.append(function())
-        except BaseException as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
+    found, thread = begun(function)
     thread.join(max(deadline - time.monotonic(), 0.0))
-    if failed:
-        raise failed[0]
-    if not found:
+    if not found.done():
         raise TimeoutError("timed out")
-    return found[0]
+    return found.result()

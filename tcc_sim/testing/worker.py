@@ -11,6 +11,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
+from tcc_sim.background import begun
+
 Result = TypeVar("Result")
 LOOK = 0.05
 """Real time, s, between two looks at the work."""
@@ -46,18 +48,8 @@ class Worker:
         ----------
         patience : real time without headway, s
         """
-        results: list[Result] = []
-        errors: list[BaseException] = []
-
-        def body() -> None:
-            try:
-                results.append(work())
-            except BaseException as error:
-                errors.append(error)
-
         self.beat()
-        thread = threading.Thread(target=body, name="nodes under test", daemon=True)
-        thread.start()
+        found, thread = begun(work, name="nodes under test")
         try:
             while thread.is_alive():
                 thread.join(LOOK)
@@ -65,9 +57,7 @@ class Worker:
                     raise failed(_place(sys._current_frames().get(thread.ident or 0)))
         finally:
             self.stuck = thread.is_alive() and not _ended(thread)
-        if errors:
-            raise errors[0]
-        return results[0]
+        return found.result()
 
 
 def _place(frame: FrameType | None) -> str:
