@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from documents import valid
+from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -144,8 +145,7 @@ def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
         while "recording" not in lines[-1]:
             lines.append(process.stdout.readline())
         # Half a second of simulated time is on disk: then there are whole engine cycles to analyse.
-        while not any(p.stat().st_size > 60_000 for p in (tmp_path / "made").rglob("*.mcap")):
-            assert process.poll() is None
+        until_or_ended(lambda: any(p.stat().st_size > 60_000 for p in (tmp_path / "made").rglob("*.mcap")), process)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)
     finally:

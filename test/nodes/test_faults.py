@@ -8,13 +8,13 @@ import signal
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from waiting import until
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -44,13 +44,6 @@ def recorded(output: Path) -> Run | None:
     except RecordingError:
         return None
     return run
-
-
-def until(predicate: Callable[[], object], limit: float = 120.0) -> None:
-    """Return when the predicate holds."""
-    end = time.monotonic() + limit
-    while not predicate():
-        assert time.monotonic() < end, "it took too long"
 
 
 def messages_in(output: Path, count: int) -> Callable[[], bool]:

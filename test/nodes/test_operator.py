@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -128,20 +129,21 @@ def rows_in(file: Path) -> Counter[str]:
 
 def await_rows(process: subprocess.Popen[str], file: Path, least: dict[str, int]) -> None:
     """Return when the file has so many rows of each entity, however long that takes on this machine."""
-    size = 0
-    while True:
-        while file.stat().st_size <= size:
-            assert process.poll() is None
-        size = file.stat().st_size + 50_000
+    def grown() -> bool:
         rows = rows_in(file)
-        if all(rows[entity] >= count for entity, count in least.items()):
+        return all(rows[entity] >= count for entity, count in least.items())
+
+    while True:
+        size = file.stat().st_size + 50_000
+        if grown():
             return
+        until_or_ended(lambda size=size: file.stat().st_size > size, process)
 
 
 def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Callable[..., NodeProcess],
                                                                  tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    driveline(scene="minimal")
+    driveline(scene="minimal", rate=200.0)
     process = watching(tmp_path)
     assert process.stderr is not None
     line = process.stderr.readline()
@@ -178,7 +180,7 @@ sys.exit(cli.main(["watch", "--rrd", "live.rrd"]))
 def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline: Callable[..., NodeProcess],
                                                                        tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    driveline(scene="minimal")
+    driveline(scene="minimal", rate=200.0)
     ended = subprocess.run([sys.executable, "-c", INTERRUPTED], cwd=tmp_path, text=True, capture_output=True,
                            timeout=60, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert (ended.returncode, "Traceback" in ended.stderr) == (0, False)
@@ -189,7 +191,7 @@ def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline
 def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[..., NodeProcess], control: Control,
                                                            tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    driveline(scene="commands", command_timeout=0.0)
+    driveline(scene="commands", rate=200.0, command_timeout=0.0)
     process = watching(tmp_path)
     assert process.stderr is not None
     assert process.stderr.readline().startswith("watching /driveline: ")

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
+from waiting import until
 
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
@@ -47,14 +47,6 @@ def start(context, output, **parameters):
 
 def joint_state(n):
     return cdr.joint_state(n * TICK, n, 2.0 * n, 3.0, 4.0, 5.0, 6.0)
-
-
-def until(predicate, *, step=lambda: None, limit=120.0):
-    """Repeat `step` until the predicate holds."""
-    end = time.monotonic() + limit
-    while not predicate():
-        assert time.monotonic() < end, "it took too long"
-        step()
 
 
 def publisher_of(node, name, profile=STATES):

@@ -8,8 +8,9 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from std_msgs.msg import String
-from test_recorder import SCENE, TICK, joint_state, publisher_of, start, until
+from test_recorder import SCENE, TICK, joint_state, publisher_of, start
 from test_recorder import context as context
+from waiting import until
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import qos, recorder, unsent

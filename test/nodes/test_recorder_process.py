@@ -18,7 +18,8 @@ pytest.importorskip("rclpy")
 import rclpy
 from rclpy.context import Context
 from rclpy.duration import Duration
-from test_recorder import TICK, joint_state, publisher_of, until
+from test_recorder import TICK, joint_state, publisher_of
+from waiting import until
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError

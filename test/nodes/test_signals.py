@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -76,10 +77,7 @@ def test_a_signal_while_it_loads_ends_a_node_with_status_0(module: str, number: 
                                                            domain: str, tmp_path: Path) -> None:
     process = started(module, domain, tmp_path)
     try:
-        while not taken(process) or libraries(process) < mapped:
-            assert process.poll() is None
-            if spent(process) > 20.0:
-                break
+        until_or_ended(lambda: taken(process) and (libraries(process) >= mapped or spent(process) > 20.0), process)
     finally:
         if process.poll() is not None:
             process.kill()
@@ -91,8 +89,8 @@ def test_a_signal_while_it_compiles_ends_the_driveline_at_once(number: signal.Si
                                                                tmp_path: Path) -> None:
     """With an empty cache of compiled code; LLVM does not look for signals, and Numba would take them for an error."""
     process = started("driveline", domain, tmp_path, XDG_CACHE_HOME=str(tmp_path / "empty"))
-    while not taken(process) or libraries(process) < 90 or spent(process) < 1.0 + part * SPENT:
-        assert process.poll() is None
+    until_or_ended(lambda: taken(process) and libraries(process) >= 90 and spent(process) >= 1.0 + part * SPENT,
+                   process)
     ended_by(process, number)
 
 

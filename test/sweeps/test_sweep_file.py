@@ -11,6 +11,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+from waiting import until_or_ended
 
 from tcc_sim.cli import main
 from tcc_sim.sweeps.file import SweepFile, decoded, encoded
@@ -151,8 +152,7 @@ def test_a_sweep_killed_in_mid_run_goes_on_from_its_file(tmp_path: Path) -> None
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
     process = subprocess.Popen([sys.executable, "-m", "tcc_sim", *words, "--out", str(out)], env=environment,
                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not (out.exists() and out.read_bytes().count(b"\n") > 4):
-        assert process.poll() is None
+    until_or_ended(lambda: out.exists() and out.read_bytes().count(b"\n") > 4, process)
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     kept = out.read_bytes()

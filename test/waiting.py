@@ -1,0 +1,37 @@
+"""Waiting for what another process or thread does, without taking the processor from it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+Found = TypeVar("Found")
+LOOK, SHORT_LOOK = 0.02, 0.001
+"""Seconds between two looks, and where something is done between them."""
+
+
+def until(predicate: Callable[[], Found], *, step: Callable[[], object] | None = None, limit: float = 120.0) -> Found:
+    """What the predicate gives once it holds, looked at time and again; fails after `limit` seconds.
+
+    Parameters
+    ----------
+    step : done between two looks
+    """
+    never, end = threading.Event(), time.monotonic() + limit
+    while not (found := predicate()):
+        assert time.monotonic() < end, "the condition did not come true in time"
+        if step is not None:
+            step()
+        never.wait(LOOK if step is None else SHORT_LOOK)
+    return found
+
+
+def until_or_ended(predicate: Callable[[], Found], process: object, **how: float) -> Found:
+    """As `until`, of a process that must not end before."""
+    def looked() -> Found:
+        assert process.poll() is None, "the process has ended"  # type: ignore[attr-defined]
+        return predicate()
+
+    return until(looked, **how)
