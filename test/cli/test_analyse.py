@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
+from tcc_sim.plant.closed_loop import closed_loop
 from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory
@@ -52,6 +53,35 @@ def test_json_on_standard_output_is_nothing_but_json(capsys, recording):
     assert found["solver"] == "by_hand"
     # The closed form is not the solution of the ticks, which start from a plate at rest at angle 0.
     assert found["verified"] is False
+
+
+def test_a_recorded_scene_comes_to_what_simulate_says(capsys, tmp_path):
+    """Stick-slip of period two under pressure at half the engine's frequency, at 1 kHz, against the adaptive engine.
+
+    The real-time solver is good to some 5e-4 of the largest slip speed at this rate; stick ends and begins within a
+    tick."""
+    values = {"friction.kinetic_coefficient": 0.285, "engine.frequency": 120.0, "pressure.frequency_ratio": 0.5}
+    scene = load_scene("fig02").with_values(values)
+    (tmp_path / "scene.yaml").write_text(scene.text())
+    write_trajectory(tmp_path / "run.mcap", closed_loop(scene, lambda reading: None, 2.6), scene.text())
+    assert main(["analyse", str(tmp_path / "run.mcap"), "--damping", "--json", "-"]) == 0
+    recorded = json.loads(capsys.readouterr().out)
+    assert recorded["cycles"] >= 40
+    assert main(["simulate", str(tmp_path / "scene.yaml"), "--cycles", str(recorded["cycles"]), "--discard",
+                 str(recorded["discarded"]), "--damping", "--json", "-"]) == 0
+    solved = json.loads(capsys.readouterr().out)
+    assert (recorded["period"], recorded["regime"]) == (solved["period"], solved["regime"]) == (2, "stick-slip")
+    size = solved["max_slip_speed"]
+    assert size > 50.0
+    assert recorded["max_slip_speed"] == pytest.approx(size, rel=1e-3)
+    assert recorded["min_slip_speed"] == pytest.approx(solved["min_slip_speed"], abs=2e-3 * size)
+    ticks_per_cycle = 1000.0 * 2.0 * math.pi / 120.0
+    assert recorded["stick_fraction"] == pytest.approx(solved["stick_fraction"], abs=1.0 / ticks_per_cycle)
+    assert len(recorded["section"]) == len(solved["section"]) == 2
+    for mine, theirs in zip(recorded["section"], solved["section"]):
+        assert mine == pytest.approx(theirs, rel=1e-3, abs=1e-4)
+    assert recorded["equivalent_damping"] == pytest.approx(solved["equivalent_damping"], rel=5e-3)
+    assert recorded["negative_slope_mean"] == pytest.approx(solved["negative_slope_mean"], rel=5e-3)
 
 
 def test_the_table_and_the_files(capsys, recording, tmp_path):
