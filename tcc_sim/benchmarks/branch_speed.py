@@ -25,7 +25,7 @@ import numpy as np
 
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.initial_orbits import start_orbit
-from tcc_sim.continuation.motions import Plan, check
+from tcc_sim.continuation.motions import ContinuationPlan, check
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.parameters import System, replace
@@ -97,7 +97,7 @@ def coexistence() -> System:
 def own(system: System, period: int, low: float, high: float) -> tuple[Followed, System]:
     """This package's branch, and the system that starts on its first motion."""
     static = system.friction.static_coefficient
-    map_ = check(system, Plan(KEY, low, high, period=period))
+    map_ = check(system, ContinuationPlan(KEY, low, high, period=period))
     span = ParameterRange(low, high, name=KEY)
     shooting, z = start_orbit(map_, span, system.friction.kinetic_coefficient, period)
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
     from tcc_sim.continuation.initial_orbits import seeds_in
-    from tcc_sim.continuation.motions import Motions, Plan, check, continue_motions
+    from tcc_sim.continuation.motions import Motions, ContinuationPlan, check, continue_motions
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
@@ -53,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     key, low, high = bounds_of_range(arguments.over, "--over")
     second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
     seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
-    plan = Plan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch, second, arguments.limit, seeds)
+    plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
+                            second, arguments.limit, seeds)
     check(scene.system, plan)
     if arguments.json not in (None, STANDARD_OUTPUT):
         new_file(arguments.json, arguments.force)

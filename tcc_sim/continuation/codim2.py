@@ -40,7 +40,7 @@ class Special:
 
 
 @dataclass(frozen=True)
-class Curve:
+class BifurcationCurve:
     """A curve of one kind of bifurcation: both parameters along it, its special points, and its two ends."""
 
     kind: str
@@ -81,7 +81,7 @@ class Border:
 
 
 def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, second: float,
-                      settings: Settings | None = None) -> Curve | None:
+                      settings: Settings | None = None) -> BifurcationCurve | None:
     """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
 
     of : the map with both parameters free
@@ -104,7 +104,7 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, seco
 
 
 def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value: float,
-                 second: float) -> Curve | None:
+                 second: float) -> BifurcationCurve | None:
     """The curve of a margin that vanishes at (value, second), both ways; None where it cannot be set up."""
     border, u = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
     try:
@@ -147,9 +147,9 @@ def _collected(equations: Equations, u: Floats, forward: bool, bounds: Bounds, r
     return _Way(points, special, End(reason, ranges[which].name, points[-1][which], limit, what))
 
 
-def _joined(kind: str, ways: list[_Way]) -> Curve:
+def _joined(kind: str, ways: list[_Way]) -> BifurcationCurve:
     """One curve of its two ways from the start."""
     ahead, behind = ways[0], ways[-1] if len(ways) > 1 else _Way([], [], ways[0].end)
     points = behind.points[:0:-1] + ahead.points
-    return Curve(kind, tuple(p[0] for p in points), tuple(p[1] for p in points), (behind.end, ahead.end),
+    return BifurcationCurve(kind, tuple(p[0] for p in points), tuple(p[1] for p in points), (behind.end, ahead.end),
                  tuple(behind.special[::-1] + ahead.special))

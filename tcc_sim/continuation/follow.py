@@ -22,7 +22,7 @@ from tcc_sim.continuation.special_points import SMOOTH, Bifurcation, Continuatio
 from tcc_sim.continuation.stopping import End, StopReason
 
 
-class Step(NamedTuple):
+class BranchStep(NamedTuple):
     """A point of a branch, and the special points between it and the one before; or the last point `again`, in other
     segments.
     """
@@ -53,7 +53,7 @@ class State:
         return self.points[-1]
 
 
-def follow(first: ContinuationPoint) -> Generator[Step, None, End]:
+def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
     """The points behind `first` along its tangent, until the branch ends; the settings are those of its equations.
 
     Returns
@@ -74,7 +74,7 @@ def follow(first: ContinuationPoint) -> Generator[Step, None, End]:
         if new is None:
             if not _remesh_for_want_of_a_step(state):
                 return _end(StopReason.STEP, here, settings.residual)
-            yield Step(state.here, [], True)
+            yield BranchStep(state.here, [], True)
             continue
         if edge is None and not turned_at_corner and not 0.0 <= new.solution.z[new.shooting.size] <= 1.0:
             state.step_size.length = 0.5 * length
@@ -95,14 +95,14 @@ def follow(first: ContinuationPoint) -> Generator[Step, None, End]:
         if stop is None and not turned_at_corner and _in_family(state.points):
             stop = _end(StopReason.FAMILY, new)
         if stop is not None:
-            yield Step(new, special)
+            yield BranchStep(new, special)
             return stop
         corner = here.shooting.map.piecewise and differ(here.orbit.seen.events, new.orbit.seen.events)
         state.before = [] if corner or turned_at_corner else [*state.before[1 - settings.nodes:], here.solution]
         finer = None if turned_at_corner else remeshed(new, len(state.points))
         if finer is not None:
             state.points[-1], state.before = finer, []
-        yield Step(state.here, special)
+        yield BranchStep(state.here, special)
 
 
 def _end(reason: StopReason, point: ContinuationPoint, limit: float = 0.0) -> End:

@@ -10,7 +10,7 @@ from typing import Any
 
 from tcc_sim.continuation.branch import Branch
 from tcc_sim.continuation.diagram import amplitude_of
-from tcc_sim.continuation.on_branch import Place, SettledMotion, pieces_at, place_of
+from tcc_sim.continuation.on_branch import BranchPlace, SettledMotion, pieces_at, place_of
 from tcc_sim.continuation.special_points import Bifurcation
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
@@ -101,7 +101,7 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
     return (BASIN, None) if here is not None and there is not None else (unplaced, None)
 
 
-def _walk(branch: Branch, place: Place, goal: float) -> tuple[int, bool]:
+def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:
     """How far the branch goes on from a place towards a value of the parameter, stable and without turning.
 
     Returns

@@ -9,7 +9,7 @@ from typing import Any
 
 from tcc_sim.continuation.branch import Branch, branch_through, first_point, orbits_at
 from tcc_sim.continuation.branch_switching import switch
-from tcc_sim.continuation.codim2 import KINDS, Curve, bifurcation_curve, border_curve
+from tcc_sim.continuation.codim2 import KINDS, BifurcationCurve, bifurcation_curve, border_curve
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
 from tcc_sim.continuation.shooting import ParameterRange
@@ -24,7 +24,7 @@ DEEPEST_SWITCH = 8
 
 
 @dataclass(frozen=True)
-class Plan:
+class ContinuationPlan:
     """What is asked for.
 
     over : key and range; `second` the same for two-parameter curves
@@ -77,11 +77,11 @@ class Plan:
 class Motions:
     """What was found; complete is False where it was interrupted."""
 
-    plan: Plan
+    plan: ContinuationPlan
     law: str
     branches: list[Branch] = field(default_factory=list)
     at: list[dict[str, Any]] = field(default_factory=list)
-    curves: list[Curve] = field(default_factory=list)
+    curves: list[BifurcationCurve] = field(default_factory=list)
     limits: dict[int, Limit] = field(default_factory=dict)
     complete: bool = False
 
@@ -113,7 +113,7 @@ def continuation(scene: Scene | System, over: str, start: float, stop: float, **
     Parameters
     ----------
     over : scene key that is followed, from the smaller of `start` and `stop` to the larger
-    settings : the other fields of `Plan`, such as ``at=(301.5,)`` or ``switch=1``
+    settings : the other fields of `ContinuationPlan`, such as ``at=(301.5,)`` or ``switch=1``
 
     Raises
     ------
@@ -128,15 +128,15 @@ def continuation(scene: Scene | System, over: str, start: float, stop: float, **
     >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
     ([(1, 'start')], True)
     """
-    names = {item.name for item in fields(Plan)} - {"over", "low", "high"}
+    names = {item.name for item in fields(ContinuationPlan)} - {"over", "low", "high"}
     for name in settings:
         if name not in names:
             raise InputError(f"{name} is no setting of a continuation; there are {', '.join(sorted(names))}")
     system = scene if isinstance(scene, System) else scene.system
-    return continue_motions(system, Plan(over, min(start, stop), max(start, stop), **settings))
+    return continue_motions(system, ContinuationPlan(over, min(start, stop), max(start, stop), **settings))
 
 
-def check(system: System, plan: Plan) -> DrivelineMap:
+def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
     """The map of the scene with the plan's key free, once it is sure that the plan can be carried out.
 
     Raises
@@ -166,7 +166,7 @@ def check(system: System, plan: Plan) -> DrivelineMap:
     return found
 
 
-def continue_motions(system: System, plan: Plan, tick: Callable[[ContinuationPoint], None] | None = None,
+def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[ContinuationPoint], None] | None = None,
                      into: Motions | None = None) -> Motions:
     """Follow the branch through the scene's settled motion (or those through seeds), and all that the plan asks for.
 
@@ -215,7 +215,7 @@ def _present(system: System, key: str) -> float:
     return value
 
 
-def _curves(system: System, plan: Plan, span: ParameterRange, out: Motions) -> None:
+def _curves(system: System, plan: ContinuationPlan, span: ParameterRange, out: Motions) -> None:
     """Two-parameter curves of every bifurcation that has one."""
     assert plan.second is not None
     key, low, high = plan.second
@@ -236,7 +236,7 @@ def _curves(system: System, plan: Plan, span: ParameterRange, out: Motions) -> N
             out.curves.append(curve)
 
 
-def _limits(system: System, plan: Plan, span: ParameterRange, out: Motions) -> None:
+def _limits(system: System, plan: ContinuationPlan, span: ParameterRange, out: Motions) -> None:
     """The limit of every bifurcation as sigma goes to infinity."""
     smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
     set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
@@ -244,4 +244,4 @@ def _limits(system: System, plan: Plan, span: ParameterRange, out: Motions) -> N
         out.limits[number] = limit_of(item, smoothed, set_valued, span, system.friction.smoothing)
 
 
-__all__ = ["Motions", "Plan", "check", "continuation", "continue_motions"]
+__all__ = ["ContinuationPlan", "Motions", "check", "continuation", "continue_motions"]

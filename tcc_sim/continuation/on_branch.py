@@ -39,7 +39,7 @@ class SettledMotion:
 
 
 @dataclass(frozen=True)
-class Place:
+class BranchPlace:
     """Where a motion lies: a branch, and the number of the point before it."""
 
     branch: int
@@ -87,7 +87,7 @@ def _pieces(branch: Branch) -> Iterator[tuple[int, ContinuationPoint, Continuati
             yield k, one, two
 
 
-def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> Place | None:
+def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> BranchPlace | None:
     """Where a motion lies: on the stable piece with its period and amplitude; the nearest one of several."""
     best, place = math.inf, None
     for number, branch in enumerate(branches):
@@ -95,7 +95,7 @@ def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base:
             continue
         for piece in pieces_at(branch, seen.value):
             if (piece.a.orbit.stable or piece.b.orbit.stable) and (away := piece.holds(seen, size)) < best:
-                best, place = away, Place(number, piece.after)
+                best, place = away, BranchPlace(number, piece.after)
     return place
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.continuation.codim2 import Curve, bifurcation_curve, border_curve
+from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve, border_curve
 from tcc_sim.continuation.diagram import SWEPT
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats
@@ -81,7 +81,7 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
 
 
 def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange, ParameterRange], second: float,
-              known: list[dict[str, Any]]) -> Curve | None:
+              known: list[dict[str, Any]]) -> BifurcationCurve | None:
     """The curve of a bifurcation; None where it is not of those followed, or lies on a curve that is known."""
     orbit = found.point.orbit
     if found.kind not in FOLLOWED or orbit.period > LONGEST * of.forcing_period or abs(orbit.multipliers[0]) > ENDING:
@@ -96,7 +96,7 @@ def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange
     return bifurcation_curve(found, of, ranges, second, CHARTED)
 
 
-def _as_json(curve: Curve, period: int, creep: bool) -> dict[str, Any]:
+def _as_json(curve: BifurcationCurve, period: int, creep: bool) -> dict[str, Any]:
     """A curve as JSON values."""
     words = f"{curve.kind}, period {period}".replace("_", " ")
     words = "pure stick ends, by (10)" if curve.kind == "stick_border" else words

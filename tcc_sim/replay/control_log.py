@@ -18,7 +18,7 @@ from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import SOURCE, SOURCE_BITS, TARGET, Rows
 from tcc_sim.recording.scene_records import SceneRecord
-from tcc_sim.replay.places import Place
+from tcc_sim.replay.places import ScenePlace
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 
@@ -51,7 +51,7 @@ class ControlLog:
     clock : when engine cycles start
     """
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place],
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace],
                  clock: EngineClock) -> None:
         self._scene, self._scenes, self._cycle = scene, scenes, clock.cycle
         self._places = deque(place for place in places if place.number)

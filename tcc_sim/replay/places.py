@@ -36,7 +36,7 @@ class Said(Protocol):
 
 
 @dataclass(frozen=True)
-class Place:
+class ScenePlace:
     """The message with this number holds from the state with this index on (counted over the whole recording)."""
 
     index: int
@@ -88,7 +88,7 @@ class Places:
         self._run, self._end = batch.run, batch.index + len(batch)
         self._last_stamp, self._last_sent = int(batch.stamp_ns[-1]), int(batch.sent_ns[-1])
 
-    def places(self) -> list[Place]:
+    def places(self) -> list[ScenePlace]:
         """The places in their order; a message that never came into force has none."""
         found: list[int | None] = []
         last = 0
@@ -107,18 +107,18 @@ class Places:
                 others = sorted(self._likely[number]) or sorted(self._possible[number])
                 found[number] = next((index for index in others if last <= index <= end), None)
             last = found[number] or last
-        return [Place(index, number) for number, index in enumerate(found) if index is not None]
+        return [ScenePlace(index, number) for number, index in enumerate(found) if index is not None]
 
 
-def places_of(run: Run, progress: bool = False) -> list[Place]:
+def places_of(run: Run, progress: bool = False) -> list[ScenePlace]:
     """From which states on the scenes of a recording hold."""
     return found_places(run, run.scenes[:MOST_SCENES], "scenes", progress)
 
 
-def found_places(run: Run, said: Sequence[Said], what: str, progress: bool) -> list[Place]:
+def found_places(run: Run, said: Sequence[Said], what: str, progress: bool) -> list[ScenePlace]:
     """From which states on what the driveline said holds; the recording is read once more for more than one message."""
     if len(said) < 2:
-        return [Place(0, 0)] if said else []
+        return [ScenePlace(0, 0)] if said else []
     found = Places(said)
     for batch in watched(run, what, progress):
         found.feed(batch)

@@ -24,7 +24,7 @@ from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Rows
 from tcc_sim.recording.scene_records import SceneRecord
-from tcc_sim.replay.places import Place
+from tcc_sim.replay.places import ScenePlace
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 
@@ -104,7 +104,8 @@ class SegmentLog:
     discard : engine cycles dropped from each segment; None for the default
     """
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[Place], clock: EngineClock | None,
+    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace],
+                 clock: EngineClock | None,
                  controlled: bool, stream: CycleStream, discard: int | None) -> None:
         self.segments: list[Segment] = []
         self.count = 0

@@ -15,7 +15,7 @@ from tcc_sim.model.course import START
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.input_sources import INPUTS
 from tcc_sim.recording.scene_records import SceneRecord
-from tcc_sim.replay.places import Place
+from tcc_sim.replay.places import ScenePlace
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
@@ -85,7 +85,7 @@ class Verifier:
         held from there on
     """
 
-    def __init__(self, scenes: Sequence[SceneRecord], places: Sequence[Place], fallback: Scene, size: int,
+    def __init__(self, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace], fallback: Scene, size: int,
                  sources: Sequence[tuple[int, frozenset[str]]] = ()) -> None:
         self._scenes, self._places = scenes, deque(places)
         self._sources = deque(sources)

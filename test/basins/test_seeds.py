@@ -8,7 +8,7 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.continuation.initial_orbits import Seed, seeds_in
-from tcc_sim.continuation.motions import Plan, continue_motions
+from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.scene import load_scene
 
@@ -47,14 +47,14 @@ def test_both_attractors_of_a_plane_are_followed(document: Path, tmp_path: Path,
 
 def test_a_seed_on_a_branch_that_is_known_begins_none(document: Path) -> None:
     seeds = seeds_in(json.loads(document.read_text()), SYSTEM, MU_K, 0.25, 0.26)
-    found = continue_motions(SYSTEM, Plan(MU_K, 0.25, 0.26, seeds=(*seeds, *seeds)))
+    found = continue_motions(SYSTEM, ContinuationPlan(MU_K, 0.25, 0.26, seeds=(*seeds, *seeds)))
     assert [b.period for b in found.branches] == [s.period for s in seeds]
-    (only,) = continue_motions(SYSTEM, Plan(MU_K, 0.25, 0.26, period=1, seeds=seeds)).branches
+    (only,) = continue_motions(SYSTEM, ContinuationPlan(MU_K, 0.25, 0.26, period=1, seeds=seeds)).branches
     assert only.period == 1
     with pytest.raises(NumericalFailure, match="no motion of period 3 was found near any of the 2 seeds"):
-        continue_motions(SYSTEM, Plan(MU_K, 0.25, 0.26, period=3, seeds=seeds))
+        continue_motions(SYSTEM, ContinuationPlan(MU_K, 0.25, 0.26, period=3, seeds=seeds))
     with pytest.raises(InputError, match="within the range of --over"):
-        Plan(MU_K, 0.26, 0.27, seeds=seeds)
+        ContinuationPlan(MU_K, 0.26, 0.27, seeds=seeds)
 
 
 def changed(document: Path, **values: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import pytest
 from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
-from tcc_sim.continuation.codim2 import Curve, bifurcation_curve
+from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.smoothing_limit import limit_of
@@ -27,7 +27,7 @@ def at_second(step: Step, second: float) -> Step:
 
 
 def curve_of(step: Step, dimension: int, kind: str, start: tuple[float, float], guess: list[float], *,
-             first=P, second=Q, settings=None, period: int = 1) -> tuple[Curve, TextbookMap]:
+             first=P, second=Q, settings=None, period: int = 1) -> tuple[BifurcationCurve, TextbookMap]:
     """The curve of the first bifurcation of a kind on the branch through a guess."""
     branch = branch_of(at_second(step, start[1]), dimension, first.low, first.high, start[0], guess, period)
     of = TextbookMap(step, dimension)
@@ -36,7 +36,7 @@ def curve_of(step: Step, dimension: int, kind: str, start: tuple[float, float], 
     return curve, of
 
 
-def special(curve: Curve) -> dict[str, tuple[float, float]]:
+def special(curve: BifurcationCurve) -> dict[str, tuple[float, float]]:
     return {s.kind: (s.value, s.second) for s in curve.special}
 
 

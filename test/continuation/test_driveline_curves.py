@@ -7,7 +7,7 @@ import pytest
 
 from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.motions import Plan, continue_motions
+from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.continuation.newton import newton
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -30,7 +30,7 @@ def system() -> System:
 @pytest.fixture(scope="module")
 def closed(system: System) -> Branch:
     """Period two over the engine frequency."""
-    (branch,) = continue_motions(system, Plan(OMEGA, 0.3 * NATURAL, 0.45 * NATURAL)).branches
+    (branch,) = continue_motions(system, ContinuationPlan(OMEGA, 0.3 * NATURAL, 0.45 * NATURAL)).branches
     return branch
 
 
@@ -62,7 +62,7 @@ def test_the_large_motion_of_period_two_is_a_closed_branch_over_the_frequency(cl
 
 def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: System, closed: Branch) -> None:
     ends = 0.357 * NATURAL, 0.365 * NATURAL
-    plan = Plan(MU_K, 0.3 * 0.87, 0.3 * 0.96, second=(OMEGA, *ends))
+    plan = ContinuationPlan(MU_K, 0.3 * 0.87, 0.3 * 0.96, second=(OMEGA, *ends))
     found = continue_motions(system, plan)
     (item,) = [f for f in found.bifurcations if f.kind == "fold"]
     assert item.value / 0.3 == pytest.approx(0.918464, abs=2e-6)  # AUTO-07p and collocation.
@@ -79,7 +79,7 @@ def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: Sys
 def test_the_curve_of_a_doubling_passes_the_doublings_found_anew_at_its_ends(system: System) -> None:
     ends = 0.357 * NATURAL, 0.363 * NATURAL
     one = replace(system, {MU_K: 0.3 * 0.78})
-    found = continue_motions(one, Plan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1, second=(OMEGA, *ends)))
+    found = continue_motions(one, ContinuationPlan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1, second=(OMEGA, *ends)))
     (item,) = found.bifurcations
     assert item.value / 0.3 == pytest.approx(0.7773325465, abs=1e-9)
     (curve,) = found.curves
@@ -87,14 +87,14 @@ def test_the_curve_of_a_doubling_passes_the_doublings_found_anew_at_its_ends(sys
     assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
     for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
         at = replace(one, {OMEGA: omega})
-        (again,) = continue_motions(at, Plan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1)).bifurcations
+        (again,) = continue_motions(at, ContinuationPlan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1)).bifurcations
         assert again.value == pytest.approx(value, abs=1e-8)
 
 
 def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     """A doubling 3e-6 of mu_s off the fold, where the map bends within 1e-5 of the natural sizes."""
     at = replace(system, {MU_K: 0.3 * 0.74})
-    found = continue_motions(at, Plan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
+    found = continue_motions(at, ContinuationPlan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
     parent, child = found.branches
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
     assert doubling.value / 0.3 == pytest.approx(0.66798763, abs=1e-8)
@@ -111,19 +111,21 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
 def test_the_curve_of_a_neimark_sacker_bifurcation_passes_those_found_anew_at_its_ends(system: System) -> None:
     at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
     ends = 0.3 * 0.829, 0.3 * 0.831
-    found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1, second=(MU_K, *ends)))
+    found = continue_motions(at, ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1,
+                                                  second=(MU_K, *ends)))
     (curve,) = found.curves
     assert curve.kind == "neimark_sacker"
     assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
     for value, coefficient in ((curve.values[k], curve.second[k]) for k in (0, -1)):
         beside = replace(at, {MU_K: coefficient})
-        (again,) = continue_motions(beside, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1)).bifurcations
+        plan = ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1)
+        (again,) = continue_motions(beside, plan).bifurcations
         assert again.value == pytest.approx(value, rel=1e-8)
 
 
 def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:
     at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
-    found = continue_motions(at, Plan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
+    found = continue_motions(at, ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
     (item,) = found.bifurcations
     assert (item.kind, found.branches[0].period) == ("neimark_sacker", 1)
     assert item.residual < 1e-8

@@ -9,7 +9,7 @@ import pytest
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import start_orbit
-from tcc_sim.continuation.motions import Plan, check, continue_motions
+from tcc_sim.continuation.motions import ContinuationPlan, check, continue_motions
 from tcc_sim.continuation.newton import newton, orbit_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -45,7 +45,7 @@ def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
 def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3})
     border = next(w for w in constant_load_limits(system) if w > 50.0)
-    found = continue_motions(system, Plan("engine.frequency", 40.0, border + 3.0,
+    found = continue_motions(system, ContinuationPlan("engine.frequency", 40.0, border + 3.0,
                                           second=("pressure.mean", 29e4, 31e4)))
     (item,) = [f for f in found.bifurcations if f.kind == "stick_border"]
     assert item.value == pytest.approx(border, abs=1e-7)
@@ -57,8 +57,8 @@ def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
 def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
-    found = continue_motions(coexistence(law, 0.85), Plan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1,
-                                                          limit=law == "smoothed"))
+    plan = ContinuationPlan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1, limit=law == "smoothed")
+    found = continue_motions(coexistence(law, 0.85), plan)
     (item,) = found.bifurcations
     assert item.kind == "period_doubling"
     assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
@@ -85,7 +85,7 @@ def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> N
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
-    found = continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.18, 0.297, period=2))
+    found = continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.18, 0.297, period=2))
     (branch,) = found.branches
     assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in str(end)
                for end in branch.ended)
@@ -101,7 +101,7 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
 def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
-    found = continue_motions(system, Plan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
+    found = continue_motions(system, ContinuationPlan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
     assert tuple(map(str,
                      found.branches[0].ended)) == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
                                        f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
@@ -113,7 +113,7 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
 def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
-    plan = Plan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
+    plan = ContinuationPlan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
     found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
     for branch in found.branches:
         values = np.array([s.value for s in branch.points])
@@ -158,14 +158,14 @@ def test_a_key_has_effect_beside_another_that_is_free() -> None:
 
 def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
     with pytest.raises(NumericalFailure, match="no motion of period 3 was found near the settled one"):
-        continue_motions(coexistence("smoothed", 0.85), Plan(MU_K, 0.25, 0.26, period=3))
+        continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.25, 0.26, period=3))
 
 
 @pytest.mark.parametrize(("plan", "words"), [
-    (Plan(MU_K, 0.2, 0.35), "at most"), (Plan(MU_K, 0.2, 0.3, period=3), "multiple"),
-    (Plan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
+    (ContinuationPlan(MU_K, 0.2, 0.35), "at most"), (ContinuationPlan(MU_K, 0.2, 0.3, period=3), "multiple"),
+    (ContinuationPlan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
 ])
-def test_plans_that_cannot_be_carried_out(plan: Plan, words: str) -> None:
+def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) -> None:
     system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
     with pytest.raises(InputError, match=words):
         check(system, plan)
@@ -173,14 +173,14 @@ def test_plans_that_cannot_be_carried_out(plan: Plan, words: str) -> None:
 
 def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> None:
     system = replace(load_scene("fig02").system, {"friction.smoothing": 1e4, "friction.decay": 0.02})
-    (branch,) = continue_motions(system, Plan("friction.decay", 0.0, 0.03)).branches
+    (branch,) = continue_motions(system, ContinuationPlan("friction.decay", 0.0, 0.03)).branches
     assert branch.period == 2
     assert branch.ended[0].reason is StopReason.DOUBLING
 
 
 def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "driveline.damping": 0.0})
-    found = continue_motions(system, Plan("driveline.stiffness", 2500.0, 3500.0))
+    found = continue_motions(system, ContinuationPlan("driveline.stiffness", 2500.0, 3500.0))
     assert found.bifurcations == []
     assert not any(s.orbit.stable for s in found.branches[0].points)
 
@@ -193,7 +193,7 @@ def test_where_slip_runs_away_it_is_said_where_to_begin_instead() -> None:
     system = replace(load_scene("fig02").system, {**RUNNING_AWAY, MU_K: 0.2})
     words = r"slip grows without end at .* begin at --set .*=0\.\d+, where the motion settles in period \d+"
     with pytest.raises(NumericalFailure, match=words):
-        continue_motions(system, Plan(MU_K, 0.19, 0.29))
+        continue_motions(system, ContinuationPlan(MU_K, 0.19, 0.29))
 
 
 def test_a_family_of_pure_slip_is_refused() -> None:
@@ -201,4 +201,4 @@ def test_a_family_of_pure_slip_is_refused() -> None:
     mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)
     system = replace(system, {"pressure.mean": mean / 1.0, "pressure.amplitude": 0.0})
     with pytest.raises(InputError, match="multiplier of exactly 1"):
-        continue_motions(system, Plan("engine.frequency", 140.0, 160.0))
+        continue_motions(system, ContinuationPlan("engine.frequency", 140.0, 160.0))

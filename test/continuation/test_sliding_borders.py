@@ -9,7 +9,7 @@ import pytest
 from piecewise import Piecewise
 
 from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.motions import Plan, continue_motions
+from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.continuation.palc import corrector
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.sliding import differ
@@ -87,9 +87,9 @@ def located_again(item, system, key, reach):
     return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
 
 
-SCENES = [(EQUAL, Plan(OMEGA, 66.0, 67.0), ["grazing_sliding"], [66.22573537]),
-          (EQUAL, Plan(OMEGA, 62.5, 63.1), ["adding_sliding"], [62.86436700]),
-          (PULSATING, Plan(PSI, 0.8, 2.6), ["switching_sliding", "adding_sliding", "crossing_sliding"],
+SCENES = [(EQUAL, ContinuationPlan(OMEGA, 66.0, 67.0), ["grazing_sliding"], [66.22573537]),
+          (EQUAL, ContinuationPlan(OMEGA, 62.5, 63.1), ["adding_sliding"], [62.86436700]),
+          (PULSATING, ContinuationPlan(PSI, 0.8, 2.6), ["switching_sliding", "adding_sliding", "crossing_sliding"],
            [0.95110250, 1.87384091, 2.40429253])]
 
 
@@ -104,7 +104,8 @@ def test_each_kind_is_found_where_scipys_motion_has_it(system, plan, kinds, valu
 
 
 def test_the_adding_sliding_of_period_two_beside_its_fold():
-    found = sorted(continue_motions(DRY, Plan(MU_K, 0.25, 0.285, period=2)).bifurcations, key=lambda f: f.value)
+    found = sorted(continue_motions(DRY, ContinuationPlan(MU_K, 0.25, 0.285, period=2)).bifurcations,
+                   key=lambda f: f.value)
     assert [f.kind for f in found] == ["adding_sliding", "fold"]
     assert [f.value / 0.3 for f in found] == pytest.approx([0.93064641, 0.93087083], abs=1e-7)
     assert [f.residual < 1e-8 for f in found] == [True, True]
@@ -113,7 +114,7 @@ def test_the_adding_sliding_of_period_two_beside_its_fold():
 
 def test_stick_ends_where_the_closed_form_says():
     border = next(w for w in constant_load_limits(EQUAL) if w > 50.0)
-    (item,) = continue_motions(EQUAL, Plan(OMEGA, border - 1.0, border + 1.0)).bifurcations
+    (item,) = continue_motions(EQUAL, ContinuationPlan(OMEGA, border - 1.0, border + 1.0)).bifurcations
     assert item.kind == "stick_border"
     assert item.value == pytest.approx(border, rel=1e-11)
     assert item.residual < 1e-11
@@ -121,7 +122,7 @@ def test_stick_ends_where_the_closed_form_says():
 
 def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     map_ = DrivelineMap(EQUAL, (OMEGA,))
-    found = continue_motions(EQUAL, Plan(OMEGA, 51.5, 54.0)).bifurcations
+    found = continue_motions(EQUAL, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
     assert [f.kind for f in sorted(found, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
     for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
         orbit = item.point.orbit
@@ -131,7 +132,7 @@ def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
 def test_borders_at_which_a_branch_turns_sharply():
     """For mu_k < mu_s a slip interval that begins grows at once, and the branch goes on along a canard."""
     system = replace(EQUAL, {MU_K: 0.27})
-    found = continue_motions(system, Plan(OMEGA, 82.39, 110.5)).bifurcations
+    found = continue_motions(system, ContinuationPlan(OMEGA, 82.39, 110.5)).bifurcations
     kinds = [f.kind for f in sorted(found, key=lambda f: f.value)]
     assert kinds.count("adding_sliding") == 2
     assert "grazing_sliding" in kinds
@@ -142,7 +143,7 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     system = load_scene("fig02").system
     system = replace(system, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.law": "set_valued",
                               "friction.kinetic_coefficient": 0.27, "engine.frequency": 63.5})
-    found = continue_motions(system, Plan("engine.frequency", 60.0, 63.5, period=1))
+    found = continue_motions(system, ContinuationPlan("engine.frequency", 60.0, 63.5, period=1))
     # Both ends are met, whichever way along the branch is the first.
     assert sorted(map(str, found.branches[0].ended)) == ["engine.frequency reached 60, the end of the range",
                                                          "engine.frequency reached 63.5, the end of the range"]
@@ -160,7 +161,7 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
     system = replace(System(), {"friction.law": "set_valued", MU_K: 0.26032645180732467, OMEGA: 57.52,
                                 "pressure.mean": 225e3, "pressure.amplitude": 28125.0,
                                 "pressure.frequency_ratio": 2 / 3, PSI: 6.051853081466417})
-    branch, = continue_motions(system, Plan(OMEGA, start, 57.52, period=3)).branches
+    branch, = continue_motions(system, ContinuationPlan(OMEGA, start, 57.52, period=3)).branches
     assert [branch.points[0].value, branch.points[-1].value] == [start, 57.52]
     near = [f for f in branch.bifurcations if 57.46 < f.value < 57.48]
     assert [f.kind for f in near] == ["fold", "grazing_sliding"]
@@ -177,10 +178,10 @@ PULSED = replace(System(), {"friction.law": "set_valued", "pressure.mean": 225e3
 
 
 @pytest.mark.parametrize(("changes", "plan", "ends", "others"), [
-    ({OMEGA: 143.36225159413465, MU_K: 0.28861945760876007, PSI: 1.1955}, Plan(PSI, 1.1, 1.1968, period=3),
+    ({OMEGA: 143.36225159413465, MU_K: 0.28861945760876007, PSI: 1.1955}, ContinuationPlan(PSI, 1.1, 1.1968, period=3),
      ("+S+S+S+", "S+S-S+S+S"), {"adding_sliding": 1.17245087}),
     ({OMEGA: 223.2582543030187, MU_K: 0.2176099171331234, PSI: 4.248239135991167, "driveline.damping": 0.5},
-     Plan("driveline.damping", 0.1, 2.0, period=3), ("S+S", "+S+"), {})], ids=["slip ends", "slip begins"])
+     ContinuationPlan("driveline.damping", 0.1, 2.0, period=3), ("S+S", "+S+"), {})], ids=["slip ends", "slip begins"])
 def test_an_event_that_passes_phase_0_neither_ends_a_branch_nor_is_a_bifurcation(changes, plan, ends, others):
     """Where slip ends at phase 0 the section has a corner: on one side of it no motion has a slip speed there."""
     branch, = continue_motions(replace(PULSED, changes), plan).branches
@@ -195,7 +196,7 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     walk stepped from one to the other beside the border, with its tangent back to it, and went back along itself.
     """
     system = replace(EQUAL, {MU_K: 0.2789029457369511, OMEGA: 49.2})
-    branch, = continue_motions(system, Plan(OMEGA, 46.4758, 60.0, period=1)).branches
+    branch, = continue_motions(system, ContinuationPlan(OMEGA, 46.4758, 60.0, period=1)).branches
     assert [branch.points[0].value, branch.points[-1].value] == [46.4758, 60.0]
     met = [(f.kind, round(f.value, 7)) for f in branch.bifurcations]
     assert len(set(met)) == len(met)

@@ -22,7 +22,7 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.recording.input_sources import input_sources
 from tcc_sim.recording.reader import open_run
-from tcc_sim.replay.places import Place
+from tcc_sim.replay.places import ScenePlace
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.scene import load_scene, parse_scene
 
@@ -113,7 +113,7 @@ def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -
     stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
     held = [(int(np.searchsorted(stamps, source.first_stamp_ns)), source.commanded) for source in sources]
     for said, why in (((), "input_source was not recorded"), (held[:1], "is the first that differs"), (held, "")):
-        verifier = Verifier(run.scenes, [Place(0, 0)], scene, run.size, said)
+        verifier = Verifier(run.scenes, [ScenePlace(0, 0)], scene, run.size, said)
         for batch in run.batches():
             verifier.feed(batch)
         assert verifier.result().verified == (not why)

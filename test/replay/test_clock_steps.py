@@ -7,7 +7,7 @@ from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.input_sources import input_sources
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.scene_records import SceneRecord, holding_from
-from tcc_sim.replay.places import Place, Places
+from tcc_sim.replay.places import Places, ScenePlace
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 
@@ -109,19 +109,20 @@ def test_places_of_scenes():
     found.feed(states(0, [0, 1], [1000, 1010]))
     found.feed(states(0, [2, 3, 4], [1020, 1030, 1040], 2))
     found.feed(states(1, [0, 1, 2, 3], [2010, 2015, 2020, 2030], 5))
-    assert found.places() == [Place(0, 0), Place(3, 1), Place(5, 2), Place(7, 3)]  # The last never came into force.
+    assert found.places() == [ScenePlace(0, 0), ScenePlace(3, 1), ScenePlace(5, 2),
+                              ScenePlace(7, 3)]  # The last never came into force.
 
 
 def test_two_changes_before_one_tick_are_taken_in_their_order():
     found = Places([record(None, 5), record(TICK, 1001), record(TICK, 1002)])
     found.feed(states(0, [0, 1, 2], [1000, 1010, 1020]))
-    assert found.places() == [Place(0, 0), Place(1, 1), Place(1, 2)]
+    assert found.places() == [ScenePlace(0, 0), ScenePlace(1, 1), ScenePlace(1, 2)]
 
 
 def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_on():
     found = Places([record(3 * TICK, 50)])
     found.feed(states(0, [500, 501], [1000, 1010]))
-    assert found.places() == [Place(0, 0)]
+    assert found.places() == [ScenePlace(0, 0)]
 
 
 @pytest.mark.parametrize("steps", [[], [(50, -3600 * SECOND)], [(251, -200 * TICK)], [(120, -300 * TICK)]])

@@ -88,7 +88,7 @@ class Name:
     __rmul__ = __mul__
 
 
-class Memory:
+class Storage:
     """An array of floats, one- or two-dimensional, whose entries are read once and written where they are set."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, argument: Any) -> None:
@@ -217,7 +217,7 @@ def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
     if isinstance(kind, types.BaseTuple):
         return tuple(_named(context, builder, k, a) for k, a in zip(kind, cgutils.unpack_tuple(builder, argument)))
     if isinstance(kind, types.Array):
-        return Memory(context, builder, kind, argument)
+        return Storage(context, builder, kind, argument)
     return Name(builder, argument)
 
 
