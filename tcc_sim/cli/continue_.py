@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
     from tcc_sim.continuation.initial_orbits import seeds_in
-    from tcc_sim.continuation.motions import Motions, ContinuationPlan, check, continue_motions
+    from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
