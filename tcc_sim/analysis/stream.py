@@ -38,6 +38,8 @@ class RunCycles:
     """The engine cycles of one run, from a start or a reset of the driveline to the next."""
 
     pieces: list[Piece] = field(default_factory=list)
+    summary: tuple[tuple[int, int | None], Summary] | None = None
+    """What it was last made of, the number of cycles and those to be dropped, and the summary itself."""
 
     def add(self, piece: Piece) -> None:
         """Take the next piece; those that follow each other are joined, the longer ones rarely, so that there are few.
@@ -46,6 +48,17 @@ class RunCycles:
             before = self.pieces.pop()
             piece = Piece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
         self.pieces.append(piece)
+
+    def _join_all(self) -> None:
+        """Join whatever follows each other, so that what is kept of the run is a view of it and no copy."""
+        joined: list[list[Piece]] = []
+        for piece in self.pieces:
+            if joined and _follows(joined[-1][-1], piece):
+                joined[-1].append(piece)
+            else:
+                joined.append([piece])
+        self.pieces = [replace(group[0], cycles=concatenated([p.cycles for p in group])) if len(group) > 1 else group[0]
+                       for group in joined]
 
     def observed(self) -> int:
         """Number of whole engine cycles without a gap."""
@@ -63,6 +76,7 @@ class RunCycles:
         """
         if not self.pieces:
             raise InputError("the recording holds no whole engine cycle")
+        self._join_all()
         first, last = self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
         dropped = default_discard(last - first) if discard is None else discard
         if dropped < 0:
@@ -71,8 +85,7 @@ class RunCycles:
                  if p.first + len(p.cycles) > first + dropped]
         if not parts:
             raise InputError(f"--discard {dropped} leaves none of the {last - first} cycles")
-        follows = [_follows(a, b) for a, b in zip(self.pieces[-len(parts):], self.pieces[1 - len(parts):])]
-        joined = _join(parts, follows[:len(parts) - 1])
+        joined = _with_gaps(parts)
         return joined, last - len(joined), dropped
 
 
@@ -81,20 +94,16 @@ def _follows(a: Piece, b: Piece) -> bool:
     return b.first == a.first + len(a.cycles)
 
 
-def _join(parts: list[Cycles], follows: list[bool]) -> Cycles:
-    """Cycles one after the other, with one NaN cycle between two of them unless the second follows the first."""
+def _with_gaps(parts: list[Cycles]) -> Cycles:
+    """Cycles that gaps separate, with one NaN cycle in place of each gap; a single part as it is."""
+    if len(parts) == 1:
+        return parts[0]
     gap = np.array([math.nan])
-    last = [*follows, False]
-    columns = []
-    for of_parts in zip(*map(_columns, parts)):
-        column = [of_parts[0]]
-        for part, adjacent in zip(of_parts[1:], follows):
-            column += [part] if adjacent else [gap, part]
-        columns.append(np.concatenate(column))
-    starts = [p.starts[:-1] if adjacent else p.starts for p, adjacent in zip(parts, last) if p.starts is not None]
+    columns = [np.concatenate([column for part in of_parts[:-1] for column in (part, gap)] + [of_parts[-1]])
+               for of_parts in zip(*map(_columns, parts))]
+    starts = [p.starts for p in parts if p.starts is not None]
     highest, lowest, stick_time, *loads = columns
-    return Cycles(np.concatenate([p.section[:-1] if adjacent else p.section for p, adjacent in zip(parts, last)]),
-                  highest, lowest, stick_time, Loads(*loads),
+    return Cycles(np.concatenate([p.section for p in parts]), highest, lowest, stick_time, Loads(*loads),
                   np.concatenate(starts) if len(starts) == len(parts) else None)
 
 
@@ -177,9 +186,8 @@ class CycleStream:
         number = max(range(len(self.runs)), key=lambda k: (self.runs[k].observed(), k))
         return number, self.runs[number]
 
-    def summary(self, discard: int | None = None, tolerance: float = RECORDING_TOLERANCE,
-                number: int | None = None) -> Summary:
-        """The summary of the longest run, or of the one with this number.
+    def summary(self, discard: int | None = None, number: int | None = None) -> Summary:
+        """The summary of the longest run, or of the one with this number; the same object until more cycles come.
 
         Raises
         ------
@@ -187,6 +195,13 @@ class CycleStream:
             No whole cycle, or none left after `discard`.
         """
         run = self.longest()[1] if number is None else self.runs[number]
+        made_of = run.observed(), discard
+        if run.summary is None or run.summary[0] != made_of:
+            run.summary = made_of, self._summary_of(run, discard)
+        return run.summary[1]
+
+    def _summary_of(self, run: RunCycles, discard: int | None) -> Summary:
+        """As `summary` has it."""
         if not self.clock.told:
             cycles = run.kept(0)[0]
             return replace(summarise_cycles(cycles, lengths_of(cycles)), period=0, section=[], cycles=0, settled=False,
@@ -198,8 +213,8 @@ class CycleStream:
             cycle = lengths_of(cycles)
             drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-AT_THE_END:]) - 1.0) > DRIFTING)
             varied = int(drifts[-1]) + 1 if len(drifts) else 0
-        return replace(summarise_cycles(cycles, cycle, first=first, tolerance=tolerance, varied=varied),
-                       cycles=run.observed(), discarded=dropped)
+        found = summarise_cycles(cycles, cycle, first=first, tolerance=RECORDING_TOLERANCE, varied=varied)
+        return replace(found, cycles=run.observed(), discarded=dropped)
 
     def _take(self, rows: Floats, run: int) -> list[Piece]:
         """Add samples that follow those waiting, and work out the cycles that are now whole."""

@@ -274,11 +274,12 @@ DEFAULTS: dict[str, Value] = {
     f"{name}.{item.name}": getattr(group, item.name) for name,
     group in GROUPS.items() for item in dataclasses.fields(group)}
 
+_PLACES = [(key, *key.split(".")) for key in QUANTITIES]
+
 
 def values_of(system: System) -> Iterator[tuple[str, Value]]:
     """Every scene key of `system` with its value, in the order of QUANTITIES."""
-    for key in QUANTITIES:
-        group, name = key.split(".")
+    for key, group, name in _PLACES:
         yield key, getattr(getattr(system, group), name)
 
 
