@@ -9,60 +9,85 @@ within the error of their rounding count as neither sign, so the halving ends at
 from __future__ import annotations
 
 import math
+import operator
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.unrolled import folded, greater, lesser, magnitude, row_of, unrolled, where
 
 DEGREE_MAXIMUM = 31
 HALVINGS = 40
 """Most halvings of an interval: 2^-40 of a step is where the curvature of any polynomial is lost in rounding."""
-WORKSPACE = (HALVINGS + 4, 36)
+WORKSPACE = (HALVINGS + 4, 40)
 """Shape of the array of floats that crossings and extremes work in."""
 
-BERNSTEIN, SCALED = 0, WORKSPACE[0] - 1
-"""Rows of the workspace: the coefficients over the whole step, and those of the powers. Between them lies the stack."""
-LEFT, WIDTH, NOISE = 32, 33, 34
-"""Places behind the coefficients in a row: start and length of its interval, error bound of its coefficients."""
+BERNSTEIN = 0
+"""Row of the workspace with the coefficients over the whole step; behind it lies the stack."""
+LEFT, WIDTH, NOISE, LOW, HIGH = range(32, 37)
+"""Places behind the coefficients in a row: start and length of its interval, error bound of its coefficients; in the
+first row their hull too."""
 
 ROUNDING = 1.12e-16
 PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dtype=np.float64)
-PER_BINOMIAL = np.array([[1.0 / max(math.comb(n, k), 1) for k in range(32)] for n in range(32)])
+PER_BINOMIAL = np.array([[1.0 / math.comb(n, k) if k <= n else 0.0 for k in range(32)] for n in range(32)])
+
+
+def powers_of(x: Any, count: int) -> list[Any]:
+    """1, x, x^2, ... in rows of eight, by a short chain of products."""
+    square = x * x
+    cube, fourth = square * x, square * square
+    rows = [row_of([1.0, x, square, cube, fourth, fourth * x, fourth * square, fourth * cube])]
+    while 8 * len(rows) < count:
+        rows.append(rows[-1] * (fourth * fourth))
+    return rows
+
+
+def form_text(lanes: int) -> Any:
+    """The text of `to_bernstein` for degrees below `lanes`; what lies behind the degree in the powers is not read."""
+    places = range(0, lanes, 8)
+
+    def text(c: Any, x: Any, per_binomial: Any, out: Any) -> None:
+        weights = [per_binomial.row(i, count=8) for i in places]
+        terms = [where(w, ">", 0.0, c.row(i, count=8) * power, 0.0)
+                 for i, w, power in zip(places, weights, powers_of(x, lanes))]
+        scaled = [term * weight for term, weight in zip(terms, weights)]
+        size: Any = 0.0
+        low, high = math.inf, -math.inf
+        for i, weight, term in zip(places, weights, terms):
+            size = magnitude(term) + size
+            sums: list[Any] = [0.0, 0.0]
+            for k in range(i + 8):
+                sums[k % 2] = scaled[k // 8][k % 8] * PASCAL[k, i:i + 8] + sums[k % 2]
+            row = sums[0] + sums[1]
+            out.set_row(row, i)
+            low = lesser(where(weight, ">", 0.0, row, math.inf), low)
+            high = greater(where(weight, ">", 0.0, row, -math.inf), high)
+        out[NOISE,], out[LOW,], out[HIGH,] = folded(operator.add, size), folded(lesser, low), folded(greater, high)
+
+    return text
+
+
+form_16, form_24, form_32 = (unrolled(form_text(lanes)) for lanes in (16, 24, 32))
 
 
 @fast
 def to_bernstein(c: Any, row: int, degree: int, x_end: float, workspace: Any) -> None:
-    """Fill the first row of the workspace with the Bernstein coefficients over [0, x_end] and their error bound.
+    """Fill the first row of the workspace with the Bernstein coefficients over [0, x_end], their hull and error bound.
 
     b_i = sum_k C(i, k)/C(n, k) c_k x_end^k. The weights lie in [0, 1], so n products and sums of rounded terms
     are wrong by at most about 2 n units of rounding of sum |c_k| x_end^k.
     """
-    power = 1.0
-    size = 0.0
-    for k in range(degree + 1):
-        term = c[row, k] * power
-        size += abs(term)
-        workspace[SCALED, k] = term * PER_BINOMIAL[degree, k]
-        power *= x_end
-    for k in range(degree + 1, (degree + 4) & ~3):
-        workspace[SCALED, k] = 0.0
-    for i in range(32):
-        workspace[BERNSTEIN, i] = 0.0
-    for k in range(0, degree + 1, 4):
-        a, b = workspace[SCALED, k], workspace[SCALED, k + 1]
-        d, e = workspace[SCALED, k + 2], workspace[SCALED, k + 3]
-        if degree < 24:
-            for i in range(24):
-                workspace[BERNSTEIN, i] += ((PASCAL[k, i] * a + PASCAL[k + 1, i] * b)
-                                            + (PASCAL[k + 2, i] * d + PASCAL[k + 3, i] * e))
-        else:
-            for i in range(32):
-                workspace[BERNSTEIN, i] += ((PASCAL[k, i] * a + PASCAL[k + 1, i] * b)
-                                            + (PASCAL[k + 2, i] * d + PASCAL[k + 3, i] * e))
+    if degree < 16:
+        form_16(0, c[row], x_end, PER_BINOMIAL[degree], workspace[BERNSTEIN])
+    elif degree < 24:
+        form_24(0, c[row], x_end, PER_BINOMIAL[degree], workspace[BERNSTEIN])
+    else:
+        form_32(0, c[row], x_end, PER_BINOMIAL[degree], workspace[BERNSTEIN])
     workspace[BERNSTEIN, LEFT] = 0.0
     workspace[BERNSTEIN, WIDTH] = x_end
-    workspace[BERNSTEIN, NOISE] = (2.0 * degree + 8.0) * ROUNDING * size
+    workspace[BERNSTEIN, NOISE] *= (2.0 * degree + 8.0) * ROUNDING
 
 
 @fast
@@ -90,12 +115,13 @@ def later_part(workspace: Any, row: int, degree: int, at: float) -> None:
     for k in range(degree):
         for i in range(degree - k):
             workspace[row, i] = (1.0 - at) * workspace[row, i] + at * workspace[row, i + 1]
-    size = 0.0
-    for i in range(degree + 1):
-        size = max(size, abs(workspace[row, i]))
+    low, high = workspace[row, 0], workspace[row, 0]
+    for i in range(1, degree + 1):
+        low, high = min(low, workspace[row, i]), max(high, workspace[row, i])
+    workspace[row, LOW], workspace[row, HIGH] = low, high
     workspace[row, LEFT] += at * workspace[row, WIDTH]
     workspace[row, WIDTH] *= 1.0 - at
-    workspace[row, NOISE] += 3.0 * degree * ROUNDING * size
+    workspace[row, NOISE] += 3.0 * degree * ROUNDING * max(abs(low), abs(high))
 
 
 @fast
@@ -126,7 +152,7 @@ def isolate(workspace: Any, degree: int, threshold: float) -> tuple[float, float
             return left, left + width, left + width * (place - 1.0 + part) / degree
         if changes < 2:
             top -= 1
-        elif width <= shortest or top + 2 >= SCALED:
+        elif width <= shortest or top + 2 >= WORKSPACE[0]:
             return left, left, left
         else:
             halve(workspace, top, degree)

@@ -14,10 +14,11 @@ from tcc_sim.solvers.bernstein import (
     BERNSTEIN,
     DEGREE_MAXIMUM,
     HALVINGS,
+    HIGH,
     LEFT,
+    LOW,
     NOISE,
     ROUNDING,
-    SCALED,
     WIDTH,
     WORKSPACE,
     halve,
@@ -137,10 +138,8 @@ def crossing_of(c: Any, row: int, degree: int, x_end: float, sign: float, level:
                 workspace: Any) -> float:
     """`first_crossing` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
     tiny = max(workspace[BERNSTEIN, NOISE] + 2.0 * ROUNDING * abs(level), 0.5 * accuracy)
-    below = 0
-    for i in range(degree + 1):
-        below += 1 if sign * workspace[BERNSTEIN, i] - level < -tiny else 0
-    if below == 0:
+    least = workspace[BERNSTEIN, LOW] if sign > 0.0 else -workspace[BERNSTEIN, HIGH]
+    if not least - level < -tiny:
         return math.inf
     for i in range(WORKSPACE[1]):
         workspace[1, i] = workspace[BERNSTEIN, i]
@@ -206,16 +205,26 @@ def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, ri
 
 
 @fast
+def one_way(degree: int, noise: float, workspace: Any) -> bool:
+    """Whether the polynomial whose Bernstein coefficients are in the first row rises, or falls, all the way."""
+    rises, falls = 0, 0
+    for i in range(degree):
+        change = workspace[BERNSTEIN, i + 1] - workspace[BERNSTEIN, i]
+        rises += 1 if change > noise else 0
+        falls += 1 if change < -noise else 0
+    return rises == 0 or falls == 0
+
+
+@fast
 def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float,
                 workspace: Any) -> tuple[float, float]:
     """`extremes` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
-    outside = 0
-    for i in range(degree + 1):
-        outside += 1 if workspace[BERNSTEIN, i] > highest or workspace[BERNSTEIN, i] < lowest else 0
-    if outside == 0:
+    if not (workspace[BERNSTEIN, HIGH] > highest or workspace[BERNSTEIN, LOW] < lowest):
         return highest, lowest
     end = value(c, row, degree, x_end)
     highest, lowest = max(highest, end), min(lowest, end)
+    if one_way(degree, 2.0 * workspace[BERNSTEIN, NOISE], workspace):
+        return max(highest, workspace[BERNSTEIN, 0]), min(lowest, workspace[BERNSTEIN, 0])
     for i in range(WORKSPACE[1]):
         workspace[1, i] = workspace[BERNSTEIN, i]
     top = 1
@@ -241,7 +250,7 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
         if changes == 1:
             v = turning(c, row, degree, left, left + width, left + width * place, last < 0.0, noise)
             highest, lowest = max(highest, v), min(lowest, v)
-        if changes < 2 or width <= shortest or top + 2 >= SCALED:
+        if changes < 2 or width <= shortest or top + 2 >= WORKSPACE[0]:
             top -= 1
         else:
             halve(workspace, top, degree)
@@ -256,5 +265,5 @@ def extremes(c: Any, row: int, degree: int, x_end: float, highest: float, lowest
     to_bernstein(c, row, degree, x_end, workspace)
     return extremes_of(c, row, degree, x_end, highest, lowest, workspace)
 
-__all__ = ["DEGREE_MAXIMUM", "WORKSPACE", "crossing_of", "extremes", "extremes_of", "first_crossing", "stick_crossing",
-           "to_bernstein", "value", "value_and_slope", "values", "variation"]
+__all__ = ["DEGREE_MAXIMUM", "WORKSPACE", "crossing_of", "extremes", "extremes_of", "first_crossing", "one_way",
+           "stick_crossing", "to_bernstein", "value", "value_and_slope", "values", "variation"]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.bernstein import BERNSTEIN, later_part, to_bernstein
+from tcc_sim.solvers.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 
@@ -65,17 +65,12 @@ def keep_stick(output: Any, start: float, end: float, cut: float, unit: float) -
 
 
 @fast
-def stays(degree: int, mode: int, stick_speed: float, workspace: Any) -> bool:
+def stays(mode: int, stick_speed: float, workspace: Any) -> bool:
     """Whether the slip speed is in `mode` all the step, by its Bernstein coefficients."""
-    beyond = 0
+    low, high = workspace[BERNSTEIN, LOW], workspace[BERNSTEIN, HIGH]
     if mode == 0:
-        for i in range(degree + 1):
-            beyond += 1 if abs(workspace[BERNSTEIN, i]) > stick_speed else 0
-    else:
-        sign = 1.0 if mode > 0 else -1.0
-        for i in range(degree + 1):
-            beyond += 1 if sign * workspace[BERNSTEIN, i] <= stick_speed else 0
-    return beyond == 0
+        return bool(-stick_speed <= low and high <= stick_speed)
+    return bool(low > stick_speed if mode > 0 else high < -stick_speed)
 
 
 @fast
@@ -88,7 +83,7 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
     behind = 0.0
     mode = output.mode
     start = 0.0
-    while not stays(degree, mode, stick_speed, workspace):
+    while not stays(mode, stick_speed, workspace):
         at = polynomial.stick_crossing(rows, SLIP, degree, start, x, mode, stick_speed, workspace)
         if at > x:
             break
@@ -103,6 +98,9 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
             output.moves += 1
         mode = new
         start = at
+        there = abs(workspace[BERNSTEIN, degree]) <= stick_speed
+        if there == (mode == 0) and polynomial.one_way(degree, 0.0, workspace):
+            break
     if mode == 0:
         behind += keep_stick(output, start, x, cut, unit)
     output.mode = mode

@@ -8,6 +8,7 @@ text computes the same thing, which is how it is tested.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import inspect
 from collections.abc import Callable, Sequence
@@ -141,12 +142,13 @@ def limited(x: Any, low: float, high: float) -> Any:
 
 def row_of(numbers: Sequence[Any]) -> Any:
     """A row made of single numbers."""
-    if not isinstance(numbers[0], Name):
+    builder = next((n.builder for n in numbers if isinstance(n, Name)), None)
+    if builder is None:
         return np.array(numbers)
-    builder = numbers[0].builder
     out = ir.Constant(ir.VectorType(REAL, len(numbers)), ir.Undefined)
     for i, number in enumerate(numbers):
-        out = builder.insert_element(out, number.value, ir.Constant(ir.IntType(32), i))
+        value = number.value if isinstance(number, Name) else ir.Constant(REAL, number)
+        out = builder.insert_element(out, value, ir.Constant(ir.IntType(32), i))
     return Name(builder, out)
 
 
@@ -179,13 +181,38 @@ def exp(x: Any) -> Any:
 
 def largest(x: Any) -> Any:
     """The largest size of the numbers of a row; not a number where all are none."""
+    return folded(lambda a, b: _called("llvm.maxnum", a, b) if isinstance(a, Name) else max(a, b), magnitude(x))
+
+
+def where(x: Any, relation: str, y: Any, chosen: Any, other: Any) -> Any:
+    """`chosen` in the lanes where x is above (">") or below ("<") y, `other` elsewhere."""
     if not isinstance(x, Name):
-        return np.abs(x).max()
-    sizes = magnitude(x)
-    lanes = [sizes[i] for i in range(x.value.type.count)]
-    while len(lanes) > 1:
-        lanes = [_called("llvm.maxnum", a, b) for a, b in zip(lanes[0::2], lanes[1::2])]
-    return lanes[0]
+        return np.where(np.greater(x, y) if relation == ">" else np.less(x, y), chosen, other)
+    test = x.builder.fcmp_ordered(relation, x.value, x._operand(y))
+    return Name(x.builder, x.builder.select(test, x._operand(chosen), x._operand(other)))
+
+
+def greater(x: Any, y: Any) -> Any:
+    """The larger of the two, lane by lane; y where one of them is not a number."""
+    return where(x, ">", y, x, y)
+
+
+def lesser(x: Any, y: Any) -> Any:
+    """The smaller of the two, lane by lane; y where one of them is not a number."""
+    return where(x, "<", y, x, y)
+
+
+def folded(operation: Callable[[Any, Any], Any], x: Any) -> Any:
+    """One number of all the numbers of a row, whose count is a power of two: half the row with the other half, and so
+    on.
+    """
+    if not isinstance(x, Name):
+        return functools.reduce(operation, x)
+    while x.value.type.count > 1:
+        half = x.value.type.count // 2
+        parts = [ir.Constant(ir.VectorType(ir.IntType(32), half), list(range(i, i + half))) for i in (0, half)]
+        x = operation(*(Name(x.builder, x.builder.shuffle_vector(x.value, x.value, part)) for part in parts))
+    return x[0]
 
 
 def _called(function: str, x: Name, *others: Any) -> Name:

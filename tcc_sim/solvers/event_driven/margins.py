@@ -11,7 +11,7 @@ from typing import Any
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.bernstein import BERNSTEIN, HALVINGS, LEFT, NOISE, SCALED, WIDTH, WORKSPACE, halve, to_bernstein
+from tcc_sim.solvers.bernstein import BERNSTEIN, HALVINGS, LEFT, NOISE, WIDTH, WORKSPACE, halve, to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
@@ -86,7 +86,7 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
             value = sign * polynomial.value(c, row, degree, x)
             if value < below and 0.0 < x < x_end:
                 below, place = value, x
-        if changes < 2 or width <= shortest or top + 2 >= SCALED:
+        if changes < 2 or width <= shortest or top + 2 >= WORKSPACE[0]:
             top -= 1
         else:
             halve(workspace, top, degree)
