@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tcc_sim.benchmarks.references import Floats, Law
+from tcc_sim.benchmarks.references import Floats
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
+from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_along, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
 
@@ -79,8 +79,7 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
 def _largest(system: System, t: Floats, states: Floats) -> Floats:
     """Largest |slip speed| per cycle of samples, through the cubics of v and v'."""
-    law = Law(system)
-    rates = np.array([law.rates(a, y, 3) for a, y in zip(t.tolist(), states.tolist())])
+    rates = rates_along(t, np.ascontiguousarray(states), terms_of(system))
     found = cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
                                 starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK)
     largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))

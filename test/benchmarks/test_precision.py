@@ -64,10 +64,12 @@ def tiny(monkeypatch):
                               {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
                                "lsoda": (1e-6,),
                                "rk4": (3.0,), "rk45": (1e-5,)},
-                              {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20, 1000)
+                              {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20, 400)
     monkeypatch.setattr(precision, "QUICK", effort)
     monkeypatch.setattr(sweep_speed, "CYCLES", 10)
+    monkeypatch.setattr(sweep_speed, "HORIZON", 2)
     monkeypatch.setattr(sweep_speed, "REPEATS", 1)
+    monkeypatch.setattr(sweep_speed, "LADDER", (1e-6, 1e-9, 1e-10))
     monkeypatch.setattr(sweep_speed, "whole_sweep", lambda _, plain=sweep_speed.whole_sweep: plain(2))
     monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: [plain(effort)[i] for i in (0, 5)])
 
@@ -100,7 +102,7 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
     assert max(exact[k] for k in precision.ERRORS) < 1e-9
     steady = found["scenes"][0]["steady"]
-    assert (steady["period"], steady["cycles"]) == (1, 1000)
+    assert (steady["period"], steady["cycles"]) == (1, 400)
     assert steady["max_slip_speed"] == pytest.approx(36.297, abs=2e-3)
     assert steady["closure"] < 1e-4
     assert rows["smoothed", 1e-9]["error_steady"] < 1e-4
@@ -168,10 +170,11 @@ def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, monkeypatc
     def interrupted(*_):
         raise KeyboardInterrupt
     monkeypatch.setattr(sweep_speed, "sweep_speed", interrupted)
+    monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: plain(effort)[:1])
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 130
     found = json.loads((folder / "precision.json").read_text())
-    assert (found["complete"], found["sweep_speed"], len(found["scenes"])) == (False, None, 2)
+    assert (found["complete"], found["sweep_speed"], len(found["scenes"])) == (False, None, 1)
     assert "not complete" in (folder / "precision.md").read_text()
     assert capsys.readouterr().err == "tcc-sim: interrupted\n"
 

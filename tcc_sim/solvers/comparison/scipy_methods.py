@@ -64,7 +64,7 @@ def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
 
 
 @compiled
-def _rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
+def rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
     """`rates_of` at every time of (n,) for the states of (n, m)."""
     out = np.empty_like(y)
     for i in range(len(t)):
@@ -124,7 +124,7 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     kept[-1] = True
     cycles = None
     if len(times) > 1:
-        rates = _rates_along(times, states, terms)
+        rates = rates_along(times, states, terms)
         cycles = cycles_from_samples(times, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
                                      starts=starts_of(problem.system, problem.start_cycle, times[-1]),
                                      stick_speed=stick_speed_of(terms), linear=terms.linear)
