@@ -56,6 +56,14 @@ class JointStates:
         return replace(self, index=self.index + first, **columns)
 
 
+def joined(batches: Sequence[JointStates]) -> JointStates:
+    """Batches of one run one after the other; no applied pressure unless all of them have it."""
+    columns: dict[str, Any] = {name: np.concatenate([getattr(batch, name) for batch in batches])
+                               for name, column in vars(batches[0]).items() if isinstance(column, np.ndarray)
+                               and all(getattr(batch, name) is not None for batch in batches)}
+    return replace(batches[0], **{"applied_pressure": None, **columns})
+
+
 class Heads(NamedTuple):
     """What stands before the bytes of messages, (n,) arrays: channel, number at the publisher, times (ns)."""
 

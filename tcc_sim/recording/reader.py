@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.recording import records
-from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joint_states, layout_of, pressures
+from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joined, joint_states, layout_of, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
 from tcc_sim.recording.scene_records import SceneRecord
@@ -116,6 +116,19 @@ class Run:
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
+
+    def longest(self) -> JointStates:
+        """All states of the run that has most of them.
+
+        Raises
+        ------
+        RecordingError
+            As `batches`.
+        """
+        runs: dict[int, list[JointStates]] = {}
+        for batch in self.batches():
+            runs.setdefault(batch.run, []).append(batch)
+        return joined(max(runs.values(), key=lambda batches: sum(map(len, batches))))
 
     def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""

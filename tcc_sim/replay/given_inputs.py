@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.model.inputs import Inputs, held, joined
 from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.recording.table import INPUTS, TIME, read_columns
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats
-
-MOST = 2_000_000
-"""Rows of a table."""
-TIME, TORQUE, PRESSURE = "t", "engine_torque", "actuation_pressure"
 
 
 def driven_by(scene: Scene, path: Path) -> Scene:
@@ -61,20 +57,12 @@ def of_recording(path: Path) -> Inputs:
 
 def of_table(path: Path) -> Inputs:
     """The inputs in the columns of a CSV file."""
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: {getattr(error, 'strerror', None) or 'not a table of text in UTF-8'}") from None
-    names = [name.strip() for name in rows[0]] if rows else []
-    if TIME not in names or not {TORQUE, PRESSURE} & set(names):
-        raise InputError(f"{path}: the first line must name the columns {TIME} and {TORQUE} or {PRESSURE}")
-    body = [row for row in rows[1:] if row]
-    if not 2 <= len(body) <= MOST:
-        raise InputError(f"{path}: it has {len(body)} rows; it must have 2 to {MOST}")
-    columns = {name: _numbers(path, body, names.index(name), name) for name in (TIME, TORQUE, PRESSURE)
-               if name in names}
+    columns = {name: values for name, values in read_columns(path, (TIME,)).items() if name in (TIME, *INPUTS)}
     t = columns.pop(TIME)
+    if not columns:
+        raise InputError(f"{path}: the first line must name the column {' or '.join(INPUTS)}")
+    if len(t) < 2:
+        raise InputError(f"{path}: it has {counted(len(t), 'row')}; it must have 2 or more")
     if t[0] < 0.0 or not np.all(np.diff(t) > 0.0):
         raise InputError(f"{path}: the times in column t must begin at 0 or later and increase")
     for name, values in columns.items():
@@ -83,18 +71,5 @@ def of_table(path: Path) -> Inputs:
         if len(wrong):
             raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
                              f"{meant.interval()}")
-    lines = [held(t, columns[name]) if name in columns else None for name in (TORQUE, PRESSURE)]
-    return Inputs(lines[0], lines[1], float(t[-1]))
-
-
-def _numbers(path: Path, rows: list[list[str]], place: int, name: str) -> Floats:
-    """A column of finite numbers."""
-    found = np.empty(len(rows))
-    for k, row in enumerate(rows):
-        try:
-            found[k] = float(row[place])
-        except (ValueError, IndexError):
-            found[k] = np.nan
-        if not np.isfinite(found[k]):
-            raise InputError(f"{path}: line {k + 2} has no number in column {name}")
-    return found
+    torque, pressure = (held(t, columns[name]) if name in columns else None for name in INPUTS)
+    return Inputs(torque, pressure, float(t[-1]))

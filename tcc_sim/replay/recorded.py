@@ -16,7 +16,7 @@ from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.model.parameters import System
-from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.batches import JointStates, joined
 from tcc_sim.recording.commands import SOURCE, Commands
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.places import places_of
@@ -218,17 +218,15 @@ def trajectory_of(batches: Sequence[JointStates], system: System, clock: EngineC
 
     The saturation torque is that of the pressure that was applied, or of the scene; NaN where nobody says.
     """
-    def joined(name: str) -> Any:
-        return np.concatenate([getattr(batch, name) for batch in batches])
-
-    t, slip_speed = joined("stamp_ns") * 1e-9, joined("flywheel_speed") - joined("plate_speed")
-    terms, load = terms_of(system), np.full(len(t), math.nan)
+    states, terms = joined(batches), terms_of(system)
+    t, slip_speed = states.stamp_ns * 1e-9, states.flywheel_speed - states.plate_speed
+    load = np.full(len(t), math.nan)
     if system.pressure.source != "topic":
         load = np.broadcast_to(torques_at(terms, t)[1], t.shape)
-    elif all(batch.applied_pressure is not None for batch in batches):
-        load = system.torque_per_pressure * joined("applied_pressure")
+    elif states.applied_pressure is not None:
+        load = system.torque_per_pressure * states.applied_pressure
     return Trajectory(
-        t=t, slip_speed=slip_speed, plate_angle=joined("plate_angle"), plate_speed=joined("plate_speed"),
-        engine_torque=joined("engine_torque"), saturation_torque=load, friction_torque=joined("friction_torque"),
+        t=t, slip_speed=slip_speed, plate_angle=states.plate_angle, plate_speed=states.plate_speed,
+        engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
         state=modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
-        system=system, flywheel_angle=joined("flywheel_angle"), cycles=None if clock.told else no_cycles())
+        system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.told else no_cycles())

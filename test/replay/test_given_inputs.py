@@ -8,6 +8,7 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
+from tcc_sim.output.samples import write_samples
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.replay.given_inputs import driven_by
@@ -64,10 +65,13 @@ def test_a_recording_gives_itself_again_and_another_clutch_something_else(tmp_pa
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("t,torque\n0,1\n1,1\n", "must name the columns t and engine_torque or actuation_pressure"),
-    ("t,engine_torque\n0,1\n", "has 1 rows"), ("t,engine_torque\n0,1\n0,1\n", "must begin at 0 or later and increase"),
+    ("t,torque\n0,1\n1,1\n", "torque is not a column; did you mean engine_torque"),
+    ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque or actuation_pressure"),
+    ("t,engine_torque\n0,1\n1\n", "line 3 has 1 values; the first line names 2"),
+    ("t,engine_torque\n0,1\n", "has 1 row;"), ("t,engine_torque\n0,1\n0,1\n", "must begin at 0 or later and increase"),
     ("t,engine_torque\n0,1\n1,x\n", "line 3 has no number in column engine_torque"),
-    ("t,actuation_pressure\n0,1\n1,-5\n", "actuation_pressure is -5 Pa at 1 s; it must be 0 to 1e"), ("", "must name")])
+    ("t,actuation_pressure\n0,1\n1,-5\n", "actuation_pressure is -5 Pa at 1 s; it must be 0 to 1e"),
+    ("", "no column t")])
 def test_what_is_no_table_of_inputs_is_refused(tmp_path, text, message):
     path = tmp_path / "in.csv"
     path.write_text(text)
@@ -82,3 +86,11 @@ def test_the_command_takes_a_table(tmp_path, capsys):
     assert "commands: 0.119 s" in capsys.readouterr().out
     assert main(["simulate", "commands", "--inputs", str(tmp_path / "none.csv")]) == 2
     assert math.isclose(driven_by(load_scene("commands"), path).system.span, 0.119)
+
+
+def test_what_analyse_and_simulate_write_is_a_table_of_inputs(tmp_path):
+    scene = load_scene("fig02")
+    run = solve(scene, cycles=2, samples_per_cycle=50)
+    write_samples(tmp_path / "run.csv", run, scene.text(), head=True)
+    torque = driven_by(load_scene("commands"), tmp_path / "run.csv").system.inputs.torque
+    assert torque[:, 1].tolist() == run.engine_torque.tolist()
