@@ -270,12 +270,8 @@ QUANTITIES: dict[str, Quantity] = {
     group in GROUPS.items() for item in dataclasses.fields(group)}
 """Every scene key of the model with its meaning."""
 
-DEFAULTS: dict[str, Value] = {
-    f"{name}.{item.name}": getattr(group, item.name) for name,
-    group in GROUPS.items() for item in dataclasses.fields(group)}
-
 _PLACES = [(key, *key.split(".")) for key in QUANTITIES]
-
+DEFAULTS: dict[str, Value] = {key: getattr(GROUPS[group], name) for key, group, name in _PLACES}
 
 def values_of(system: System) -> Iterator[tuple[str, Value]]:
     """Every scene key of `system` with its value, in the order of QUANTITIES."""

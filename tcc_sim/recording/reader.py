@@ -118,13 +118,7 @@ class Run:
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
 
     def longest(self) -> JointStates:
-        """All states of the run that has most of them.
-
-        Raises
-        ------
-        RecordingError
-            As `batches`.
-        """
+        """All states of the run that has most of them; errors are those of `batches`."""
         runs: dict[int, list[JointStates]] = {}
         for batch in self.batches():
             runs.setdefault(batch.run, []).append(batch)

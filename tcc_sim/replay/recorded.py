@@ -219,7 +219,7 @@ def trajectory_of(batches: Sequence[JointStates], system: System, clock: EngineC
     The saturation torque is that of the pressure that was applied, or of the scene; NaN where nobody says.
     """
     states, terms = joined(batches), terms_of(system)
-    t, slip_speed = states.stamp_ns * 1e-9, states.flywheel_speed - states.plate_speed
+    t, slip_speed = states.stamp_ns.astype(np.float64) * 1e-9, states.flywheel_speed - states.plate_speed
     load = np.full(len(t), math.nan)
     if system.pressure.source != "topic":
         load = np.broadcast_to(torques_at(terms, t)[1], t.shape)
