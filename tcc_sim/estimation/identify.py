@@ -20,9 +20,9 @@ from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import CHANNELS, Measurement, noise_of, read_recording, read_table
-from tcc_sim.estimation.multiple_shooting import KINETIC, STATIC, Fit, Settings, fit
+from tcc_sim.estimation.multiple_shooting import Fit, Settings, fit
 from tcc_sim.estimation.verdicts import Gates, Parameter, judged, why_not
-from tcc_sim.estimation.windows import NEAR_ONE, OFFSETS, Model, check_key
+from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.scene import Scene, load_scene

@@ -19,12 +19,11 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.estimation.windows import NEAR_ONE, OFFSETS, Model, states_of, sweep
+from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, Swept, states_of, sweep
 from tcc_sim.trajectory import Floats
 
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
 """Place of a channel in the state."""
-STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
 @dataclass(frozen=True)
@@ -168,11 +167,12 @@ class Shooting:
         """One stage: parameters, starts, cost, and how many iterations it took."""
         weight = stage.weight
         damping, size, n = 1e-3, 3 * self.count, self.model.substeps(values)
-        cost = self._cost(self._residuals(states_of(self.model, starts, self.width, values, n), starts, weight))
-        count = 0
+        found = sweep(self.model, starts, self.width, values, n)
+        residual = self._residuals(found.states, starts, weight)
+        cost, count = self._cost(residual), 0
         while count < stage.iterations:
             count += 1
-            jacobian, residual = self._linear(values, starts, weight, n)
+            jacobian = self._jacobian(found, values, weight)
             normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
             diagonal, gain = sparse.diags(normal.diagonal() + 1e-300), 0.0
             while damping < 1e8:
@@ -180,12 +180,13 @@ class Shooting:
                 tried = self._moved(values, step[size:])
                 moved = starts + step[:size].reshape(-1, 3) * self.scales
                 try:
-                    states = states_of(self.model, moved, self.width, tried, n)
-                    now = self._cost(self._residuals(states, moved, weight))
+                    there = sweep(self.model, moved, self.width, tried, n)
+                    left = self._residuals(there.states, moved, weight)
+                    now = self._cost(left)
                 except NumericalFailure:
                     now = math.inf
                 if now < cost:
-                    gain, values, starts, cost = cost - now, tried, moved, now
+                    gain, values, starts, cost, found, residual = cost - now, tried, moved, now, there, left
                     damping = max(0.1 * damping, 1e-9)
                     break
                 damping *= 10.0
@@ -225,12 +226,11 @@ class Shooting:
         """Sum of squares."""
         return float(residual @ residual)
 
-    def _linear(self, values: Floats, starts: Floats, weight: float, n: int) -> tuple[sparse.csr_matrix, Floats]:
-        """The residuals and their derivatives by all starts, in their scales, and all parameters (their logarithms, but
-        for offsets).
+    def _jacobian(self, found: Swept, values: Floats, weight: float) -> sparse.csr_matrix:
+        """Derivatives of the residuals by all starts, in their scales, and all parameters (their logarithms, but for
+        offsets).
         """
-        m, w, size = self.count, self.width, len(values)
-        found = sweep(self.model, starts, w, values, n)
+        m, size = self.count, len(values)
         by_key, by_start = found.by_key * np.where(self.logarithmic, values, 1.0), found.by_start * self.scales
         stuck, noise = self._held(weight), self.noise[:, None]
         rows_start = by_start[:, :-1][:, :, self.columns] / noise
@@ -246,12 +246,13 @@ class Shooting:
         joined = sparse.hstack([before - after, sparse.csr_matrix((by_key[:-1, -1] * gap).reshape(-1, size))])
         held = sparse.csr_matrix((np.full(len(stuck), self.scales[0] / self.settings.layer),
                                   (np.arange(len(stuck)), 3 * stuck)), (len(stuck), 3 * m + size))
-        return (sparse.vstack([fitted, joined, held]).tocsr(), self._residuals(found.states, starts, weight))
+        return sparse.vstack([fitted, joined, held]).tocsr()
 
     def result(self, values: Floats, starts: Floats, weight: float, cost: float, iterations: int) -> Fit:
         """The fit with its covariance."""
         size = len(values)
-        jacobian, residual = self._linear(values, starts, weight, self.model.substeps(values))
+        found = sweep(self.model, starts, self.width, values, self.model.substeps(values))
+        jacobian, residual = self._jacobian(found, values, weight), self._residuals(found.states, starts, weight)
         factors = splu((jacobian.T @ jacobian).tocsc())
         unit = np.zeros((jacobian.shape[1], size))
         unit[-size:] = np.eye(size)

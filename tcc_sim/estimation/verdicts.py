@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.estimation.multiple_shooting import INDEX, KINETIC, STATIC, Fit
-from tcc_sim.estimation.windows import NEAR_ONE, OFFSETS, Model, states_of
+from tcc_sim.estimation.multiple_shooting import INDEX, Fit
+from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, states_of
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.trajectory import Floats
 

@@ -1,15 +1,13 @@
 """The driveline from many starts at once: the windows of multiple shooting, with derivatives by starts and parameters.
 
-The real-time solver's method with several sub-steps a sample. Derivatives are differences of the discrete solution,
-whose scalar equations are solved to rounding, so that they are those of what is fitted. All of them take the same count
-of sub-steps: where a parameter's change brought one more, its error was taken for a derivative, and the intervals of a
-prototype covered 0.90 of the truth in place of 0.95.
+The real-time solver's method with several sub-steps a sample, and the exact derivatives of what it returns
+(`solvers.fixed_step_sensitivity`). The count of sub-steps is held while a stage of a fit goes on: where a parameter's
+change brought one more, the cost would jump.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,8 +16,10 @@ import numpy as np
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import INPUTS, Measurement
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key
-from tcc_sim.solvers.fixed_step import advance, advance_ticks, substeps
-from tcc_sim.solvers.terms import Terms, holding, terms_of
+from tcc_sim.solvers.fixed_step import substeps
+from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
+from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
+from tcc_sim.solvers.terms import Terms, holding, least_mean_load, terms_of
 from tcc_sim.trajectory import Floats
 
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
@@ -29,9 +29,7 @@ FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction
 """What can be identified."""
 NEAR_ONE = 1.0005
 """Least ratio mu_s/mu_k while both are free: at 1 the law has no decay that could be told."""
-STATE_STEPS = (1e-6, 1e-8, 1e-6)
-"""Differences by the states of a start, rad/s, rad, rad/s."""
-RELATIVE_STEP = 1e-6
+STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 ROOM = 1.25
 """Sub-steps over those that the values need."""
 
@@ -44,6 +42,19 @@ def check_key(key: str) -> None:
         raise unknown_key(key, dict.fromkeys(FREE))
 
 
+class Drive(NamedTuple):
+    """What drives the windows, for values of the free keys.
+
+    terms : of the scene; inputs that were measured are 0 in them
+    held : (n, 2) engine torque and saturation torque over each sample beside those of `terms`, N m; None for none
+    by : (ROWS, P) derivatives of the numbers of the equations by the keys
+    """
+
+    terms: Terms
+    held: Floats | None
+    by: Floats
+
+
 @dataclass(frozen=True)
 class Model:
     """A driveline whose `keys` are free, driven as the measurement says."""
@@ -52,23 +63,8 @@ class Model:
     keys: tuple[str, ...]
     measured: Measurement
 
-    def substeps(self, values: Floats) -> int:
-        """Sub-steps of a sample, with room for values somewhat different: a count that changed between a motion and its
-        neighbour would be taken for a derivative.
-
-        Raises
-        ------
-        NumericalFailure
-            Values out of their ranges, or that need too many sub-steps.
-        """
-        most = max(self.at(values), key=lambda row: row.mean_load)
-        try:
-            return math.ceil(ROOM * substeps(most, self.measured.step))
-        except InputError as error:
-            raise NumericalFailure(str(error)) from None
-
-    def at(self, values: Floats) -> list[Terms]:
-        """Terms of every sample; one for all where no input was measured.
+    def drive(self, values: Floats) -> Drive:
+        """What drives it with these values of the keys.
 
         Raises
         ------
@@ -79,29 +75,40 @@ class Model:
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
         try:
             system = replace(self.system, named)
-            terms = self._offset(terms_of(system), system, offsets)
-            inputs = self.measured.inputs
-            rows = [terms]
-            if inputs:
-                n = len(self.measured.t)
-                torque, pressure = (inputs[name] - offsets.get(name, 0.0) if name in inputs else [None] * n
-                                    for name in INPUTS)
-                rows = [holding(terms, None if t is None else float(t),
-                                None if p is None else max(0.0, system.torque_per_pressure * float(p)))
-                        for t, p in zip(torque, pressure)]
-            return rows
         except InputError as error:
             raise NumericalFailure(str(error)) from None
+        inputs, by = self.measured.inputs, np.zeros((ROWS, len(self.keys)))
+        per_pressure, terms = system.torque_per_pressure, terms_of(system)
+        for i, key in enumerate(self.keys):
+            if key in OFFSETS:
+                row, change = (MEAN_TORQUE, -1.0) if OFFSETS[key] == "engine_torque" else (MEAN_LOAD, -per_pressure)
+                by[row, i] = change
+                continue
+            by[:len(NUMBERS), i] = key_derivatives(system, (key,))[:, 0]
+            if key == KINETIC:   # It scales the load whichever way that comes about.
+                by[MEAN_LOAD:LOAD_AMPLITUDE + 1, i], by[LOAD_SCALE, i] = 0.0, 1.0 / system.friction.kinetic_coefficient
+        if not inputs and not offsets:
+            return Drive(terms, None, by)
+        terms = holding(terms, *(0.0 if name in inputs else None for name in INPUTS))
+        torque, pressure = (inputs.get(name, np.zeros(len(self.measured.t))) - offsets.get(name, 0.0)
+                            for name in INPUTS)
+        load = np.maximum(per_pressure * pressure, -least_mean_load(terms))
+        return Drive(terms, np.column_stack([torque, load]), by)
 
-    def _offset(self, terms: Terms, system: System, offsets: dict[str, float]) -> Terms:
-        """Terms whose own means are without the offsets of sensors that were not measured beside."""
-        inputs = self.measured.inputs
-        if "engine_torque" in offsets and "engine_torque" not in inputs:
-            terms = terms._replace(mean_torque=terms.mean_torque - offsets["engine_torque"])
-        if "actuation_pressure" in offsets and "actuation_pressure" not in inputs:
-            load = terms.mean_load - system.torque_per_pressure * offsets["actuation_pressure"]
-            terms = terms._replace(mean_load=max(0.0, load))
-        return terms
+    def substeps(self, values: Floats) -> int:
+        """Sub-steps of a sample, with room for values somewhat different.
+
+        Raises
+        ------
+        NumericalFailure
+            Values out of their ranges, or that need too many sub-steps.
+        """
+        drive = self.drive(values)
+        held = 0.0 if drive.held is None else float(drive.held[:, 1].max())
+        try:
+            return math.ceil(ROOM * substeps(drive.terms, self.measured.step, held))
+        except InputError as error:
+            raise NumericalFailure(str(error)) from None
 
 
 class Swept(NamedTuple):
@@ -114,41 +121,25 @@ class Swept(NamedTuple):
 
 def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:
     """The states of every window of `width` samples, (m, width + 1, 3), from its start, (m, 3), in n sub-steps each."""
-    rows = model.at(values)
-    step, first = model.measured.step, float(model.measured.t[0])
-    out = np.empty((len(starts), width + 1, 3))
-    room = np.empty((width * n, 3))
-    for j, start in enumerate(starts):
-        out[j, 0] = start
-        state, begun = start.copy(), j * width
-        if len(rows) == 1:
-            advance_ticks(state, first, step, begun, width, n, rows[0], None, room)
-            out[j, 1:] = room[n - 1::n]
-            continue
-        for k in range(width):
-            advance(state, first + (begun + k) * step, step / n, n, rows[begun + k], None, None)
-            out[j, k + 1] = state
-    if not np.isfinite(out).all():
-        raise NumericalFailure("the state is not finite")
-    return out
+    return _advanced(model, starts, width, model.drive(values)._replace(by=np.empty((ROWS, 0))), n)[0]
 
 
 def sweep(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Swept:
-    """The states of every window with their derivatives, by forward differences."""
-    states = states_of(model, starts, width, values, n)
-    by_start, by_key = np.empty((*states.shape, 3)), np.empty((*states.shape, len(values)))
-    for i, size in enumerate(STATE_STEPS):
-        moved = starts.copy()
-        moved[:, i] += size
-        by_start[..., i] = (states_of(model, moved, width, values, n) - states) / size
-    for i, size in enumerate(key_steps(model.keys, values)):
-        moved = values.copy()
-        moved[i] += size
-        by_key[..., i] = (states_of(model, starts, width, moved, n) - states) / size
-    return Swept(states, by_start, by_key)
+    """The states of every window with their derivatives."""
+    states, derivatives = _advanced(model, starts, width, model.drive(values), n)
+    return Swept(states, derivatives[..., :3], derivatives[..., 3:])
 
 
-def key_steps(keys: Sequence[str], values: Floats) -> Floats:
-    """Differences by the keys; mu_k goes down and mu_s up, so that mu_k stays at most mu_s."""
-    sizes = RELATIVE_STEP * np.array([max(abs(v), 1.0) if k in OFFSETS else abs(v) for k, v in zip(keys, values)])
-    return np.where([k == "friction.kinetic_coefficient" for k in keys], -sizes, sizes)
+def _advanced(model: Model, starts: Floats, width: int, drive: Drive, n: int) -> tuple[Floats, Floats]:
+    """The states of the windows and their derivatives.
+
+    Raises
+    ------
+    NumericalFailure
+        The values are out of their ranges, or the states are not finite.
+    """
+    measured = model.measured
+    found = advance_windows(starts, float(measured.t[0]), measured.step, width, n, drive.terms, drive.held, drive.by)
+    if not np.isfinite(found[0]).all():
+        raise NumericalFailure("the state is not finite")
+    return found

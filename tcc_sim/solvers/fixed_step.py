@@ -46,13 +46,14 @@ BATCH = 400_000
 
 GAMMA = 0.43586652150845899942
 """The root of g^3 - 3 g^2 + 3 g/2 - 1/6 = 0 for which SDIRK3 is L-stable."""
-_B1 = -0.25 * (6.0 * GAMMA * GAMMA - 16.0 * GAMMA + 1.0)
-_B2 = 0.25 * (6.0 * GAMMA * GAMMA - 20.0 * GAMMA + 5.0)
-_C2 = 0.5 * (1.0 + GAMMA)
+B1 = -0.25 * (6.0 * GAMMA * GAMMA - 16.0 * GAMMA + 1.0)
+B2 = 0.25 * (6.0 * GAMMA * GAMMA - 20.0 * GAMMA + 5.0)
+C2 = 0.5 * (1.0 + GAMMA)
+A21 = 0.5 * (1.0 - GAMMA)
 
 
-def substeps(terms: Terms, step: float) -> int:
-    """How many sub-steps a tick of `step` seconds needs.
+def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
+    """How many sub-steps a tick of `step` seconds needs; `held` is saturation torque beside that of `terms`, N m.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def substeps(terms: Terms, step: float) -> int:
     needed = step * fastest / RESOLUTION
     if terms.stribeck is not None:
         beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
-        needed = max(needed, 2.0 * step * beta * peak_load(terms) * terms.stribeck[0] * terms.stribeck[1])
+        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * terms.stribeck[0] * terms.stribeck[1])
     if not needed <= SUBSTEP_LIMIT:
         raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
                          f"fixed_step allows at most {SUBSTEP_LIMIT}")
@@ -85,7 +86,7 @@ def _stage(known: tuple[float, float, float], guess: float, engine: float, load:
 
 
 @compiled
-def _plate(hg: float, linear: Linear) -> tuple[float, float, float, float, float, float]:
+def plate_of(hg: float, linear: Linear) -> tuple[float, float, float, float, float, float]:
     """What every stage of a step needs of the linear part; `slip`: how much v falls per N m of friction torque."""
     inertia1, inertia2, damping, stiffness = linear
     share = 1.0 / (1.0 + hg * (damping + hg * stiffness) / inertia2)
@@ -95,11 +96,15 @@ def _plate(hg: float, linear: Linear) -> tuple[float, float, float, float, float
     return share, gain, gain * stiffness, push, slip, 1.0 / slip
 
 
+Stages = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float, float,
+               int, int]
+"""v, theta2, omega2, Te and Ts of each of the three stages of a step; iterations in all, and most in a stage."""
+
+
 @compiled
-def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h: float,
-              plate: tuple[float, float, float, float, float, float],
-              terms: Terms) -> tuple[float, float, float, float, int, int]:
-    """One step of SDIRK3: v, theta2, omega2, theta1 after h seconds, iterations in all and most in a stage."""
+def stages(v: float, theta: float, omega: float, start: float, h: float,
+           plate: tuple[float, float, float, float, float, float], terms: Terms) -> Stages:
+    """One step of SDIRK3 of h seconds from time `start`: its last stage is the state after it."""
     hg, rate = h * GAMMA, 1.0 / GAMMA
     piece = piece_at(terms.course, start + 0.5 * h)
     known = (v, theta, omega)
@@ -107,17 +112,27 @@ def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h
     v1, theta1, omega1, count1 = _stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck)
     # A stage's slope times h is (its value - what was known) / gamma.
     dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
-    a21 = 0.5 * (1.0 - GAMMA)
-    known2 = (v + a21 * dv1, theta + a21 * dtheta1, omega + a21 * domega1)
-    engine, load = torques_now(start + _C2 * h, piece, terms.course, terms)
-    v2, theta2, omega2, count2 = _stage(known2, v1, engine, load, hg, plate, terms.smoothing, terms.stribeck)
+    known2 = (v + A21 * dv1, theta + A21 * dtheta1, omega + A21 * domega1)
+    engine2, load2 = torques_now(start + C2 * h, piece, terms.course, terms)
+    v2, theta2, omega2, count2 = _stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck)
     dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
-    known3 = (v + _B1 * dv1 + _B2 * dv2, theta + _B1 * dtheta1 + _B2 * dtheta2,
-              omega + _B1 * domega1 + _B2 * domega2)
-    engine, load = torques_now(start + h, piece, terms.course, terms)
-    v, theta, omega, count3 = _stage(known3, v2, engine, load, hg, plate, terms.smoothing, terms.stribeck)
-    turn += h * (_B1 * (v1 + omega1) + _B2 * (v2 + omega2) + GAMMA * (v + omega))
-    return v, theta, omega, turn, count1 + count2 + count3, max(max(count1, count2), count3)
+    known3 = (v + B1 * dv1 + B2 * dv2, theta + B1 * dtheta1 + B2 * dtheta2,
+              omega + B1 * domega1 + B2 * domega2)
+    engine3, load3 = torques_now(start + h, piece, terms.course, terms)
+    v, theta, omega, count3 = _stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck)
+    return (v1, theta1, omega1, engine, load, v2, theta2, omega2, engine2, load2, v, theta, omega, engine3, load3,
+            count1 + count2 + count3, max(max(count1, count2), count3))
+
+
+@compiled
+def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h: float,
+              plate: tuple[float, float, float, float, float, float],
+              terms: Terms) -> tuple[float, float, float, float, int, int]:
+    """One step of SDIRK3: v, theta2, omega2, theta1 after h seconds, iterations in all and most in a stage."""
+    (v1, _, omega1, _, _, v2, _, omega2, _, _, v, theta, omega, _, _,
+     count, most) = stages(v, theta, omega, start, h, plate, terms)
+    turn += h * (B1 * (v1 + omega1) + B2 * (v2 + omega2) + GAMMA * (v + omega))
+    return v, theta, omega, turn, count, most
 
 
 @compiled
@@ -137,7 +152,7 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
     -------
     (iterations in all, most iterations in one stage)
     """
-    whole = _plate(h * GAMMA, terms.linear)
+    whole = plate_of(h * GAMMA, terms.linear)
     total, most = 0, 0
     v, theta, omega, turn = state[0], state[1], state[2], 0.0
     if flywheel is not None:
@@ -149,14 +164,14 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
             left = h
             while part < left:
                 v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, part,
-                                                                _plate(part * GAMMA, terms.linear), terms)
+                                                                plate_of(part * GAMMA, terms.linear), terms)
                 total += count
                 most = max(most, worst)
                 start += part
                 left -= part
                 part = break_after(terms.course, start, left)
             v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, left,
-                                                            _plate(left * GAMMA, terms.linear), terms)
+                                                            plate_of(left * GAMMA, terms.linear), terms)
         else:
             v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, h, whole, terms)
         total += count
