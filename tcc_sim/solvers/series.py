@@ -57,25 +57,35 @@ def square(a: Sequence[Any], k: int) -> Any:
     return total([a[k // 2] * a[k // 2], *mixed] if k % 2 == 0 else mixed)
 
 
+def inner(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
+    """Coefficient k of the product of two series without its ends a_0 b_k and a_k b_0."""
+    return total([a[j] * b[k - j] for j in sorted(range(1, k), key=lambda j: max(j, k - j))])
+
+
 def driven(rate: Any, weighted: Sequence[Any], other: Sequence[Any], k: int) -> Any:
-    """Coefficient k >= 1 of the series whose derivative is rate v' times `other`; `weighted` holds (j + 1) v_(j+1)."""
-    return rate * (1.0 / k) * product(weighted, other, k - 1)
+    """Coefficient k >= 1 of the series whose derivative is rate v' times `other`, without what v_k adds, which is
+    rate `other`_0 v_k; `weighted` holds j v_j.
+    """
+    return rate * (1.0 / k) * inner(weighted, other, k)
 
 
 def exponential(rate: Any, weighted: Sequence[Any], e: list[Any], k: int) -> None:
     """Append coefficient k >= 1 of E = exp(rate v): E' = rate v' E."""
-    e.append(driven(rate, weighted, e, k))
+    e.append(driven(rate, weighted, e, k) + rate * (1.0 / k) * weighted[k] * e[0])
 
 
 def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[Any], k: int) -> None:
     """Append coefficient k >= 1 of T = tanh(rate v) and of S = 1 - T^2: T' = rate v' S."""
-    tanh.append(driven(rate, weighted, sech, k))
+    tanh.append(driven(rate, weighted, sech, k) + rate * (1.0 / k) * weighted[k] * sech[0])
     sech.append(-square(tanh, k))
 
 
 def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, decay: Any, excess: Any, sigma: Any,
            tanh: Any, sech: Any, kept: Any) -> Iterator[int]:
     """Coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
+
+    Each series waits for the one before it, so what v_k adds last of all is one product: the slope of mubar now times
+    v_k is its share in coefficient k of mubar, whose other terms are known before v_k is.
 
     Parameters
     ----------
@@ -88,28 +98,38 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
     kept : not None to have the rows EXCESS and TANH filled too
     """
     flywheel, plate = unit / linear[0], unit / linear[1]
+    both, damping, stiffness = flywheel + plate, plate * linear[2], plate * linear[3]
     v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
-    e, t, s = [excess], [sign if tanh is None else tanh], [sech]
-    weighted: list[Any] = []
-    law: list[Any] = []
-    load: list[Any] = []
+    e, t, s = [0.0 if decay is None else excess], [sign if tanh is None else tanh], [sech]
+    fallen = 0.0 if decay is None else decay * e[0]
+    rising = 0.0 if tanh is None else sigma * sech
+    slope = rising + (rising * e[0] + fallen * t[0])
+    law, load, weighted = [t[0] + e[0] * t[0]], [rows[LOAD, 0]], [0.0]
+    stiff = both * load[0] * slope
     last = ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM
     for k in range(last):
-        if k > 0:
-            weighted.append(float(k) * v[k])
-            if decay is not None:
-                exponential(decay, weighted, e, k)
-            if tanh is None:
-                t.append(0.0)
-            else:
-                hyperbolic(sigma, weighted, t, s, k)
-        load.append(rows[LOAD, k] if k == 0 or pulsation is not None else 0.0)
-        law.append(t[k] if decay is None else t[k] + (e[k] * t[0] if tanh is None else product(e, t, k)))
-        friction = product(load, law, k)
-        pull = friction - (linear[2] * u[k] + linear[3] * x[k])
+        spring = damping * u[k] + stiffness * x[k]
+        push = flywheel * rows[ENGINE, k] + spring
+        if k == 0:
+            friction = load[0] * law[0]
+            speed = push - both * friction
+        else:
+            load.append(0.0 if pulsation is None else rows[LOAD, k])
+            e_early = 0.0 if decay is None else driven(decay, weighted, e, k)
+            t_early = 0.0 if tanh is None else driven(sigma, weighted, s, k)
+            e.append(e_early + fallen * v[k])
+            t.append(t_early + rising * v[k])
+            if tanh is not None:
+                s.append(-square(t, k))
+            law_early = t_early * (1.0 + e[0]) + (e_early * t[0] + inner(e, t, k))
+            early = law[0] * load[k] + inner(law, load, k) + load[0] * law_early
+            law.append(law_early + slope * v[k])
+            friction = early + load[0] * slope * v[k]
+            speed = (push - both * early) - stiff * v[k]
         part = 1.0 / (k + 1)
-        v.append(part * (flywheel * (rows[ENGINE, k] - friction) - plate * pull))
-        u.append(part * plate * pull)
+        weighted.append(speed)
+        v.append(part * speed)
+        u.append(part * (plate * friction - spring))
         x.append(part * unit * u[k])
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
         if kept is not None:

@@ -15,7 +15,7 @@ POLYNOMIAL = [0.05, -0.4, 0.3, 0.1, -0.2]
 
 def weighted(count):
     v = POLYNOMIAL + [0.0] * count
-    return [(j + 1) * v[j + 1] for j in range(count)]
+    return [j * v[j] for j in range(count + 1)]
 
 
 def taylor(function, count, radius):

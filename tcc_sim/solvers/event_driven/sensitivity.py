@@ -76,7 +76,7 @@ plate speed (three rows per order); the disturbances themselves."""
 
 def grip(rows: Any, decay: Any, excess: Any, pulsation: Any) -> Iterator[int]:
     """Rows EXCESS and HOLD from SLIP and LOAD; text for `unrolled`."""
-    e, load, weighted = [excess], [rows[LOAD, 0]], [rows[SLIP, 1]]
+    e, load, weighted = [excess], [rows[LOAD, 0]], [0.0, rows[SLIP, 1]]
     for k in range(FALLING_ORDER):
         if k > 0:
             exponential(decay, weighted, e, k)

@@ -90,7 +90,7 @@ def friction_text(rows: Any, parts: Any, decay: Any, factor: Any, excess: Any, s
     pulsation : None where Ts does not vary
     """
     f, t, s = [factor], [tanh], [sech]
-    weighted: list[Any] = []
+    weighted: list[Any] = [0.0]
     load: list[Any] = []
     slopes: list[Any] = []
     for k in range(FRICTION_ORDER_MAXIMUM):
