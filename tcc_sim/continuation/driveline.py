@@ -12,10 +12,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.event_driven import stroboscopic as event_driven_stroboscopic
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
-from tcc_sim.solvers.smoothed import stroboscopic
-from tcc_sim.solvers.stroboscopic import Prepared, prepared
+from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic, prepared
 from tcc_sim.trajectory import Cycles, State, Trajectory
 
 RTOL = 1e-12
@@ -23,8 +21,6 @@ SCALES = (10.0, 0.1, 10.0)
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 EXACTLY_STUCK = 1e-12
 """Slip speed, rad/s, below which the set-valued law is taken to stick."""
-
-Passed = stroboscopic.Stroboscopic | event_driven_stroboscopic.SectionMap
 
 
 class DrivelineMap:
@@ -53,7 +49,7 @@ class DrivelineMap:
         self.divisible = True
         self._made: tuple[Values, System] | None = None
         self._prepared: tuple[Values, Prepared] | None = None
-        self._last: tuple[Any, Passed] | None = None
+        self._last: tuple[Any, Stroboscopic] | None = None
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -70,7 +66,7 @@ class DrivelineMap:
         """`evaluate` for several starts."""
         return [self._image(found, count) for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
 
-    def _image(self, found: Passed, cycles: float) -> Image:
+    def _image(self, found: Stroboscopic, cycles: float) -> Image:
         """A motion as the map's image."""
         gradient = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
         return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), gradient)
@@ -79,7 +75,7 @@ class DrivelineMap:
         """Largest |slip speed|, stick fraction and event sequence."""
         return self._seen(self._passed(x, values, first, cycles), cycles)
 
-    def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Passed:
+    def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Stroboscopic:
         """The motion with all there is to know of it; the last one is kept for who asks again."""
         asked = x.tobytes(), values, first, cycles
         if self._last is None or self._last[0] != asked:
@@ -93,7 +89,7 @@ class DrivelineMap:
         return self._prepared[1]
 
     def _each(self, states: Floats, values: Values, firsts: Sequence[float],
-              cycles: Sequence[float]) -> Sequence[Passed]:
+              cycles: Sequence[float]) -> Sequence[Stroboscopic]:
         """Motions from several starts."""
         ends = [first + count for first, count in zip(firsts, cycles)]
         found = self._prepare(values).each(np.array([self._settled(x) for x in states]), firsts, ends)
@@ -101,7 +97,7 @@ class DrivelineMap:
             raise ArithmeticError("the state is not finite")
         return found
 
-    def _seen(self, found: Passed, cycles: float) -> Observation:
+    def _seen(self, found: Stroboscopic, cycles: float) -> Observation:
         """What is seen of a motion."""
         assert self._prepared is not None
         heights = found.heights.tolist()
@@ -122,10 +118,10 @@ class DrivelineMap:
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""
-        of = self._prepare(values)
-        if not isinstance(of, event_driven_stroboscopic.Prepared):
+        of, system = self._prepare(values), self.system_at(values)
+        found = of.over(self._settled(x), first, first + cycles, margins=True).margins if self.piecewise else None
+        if found is None:
             return NO_MARGINS
-        found, system = of.over(self._settled(x), first, first + cycles, margins=True).margins, self.system_at(values)
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
         sizes = {"grazing": (GRAZING, self.amplitude_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
         slopes = {name: (found[row, GRADIENT:GRADIENT + 3] / size, found[row, GRADIENT + 3:] / size)

@@ -17,8 +17,7 @@ from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.event_driven import stroboscopic as set_valued
-from tcc_sim.solvers.smoothed import stroboscopic as smoothed
+from tcc_sim.solvers.stroboscopic import prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 
@@ -264,12 +263,11 @@ def _carried(parts: list[Part]) -> Carried:
 
 def _parts(system: System, period: int, state: Floats, settings: Settings) -> tuple[list[Part], Floats, Floats]:
     """The parts from `state` on, the state at their end, and Simpson's weights of their starts."""
-    engine = set_valued if system.friction.law == "set_valued" else smoothed
-    prepared = engine.Prepared(system, (PRESSURE, TORQUE), settings.rtol)
+    of = prepared(system, (PRESSURE, TORQUE), settings.rtol)
     parts, count = [], settings.parts
     for cycle in range(period):
         for i in range(count):
-            found = prepared.over(state, cycle + i / count, cycle + (i + 1) / count)
+            found = of.over(state, cycle + i / count, cycle + (i + 1) / count)
             if not np.isfinite(found.state).all():
                 raise NumericalFailure("the state is not finite")
             parts.append(Part(state, found.derivative, found.by_parameter))

@@ -1,15 +1,84 @@
-"""The stroboscopic map of a scene with its derivatives, by the engine of its friction law."""
+"""The stroboscopic map of a scene with its exact derivatives, by the engine of its friction law."""
 
 from __future__ import annotations
 
-from tcc_sim.model.parameters import System
-from tcc_sim.solvers.event_driven import stroboscopic as event_driven
-from tcc_sim.solvers.smoothed import stroboscopic as smoothed
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
-Prepared = smoothed.Prepared | event_driven.Prepared
+from tcc_sim.model.parameters import System
+from tcc_sim.trajectory import Floats
+
+
+class Stroboscopic(NamedTuple):
+    """What some engine cycles make of a state.
+
+    state : (3,) slip speed, plate angle, plate speed after them
+    derivative : (3, 3) by the state before; under the set-valued law a start in stick is projected on v = 0
+    by_parameter : (3, P) by the keys, each at constant phase omega t
+    events : modes in order: S stick, + and - slip, F free
+    heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
+    heights_by_state, heights_by_parameter : (N, 3), (N, P) derivatives of `heights`
+    stick_time : s
+    moves : (time in s, mode before, mode after) of each change of mode; only the set-valued law's
+    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `event_driven.margins`: value, whether stick's margin
+        grows, derivatives by the state and the keys; inf where there is no such place. None where they were not asked
+        for, and under the smoothed law
+    """
+
+    state: Floats
+    derivative: Floats
+    by_parameter: Floats
+    events: str
+    heights: Floats
+    heights_by_state: Floats
+    heights_by_parameter: Floats
+    stick_time: float
+    moves: Sequence[tuple[float, int, int]] = ()
+    margins: Floats | None = None
+
+
+class Prepared(Protocol):
+    """A system with keys, ready to be evaluated at many states."""
+
+    period: float
+
+    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
+        """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
+        ...
+
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
+        """`over` for several starts, states (m, 3)."""
+        ...
 
 
 def prepared(system: System, keys: tuple[str, ...], rtol: float) -> Prepared:
     """A system ready to be evaluated at many states, with derivatives by the state and by scene keys."""
-    of = event_driven.Prepared if system.friction.law == "set_valued" else smoothed.Prepared
-    return of(system, keys, rtol)
+    if system.friction.law == "set_valued":
+        from tcc_sim.solvers.event_driven import stroboscopic as event_driven
+
+        return event_driven.Prepared(system, keys, rtol)
+    from tcc_sim.solvers.smoothed import stroboscopic as smoothed
+
+    return smoothed.Prepared(system, keys, rtol)
+
+
+def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
+                     parameters: Sequence[str] = (), margins: bool = False) -> Stroboscopic:
+    """The state after engine cycles (whole ones or parts), and its derivatives by the state and by scene keys.
+
+    Parameters
+    ----------
+    state : (3,) slip speed (rad/s), plate angle (rad), plate speed (rad/s)
+    cycles, start_cycle : number of engine cycles, and the phase of the start in cycles
+    rtol : relative tolerance of the steps
+    parameters : scene keys that are one number each
+    margins : whether the set-valued law's margins to other event sequences are wanted
+
+    Raises
+    ------
+    InputError
+        A key that is not one number, or that the motion does not depend on continuously.
+    NumericalFailure
+        The engine stopped early, the state is not finite, or has no derivative.
+    """
+    return prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)

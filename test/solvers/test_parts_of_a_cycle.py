@@ -2,9 +2,6 @@
 own states and the variational equations by SciPy.
 """
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from test_stroboscopic import SIZES, varied
@@ -12,11 +9,8 @@ from test_stroboscopic import SIZES, varied
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.event_driven import stroboscopic as event_driven
-from tcc_sim.solvers.smoothed import stroboscopic as smoothed
+from tcc_sim.solvers.stroboscopic import stroboscopic_map
 
-ENGINES: dict[str, Callable[..., Any]] = {"smoothed": smoothed.stroboscopic_map,
-                                          "set_valued": event_driven.stroboscopic_map}
 KEY = "pressure.mean"
 STEPS = np.array([1e-6, 1e-7, 1e-6])
 PARTS = 23
@@ -32,10 +26,10 @@ def settled(system: System) -> np.ndarray:
     return found.section[-1]
 
 
-def differences(at: Callable[..., Any], system: System, x: np.ndarray, start: float, held: bool) -> np.ndarray:
+def differences(system: System, x: np.ndarray, start: float, held: bool) -> np.ndarray:
     """Derivatives by the state and by KEY; a start that is held in stick has none by the slip speed."""
     def end(of: System, y: np.ndarray) -> np.ndarray:
-        return at(of, y, 1.0 / PARTS, start_cycle=start).state
+        return stroboscopic_map(of, y, 1.0 / PARTS, start_cycle=start).state
 
     out, mean = np.zeros((3, 4)), system.pressure.mean
     for k in range(1 if held else 0, 3):
@@ -47,15 +41,15 @@ def differences(at: Callable[..., Any], system: System, x: np.ndarray, start: fl
 
 
 @pytest.mark.parametrize("rtol", [1e-8, 1e-12])
-@pytest.mark.parametrize("law", ENGINES)
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 @pytest.mark.parametrize("name", ["fig02", "chaos"])
 def test_parts_that_begin_anywhere_have_the_derivatives_of_differences(name: str, law: str, rtol: float) -> None:
-    system, at = scene(name, law), ENGINES[law]
+    system = scene(name, law)
     x, stuck = settled(system), 0
     for k in range(PARTS):
-        found = at(system, x, 1.0 / PARTS, start_cycle=k / PARTS, rtol=rtol, parameters=(KEY,))
+        found = stroboscopic_map(system, x, 1.0 / PARTS, start_cycle=k / PARTS, rtol=rtol, parameters=(KEY,))
         held = law == "set_valued" and x[0] == 0.0
-        expected = differences(at, system, x, k / PARTS, held)
+        expected = differences(system, x, k / PARTS, held)
         own = np.hstack([found.derivative, found.by_parameter])
         scale = np.abs(expected / SIZES[:, None]).max(axis=0) * SIZES[:, None]
         # A part at whose end the motion has just reached stick, or left it, is nearly not differentiable.
@@ -70,7 +64,7 @@ def test_parts_in_stick_have_the_derivatives_of_the_variational_equations(name: 
     system = scene(name, "smoothed")
     x, seen = settled(system), 0
     for k in range(PARTS):
-        found = smoothed.stroboscopic_map(system, x, 1.0 / PARTS, start_cycle=k / PARTS, parameters=(KEY,))
+        found = stroboscopic_map(system, x, 1.0 / PARTS, start_cycle=k / PARTS, parameters=(KEY,))
         if found.events == "S" and seen < 3:
             state, tangent = varied(system, x, k / PARTS, (k + 1) / PARTS, KEY)
             seen += 1

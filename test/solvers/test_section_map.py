@@ -9,8 +9,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, STUCK, VALUE
-from tcc_sim.solvers.event_driven.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.key_derivatives import OF_ITSELF
+from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.trajectory import State
 
 MU_K, MU_S, OMEGA = "friction.kinetic_coefficient", "friction.static_coefficient", "engine.frequency"

@@ -11,7 +11,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.smoothed.stroboscopic import stroboscopic_map
+from tcc_sim.solvers.stroboscopic import stroboscopic_map
 
 SIZES = np.array([10.0, 0.1, 10.0])
 VARYING = load_scene("fig02").system

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from tcc_sim.solvers.key_derivatives import (
     key_derivatives,
 )
 from tcc_sim.solvers.step_output import MOVE, OUTPUT
+from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
@@ -46,56 +46,6 @@ WHY = {LOST: "the state is not finite", DEGENERATE: "slip ends where its rate is
 EVENTS_PER_CYCLE = 1000
 SLOWEST = 1e-30
 """Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
-
-
-class SectionMap(NamedTuple):
-    """What some engine cycles make of a state.
-
-    state : (3,) slip speed, plate angle, plate speed after them
-    derivative : (3, 3) by the state before; a start in stick is projected on v = 0
-    by_parameter : (3, P) by the keys, each at constant phase omega t
-    events : modes in order: S stick, + and - slip, F free
-    heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
-    heights_by_state, heights_by_parameter : (N, 3), (N, P) derivatives of `heights`
-    stick_time : s
-    moves : (time in s, mode before, mode after) of each change of mode
-    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `margins`: value, whether stick's margin grows, derivatives
-        by the state and the keys; inf where there is no such place, and where they were not asked for
-    """
-
-    state: Floats
-    derivative: Floats
-    by_parameter: Floats
-    events: str
-    heights: Floats
-    heights_by_state: Floats
-    heights_by_parameter: Floats
-    stick_time: float
-    moves: list[tuple[float, int, int]]
-    margins: Floats
-
-
-def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
-                     parameters: Sequence[str] = (), margins: bool = False) -> SectionMap:
-    """The state after engine cycles (whole ones or parts), and its derivatives by the state and by scene keys.
-
-    Parameters
-    ----------
-    system : with the set-valued law
-    state : (3,) slip speed (rad/s), plate angle (rad), plate speed (rad/s)
-    cycles, start_cycle : number of engine cycles, and the phase of the start in cycles
-    rtol : relative tolerance of the steps
-    parameters : scene keys that are one number each
-    margins : whether the margins to other event sequences are wanted
-
-    Raises
-    ------
-    InputError
-        A key that the motion does not depend on continuously.
-    NumericalFailure
-        The state is not finite, or has no derivative.
-    """
-    return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)
 
 
 class Prepared:
@@ -119,12 +69,12 @@ class Prepared:
         self.numbers = np.zeros((self.blocks * LANES, len(NUMBERS)))
         self.numbers[3:self.count] = numbers.T
 
-    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[SectionMap]:
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
         """`over` for several starts, states (m, 3)."""
         return [self.over(*each) for each in zip(states, starts, ends)]
 
-    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> SectionMap:
-        """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
+    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
+        """From the phase `start` to the phase `end`, in engine cycles."""
         first, last = math.floor(start), math.floor(end)
         tail = (end - last) * self.period
         n = last - first + (1 if tail > 0.0 else 0)
@@ -143,11 +93,12 @@ class Prepared:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
         last_state, seen = at[0], moves[:int(output[0]["moves"])]
         derivative, peaks = columns.transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)
-        return SectionMap(
+        return Stroboscopic(
             np.array([last_state["slip_speed"], last_state["plate_angle"], last_state["plate_speed"]]),
             derivative[:, :3], derivative[:, 3:self.count],
             event_sequence(seen["before"], seen["after"], int(last_state["first_mode"])), heights, peaks[:, :3],
-            peaks[:, 3:self.count], float(output[0]["stick_time"]), seen.tolist(), least[:, :GRADIENT + self.count])
+            peaks[:, 3:self.count], float(output[0]["stick_time"]), seen.tolist(),
+            least[:, :GRADIENT + self.count] if margins else None)
 
 
 def exact_terms(system: System, numbers: Floats) -> Terms:

@@ -23,51 +23,9 @@ from tcc_sim.solvers.smoothed.setup import far_of
 from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
 from tcc_sim.solvers.smoothed.state import DONE, Memory
 from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
+from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
-
-
-class Stroboscopic(NamedTuple):
-    """What some engine cycles make of a state.
-
-    state : (3,) slip speed, plate angle, plate speed after them
-    derivative : (3, 3) by the state before them
-    by_parameter : (3, P) by the keys, each at constant phase omega t
-    events : modes in order: S stick, + and - slip
-    heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
-    heights_by_state, heights_by_parameter : (N, 3), (N, P) derivatives of `heights`
-    stick_time : s
-    """
-
-    state: Floats
-    derivative: Floats
-    by_parameter: Floats
-    events: str
-    heights: Floats
-    heights_by_state: Floats
-    heights_by_parameter: Floats
-    stick_time: float
-
-
-def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
-                     parameters: Sequence[str] = ()) -> Stroboscopic:
-    """The state after engine cycles (whole ones or parts), and its derivatives.
-
-    Parameters
-    ----------
-    state : (3,) slip speed (rad/s), plate angle (rad), plate speed (rad/s)
-    cycles, start_cycle : number of engine cycles, and the phase of the start in cycles
-    rtol : relative tolerance of the steps
-    parameters : scene keys that are one number each
-
-    Raises
-    ------
-    InputError
-        A key that is not one number, or that only says where a solution starts.
-    NumericalFailure
-        The engine stopped early.
-    """
-    return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles)
 
 
 def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
@@ -124,8 +82,8 @@ class Prepared:
         self.by = np.ascontiguousarray(lanes.reshape(len(NUMBERS), groups, LANES).transpose(1, 0, 2))
         self.forced = self.by.any(axis=1) @ (1 << np.arange(LANES))
 
-    def over(self, state: Floats, start: float, end: float) -> Stroboscopic:
-        """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
+    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
+        """From the phase `start` to the phase `end`, in engine cycles; a smooth flow has no margins."""
         return self.each(state[None], [start], [end])[0]
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
