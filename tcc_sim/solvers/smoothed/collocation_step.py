@@ -30,6 +30,8 @@ from tcc_sim.solvers.terms import Terms
 
 BEFORE_FOLD = 0.8
 """Length of a step that ends before the demand passes the peak, per time to the node where it does."""
+WORTH = 20.0
+"""Step times rho above which a collocation step, the price of ten series steps, passes over more than those could."""
 FLAT = 0.04
 """Least slope of mubar, relative to sigma, by which an error of v in stick is weighed: on a flat law friction is exact
 without v, but v is what leaves stick."""
@@ -124,21 +126,23 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
     the rung to try next, the number of rungs where there is none.
     """
     level = rung_below(tables.rungs, control.level, room)
-    control.level = level
-    if level >= tables.rungs.shape[0]:
-        return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
+    worth = 0.0
+    while True:
+        control.level = level
+        if level >= tables.rungs.shape[0] or tables.rungs[level].length * control.slope < worth:
+            return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
+        h = tables.rungs[level].length
+        weigh(state, h, limits, terms.mean_torque, waves, terms.course, work)
+        balance(tables.sources, level, work)
+        grip_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
+                      terms.course, drive, work.grip)
+        beyond = first_beyond(limits.peak, work) if control.method == CREEP else NODES
+        if beyond == NODES:
+            break
+        level, worth = rung_below(tables.rungs, level + 1, BEFORE_FOLD * C[beyond] * h), WORTH
     rung = tables.rungs[level]
-    h = rung.length
-    weigh(state, h, limits, terms.mean_torque, waves, terms.course, work)
-    balance(tables.sources, level, work)
-    grip_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
-                  terms.course, drive, work.grip)
     accuracy = CONVERGED * limits.creep_tolerance
     if control.method == CREEP:
-        beyond = first_beyond(limits.peak, work)
-        if beyond < NODES:
-            control.level = rung_below(tables.rungs, level + 1, BEFORE_FOLD * C[beyond] * h)
-            return Step(REFUSED, h, 0.0, DEGREE, math.inf)
         guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
         follow_manifold(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
     else:

@@ -12,7 +12,7 @@ import math
 from typing import Any
 
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.smoothed.collocation_step import FLAT
+from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.setup import Limits
@@ -20,8 +20,6 @@ from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place
 from tcc_sim.solvers.smoothed.step_size import growth, rung_below
 from tcc_sim.solvers.terms import Terms
 
-WORTH = 20.0
-"""Step times rho above which a collocation step, the price of ten series steps, passes over more than those could."""
 WORTH_SHORTEST = 2.0
 """The same for the shortest rung, below which stick is not even tried."""
 RETURN = 3.0
