@@ -61,7 +61,8 @@ def setup_of(system: System, rtol: float) -> Setup:
     terms = constant_law(terms_of(system))
     waves = waves_of(terms)
     waves.setflags(write=False)
-    return Setup(bounds_of(terms, system.cycle, rtol), terms, waves,
+    return Setup(bounds_of(terms, system.cycle, rtol),
+                 terms._replace(torque=None, harmonics=None, smoothing=None), waves,  # They are the waves.
                  (system.pressure.frequency_ratio, system.pressure.phase), event_limit(terms, system.cycle))
 
 
@@ -100,7 +101,7 @@ def solve(problem: Problem) -> Trajectory:
         rest = problem.end - problem.start - whole * cycle
         rest = rest if rest > 1e-12 * cycle else 0.0
     setup = setup_of(system, SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol)
-    terms, limit = setup.terms, setup.event_limit
+    terms, limit = constant_law(terms_of(system)), setup.event_limit
     times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
@@ -116,7 +117,7 @@ def solve(problem: Problem) -> Trajectory:
              Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], nodes, matrices),
              Store(cycles.view(CYCLE)[:, 0], samples, problem.samples_per_cycle, moves, loads),
              True if problem.flywheel_angle else None)
-    variant = problem.flywheel_angle, loads is None, nodes is None, *(term is None for term in terms)
+    variant = problem.flywheel_angle, loads is None, nodes is None, terms.pulsation is None, terms.stribeck is None
     if variant not in _compiled:
         integrate(problem.start_cycle, 0, 0.0, STEP_MAXIMUM, *given)
         _compiled.add(variant)  # Compiling is not solving.
