@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
+from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
@@ -103,6 +103,21 @@ def test_jacobian_is_the_derivative_of_the_rates():
         step[k] = h
         slope = (rates_of(0.01, y + step, terms) - rates_of(0.01, y - step, terms)) / (2 * h)
         np.testing.assert_allclose(found[:, k], slope, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+def test_compiled_steps_of_rk45_are_those_of_scipy(rtol):
+    """The same number of steps to the same state, through slip and a stop: SciPy's RK45 on the same equations."""
+    from tcc_sim.solvers.comparison.scipy_methods import rates_of
+    system = replace(STICK_SLIP, {"friction.smoothing": 5.0, "pressure.amplitude": 5e4})
+    run = solve(system, cycles=1, solver="rk45", rtol=rtol, samples_per_cycle=8)
+    terms, twist = terms_of(system), 550.0 / system.driveline.stiffness
+    sizes = np.array([1.0 / 5.0, twist, twist * system.natural_frequency])
+    scipy = solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, system.cycle), [1.0, 0.0, 0.0], rtol=rtol,
+                      atol=rtol * sizes, dense_output=True)
+    assert run.statistics.steps == len(scipy.t) - 1
+    found = np.array([run.slip_speed, run.plate_angle, run.plate_speed])
+    np.testing.assert_allclose(found, scipy.sol(run.t), rtol=1e-10, atol=1e-10)
 
 
 def test_cycles_are_those_of_dense_samples():

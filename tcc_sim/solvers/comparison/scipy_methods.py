@@ -11,6 +11,7 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers.comparison.dormand_prince import GOES_ON, march, prepare
 from tcc_sim.solvers.comparison.runge_kutta import slopes
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
@@ -26,7 +27,7 @@ POINTS = 256
 
 
 def rk45(problem: Problem) -> Trajectory:
-    """Dormand and Prince's explicit method of order 5(4): `scipy.integrate.RK45`."""
+    """Dormand and Prince's explicit method of order 5(4) in the steps of `scipy.integrate.RK45`, compiled."""
     return _solve(problem, "rk45", RK45)
 
 
@@ -113,12 +114,15 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     marks = np.union1d(samples, np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
     rates_of(problem.start, y0, terms)
+    if method is RK45:
+        prepare(piece_of(terms, *problem.breaks()[:2]), y0)
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        times, states, status, detail, steps = _solve_through(
+        through = _compiled_through if method is RK45 else _solve_through
+        times, states, status, detail, steps = through(
             lambda begin, end, y: _solver(name, method, piece_of(terms, begin, end), begin, end, y, options),
-            problem.breaks(), y0, marks, spacing)
+            problem, y0, marks, spacing)
     seconds = time.perf_counter() - began
     kept = np.isin(times, samples)
     kept[-1] = True
@@ -139,9 +143,30 @@ def _solver(name: str, method: Any, terms: Terms, begin: float, end: float, y: F
     return method(lambda t, y: rates_of(t, y, terms), begin, y, end, **options)
 
 
-def _solve_through(solver_of: Any, breaks: Floats, y: Floats, marks: Floats,
+def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
+                      spacing: float) -> tuple[Floats, Floats, Status, str, int]:
+    """`_solve_through` in compiled steps; SciPy's solver says how long the first one of each piece is."""
+    terms, breaks = terms_of(problem.system), problem.breaks()
+    rows, ended, steps = [np.concatenate([breaks[:1], y])[None, :]], GOES_ON, 0
+    for begin, end in itertools.pairwise(breaks.tolist()):
+        y = rows[-1][-1, 1:]
+        first = solver_of(begin, end, y)
+        inner = marks[(marks > begin) & (marks <= end)]
+        piece = march(piece_of(terms, begin, end), begin, end, y, first.h_abs, first.rtol, first.atol, inner, spacing,
+                      problem.system.cycle)
+        rows.append(piece.rows)
+        ended, steps = piece.ended, steps + piece.steps
+        if ended != GOES_ON:
+            break
+    found = np.concatenate(rows)
+    status = Status.DONE if ended == GOES_ON else Status.STEP_TOO_SMALL
+    return found[:, 0], found[:, 1:].copy(), status, "", steps
+
+
+def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
                    spacing: float) -> tuple[Floats, Floats, Status, str, int]:
     """Times, states, status, detail and number of steps; every mark reached is among the times."""
+    breaks = problem.breaks()
     times, states = [breaks[:1]], [np.array(y)[None, :]]
     following, steps, status, detail = 1, 0, Status.DONE, ""
     for begin, end in itertools.pairwise(breaks.tolist()):
