@@ -1,8 +1,9 @@
 """What clutch and shaft bear in a step: work and power of the friction torque, and the torque in the shaft.
 
 (2b) gives the friction torque from the polynomials of the plate's motion, Tf = I2 theta2'' + C23 theta2' + K23 theta2,
-so neither its law nor its mode is asked for. Integrals over a step are sums by the rule of Lobatto with six points,
-which holds for polynomials up to degree nine (M. Abramowitz and I. A. Stegun (1964), 25.4.32).
+so neither its law nor its mode is asked for. Integrals over a step are sums by the rule of Lobatto with eight
+points, which holds for polynomials up to degree thirteen (M. Abramowitz and I. A. Stegun (1964), 25.4.32). The hull of
+a step, in the first row of the workspace, is left as it is.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model.equations import Linear
+from tcc_sim.solvers.bernstein import PER_BINOMIAL
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.unrolled import unrolled, where
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.trajectory import Loads, Transitions
@@ -23,13 +26,13 @@ LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_
                   ("lowest_shaft_torque", np.float64), ("wanted", np.float64)])
 """An engine cycle: J, W, N m, and 1 where they are asked for."""
 
-_NEAR, _FAR = math.sqrt(1.0 / 3.0 - 2.0 * math.sqrt(7.0) / 21.0), math.sqrt(1.0 / 3.0 + 2.0 * math.sqrt(7.0) / 21.0)
-POINTS = tuple(0.5 + 0.5 * x for x in (-1.0, -_FAR, -_NEAR, _NEAR, _FAR, 1.0))
-WEIGHTS = tuple(w / 60.0 for w in (2.0, 14.0 - math.sqrt(7.0), 14.0 + math.sqrt(7.0), 14.0 + math.sqrt(7.0),
-                                   14.0 - math.sqrt(7.0), 2.0))
+COUNT = 8
+_INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots()
+POINTS = 0.5 + 0.5 * np.concatenate([[-1.0], _INNER, [1.0]])
+WEIGHTS = 1.0 / (COUNT * (COUNT - 1) * np.polynomial.Legendre.basis(COUNT - 1)(2.0 * POINTS - 1.0) ** 2)
 """Abscissae and weights of the rule on [0, 1]."""
-POWER, SHAFT = 0, 1
-LAST = len(POINTS) - 1
+PLACE, POWER, SHAFT, CLOSER = 1, 2, 3, 3
+"""Rows of the workspace: places in a step and what is there; so many rows further the same for closer ones."""
 ROOM = 0.1
 """How far, in parts of the values at the points, an extreme may lie beyond the largest of them."""
 
@@ -59,91 +62,107 @@ def loads_of(records: NDArray[Any] | None, moves: Transitions, problem: Problem,
     return Loads(*(np.where(told, column, math.nan) for column in (*(records[name][:whole] for name in names), counts)))
 
 
-@fast
-def power_and_shaft(rows: Any, degree: int, unit: float, x: float, linear: Linear) -> tuple[float, float]:
-    """Power of the friction torque, W, and torque in the shaft, N m, at a place of a step."""
-    v, angle, speed, rise = rows[SLIP, degree], rows[ANGLE, degree], rows[SPEED, degree], 0.0
-    for k in range(degree - 1, -1, -1):
-        v = v * x + rows[SLIP, k]
-        angle = angle * x + rows[ANGLE, k]
-        rise = rise * x + speed
-        speed = speed * x + rows[SPEED, k]
-    shaft = linear[2] * speed + linear[3] * angle
-    return (linear[1] * rise / unit + shaft) * v, shaft
+def loads_text(lanes: int) -> Any:
+    """The text of `evaluate_loads` for degrees below `lanes`."""
+    def text(rows: Any, kept: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
+        x = places.row(0, count=COUNT)
+        v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
+        for i in range(lanes - 8, -1, -8):
+            inside = kept.row(i, count=8)
+            a, b, c = (where(inside, ">", 0.0, rows.row(row, i, count=8), 0.0) for row in (SLIP, ANGLE, SPEED))
+            for k in range(7, -1, -1):
+                rise = x * rise + speed
+                v, angle, speed = x * v + a[k], x * angle + b[k], x * speed + c[k]
+        torque = speed * linear[2] + angle * linear[3]
+        shaft.set_row(torque, 0)
+        power.set_row((rise * (linear[1] / unit) + torque) * v, 0)
+
+    return text
+
+
+loads_24, loads_32 = unrolled(loads_text(24)), unrolled(loads_text(32))
 
 
 @fast
-def near(rows: Any, degree: int, unit: float, which: int, sign: float, a: float, b: float, c: float,
-         linear: Linear) -> float:
-    """The largest of `sign` times POWER or SHAFT about a < b < c, b the largest of the three: the vertex of a parabola
-    through them, and of one through closer points about that.
+def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: int, workspace: Any) -> None:
+    """Power of the friction torque, W, and torque in the shaft, N m, at COUNT places of a step at once; `closer` is 0 or
+    CLOSER.
     """
-    largest = -math.inf
-    for closer in range(2):
-        p = sign * power_and_shaft(rows, degree, unit, a, linear)[which]
-        q = sign * power_and_shaft(rows, degree, unit, b, linear)[which]
-        r = sign * power_and_shaft(rows, degree, unit, c, linear)[which]
+    places, power, shaft = workspace[PLACE + closer], workspace[POWER + closer], workspace[SHAFT + closer]
+    if degree < 24:
+        loads_24(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft)
+    else:
+        loads_32(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft)
+
+
+@fast
+def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, linear: Linear,
+                 workspace: Any) -> float:
+    """The largest of `sign` times POWER or SHAFT, from its values at the places: the vertex of the parabola through
+    three of them about the largest, at closer places about a vertex of the first.
+    """
+    closer, most = 0, -math.inf
+    while True:
+        at = 0
+        for i in range(COUNT):
+            if sign * workspace[which + closer, i] > sign * workspace[which + closer, at]:
+                at = i
+        most = max(most, sign * workspace[which + closer, at])
+        at = min(max(at, 1), COUNT - 2)
+        a, b, c = workspace[PLACE + closer, at - 1], workspace[PLACE + closer, at], workspace[PLACE + closer, at + 1]
+        p, q, r = (sign * workspace[which + closer, at - 1], sign * workspace[which + closer, at],
+                   sign * workspace[which + closer, at + 1])
         left, right = (q - p) / (b - a), (r - q) / (c - b)
         bend = (right - left) / (c - a)
-        largest = max(largest, max(p, q, r))
-        if not bend < 0.0:
-            break
-        vertex = min(max(0.5 * (a + b) - 0.5 * left / bend, a), c)
-        if closer:
-            largest = max(largest, sign * power_and_shaft(rows, degree, unit, vertex, linear)[which])
-        low, high, apart = a, c, (c - a) / 16.0
-        b = min(max(vertex, low + apart), high - apart)
-        a, c = b - apart, b + apart
-    return largest
+        vertex = 0.5 * (a + b) - 0.5 * left / bend if bend < 0.0 else math.inf
+        if not a < vertex < c:
+            return most
+        if closer > 0:
+            return max(most, p + (vertex - a) * (left + bend * (vertex - b)))
+        apart = (c - a) / 16.0
+        b = min(max(vertex, a + apart), c - apart)
+        closer = CLOSER
+        for i in range(COUNT):
+            workspace[PLACE + closer, i] = b + apart * (2.0 * POINTS[i] - 1.0)
+        evaluate_loads(rows, degree, unit, linear, closer, workspace)
 
 
 @fast
 def keep_loads(loads: Any, rows: Any, degree: int, unit: float, x: float, cut: float, cycle: int,
-               linear: Linear) -> None:
+               linear: Linear, workspace: Any) -> None:
     """Add a step over [0, x], which the end of the engine cycle cuts at `cut` (beyond x: not at all), to the records of
     LOADS from `cycle` on, as far as there are any and they are wanted.
     """
     if loads is not None:
         if loads[cycle].wanted > 0.0:
-            add_part(rows, degree, unit, 0.0, min(x, cut), linear, loads[cycle])
+            add_part(rows, degree, unit, 0.0, min(x, cut), linear, loads[cycle], workspace)
         if cut < x and loads[cycle + 1].wanted > 0.0:
-            add_part(rows, degree, unit, cut, x, linear, loads[cycle + 1])
+            add_part(rows, degree, unit, cut, x, linear, loads[cycle + 1], workspace)
 
 
 @fast
-def add_part(rows: Any, degree: int, unit: float, start: float, end: float, linear: Linear, load: Any) -> None:
+def add_part(rows: Any, degree: int, unit: float, start: float, end: float, linear: Linear, load: Any,
+             workspace: Any) -> None:
     """Add the part [start, end] of a step to a cycle's record of LOADS."""
     width = end - start
-    power, shaft = power_and_shaft(rows, degree, unit, start, linear)
-    energy, most, high, low, least = WEIGHTS[0] * power, power, shaft, shaft, power
-    at_power, at_high, at_low = 0, 0, 0
-    for i in range(1, LAST + 1):
-        power, shaft = power_and_shaft(rows, degree, unit, start + POINTS[i] * width, linear)
+    if not width > 0.0:
+        return
+    for i in range(COUNT):
+        workspace[PLACE, i] = start + POINTS[i] * width
+    evaluate_loads(rows, degree, unit, linear, 0, workspace)
+    energy = 0.0
+    most, least, high, low = -math.inf, math.inf, -math.inf, math.inf
+    for i in range(COUNT):
+        power, shaft = workspace[POWER, i], workspace[SHAFT, i]
         energy += WEIGHTS[i] * power
-        least = min(least, power)
-        if power > most:
-            most, at_power = power, i
-        if shaft > high:
-            high, at_high = shaft, i
-        if shaft < low:
-            low, at_low = shaft, i
+        most, least, high, low = max(most, power), min(least, power), max(high, shaft), min(low, shaft)
     load.energy += width * unit * energy
     room = ROOM * (high - low)
     if most + ROOM * (most - least) > load.peak_power:
-        a, b, c = around(start, width, at_power)
-        load.peak_power = max(load.peak_power, near(rows, degree, unit, POWER, 1.0, a, b, c, linear))
+        load.peak_power = max(load.peak_power, largest_near(rows, degree, unit, POWER, 1.0, linear, workspace))
     if high + room > load.highest_shaft_torque:
-        a, b, c = around(start, width, at_high)
         load.highest_shaft_torque = max(load.highest_shaft_torque,
-                                        near(rows, degree, unit, SHAFT, 1.0, a, b, c, linear))
+                                        largest_near(rows, degree, unit, SHAFT, 1.0, linear, workspace))
     if low - room < load.lowest_shaft_torque:
-        a, b, c = around(start, width, at_low)
         load.lowest_shaft_torque = min(load.lowest_shaft_torque,
-                                       -near(rows, degree, unit, SHAFT, -1.0, a, b, c, linear))
-
-
-@fast
-def around(start: float, width: float, at: int) -> tuple[float, float, float]:
-    """A point of the rule between its neighbours; an end of the part has the one inside for the middle."""
-    at = min(max(at, 1), LAST - 1)
-    return start + POINTS[at - 1] * width, start + POINTS[at] * width, start + POINTS[at + 1] * width
+                                       -largest_near(rows, degree, unit, SHAFT, -1.0, linear, workspace))

@@ -183,7 +183,8 @@ def keep(step: Step, mode: int, tau: float, period: float, ends: bool, linear: L
         cut = step.x
     elif tau + step.x * step.unit >= period:
         cut = min((period - tau) / step.unit, step.x)
-    keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, linear)
+    keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, linear,
+               workspace)
     if mode == STICK:
         behind = keep_stick(output, 0.0, step.x, cut, step.unit)
         output.highest, output.lowest = max(output.highest, 0.0), min(output.lowest, 0.0)

@@ -188,7 +188,8 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             cut = x
         if tangent is not None:
             carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
-        keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear)
+        keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear,
+                   work.bernstein)
         record(work.rows, degree, step.unit, x, cut, tau, started(first + output.cycle, period, terms.course) + tau,
                period, limits.stick_speed, output, store, angle, work.bernstein)
         finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)
