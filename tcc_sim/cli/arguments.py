@@ -100,6 +100,15 @@ def check_workers(arguments: argparse.Namespace) -> None:
         require("distributed", "--dask")
 
 
+def add_solver(parser: argparse.ArgumentParser) -> None:
+    """How a scene is solved, and what costs more than the figures that are always given."""
+    parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
+    parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
+    parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
+    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) too")
+    parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
+
+
 def add_plot(parser: argparse.ArgumentParser) -> None:
     """--plot and --width of the verbs that draw their result."""
     parser.add_argument("--plot", metavar="FILE", type=Path, help="a picture of the result: .png, .svg or .pdf")

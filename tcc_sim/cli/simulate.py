@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from tcc_sim.background import begun
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.cli.arguments import add_plot, add_solver, check_plot, new_file
 from tcc_sim.errors import InputError, counted
 from tcc_sim.output.terminal import say
 
@@ -29,11 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--discard", metavar="N", type=int,
                         help="cycles dropped from the summary at the start (default 50, but "
                         "at most half of --cycles, and at most a third of the whole cycles in --duration)")
-    parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
-    parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
-    parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
-    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) too")
-    parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
+    add_solver(parser)
     parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
     parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,

@@ -8,7 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file, refuse_swept
+from tcc_sim.cli.arguments import (
+    add_plot,
+    add_solver,
+    add_workers,
+    check_plot,
+    check_workers,
+    new_file,
+    refuse_swept,
+)
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.output.terminal import say, terminal_width
 
@@ -36,11 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="start every value from the scene's initial state, or go on from the neighbour's last "
                              "state along "
                         "the first key, with the phases of torque and load")
-    parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
-    parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
-    parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
-    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) too")
-    parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
+    add_solver(parser)
     add_workers(parser)
     parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order; - is standard output")
     parser.add_argument("--out", metavar="FILE", type=Path,
