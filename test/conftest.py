@@ -8,8 +8,8 @@ from tcc_sim.solvers.compiling import kernel_cache
 
 def pytest_configure() -> None:
     """Take Ctrl-C and a hang-up as at a terminal: whoever starts the tests in the background or under nohup may have
-    them ignored, and children inherit that. That kernels are being compiled is not said, so that no output depends on what is in the cache.
-    COLUMNS, which pytest's workers set, would break lines that are not a terminal's.
+    them ignored, and children inherit that. That kernels are being compiled is not said, so that no output depends on
+    what is in the cache. COLUMNS, which pytest's workers set, would break lines that are not a terminal's.
     """
     os.environ.pop("COLUMNS", None)
     kernel_cache._told.add("compiling")
