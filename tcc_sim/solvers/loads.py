@@ -85,7 +85,7 @@ loads_24, loads_32 = unrolled(loads_text(24)), unrolled(loads_text(32))
 
 @fast
 def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: int, workspace: Any) -> None:
-    """Power of the friction torque, W, and torque in the shaft, N m, at COUNT places of a step at once; `closer` is 0 or
+    """Power of the friction torque, W, and torque in the shaft, N m, at COUNT places of a step at once, `closer` 0 or
     CLOSER.
     """
     places, power, shaft = workspace[PLACE + closer], workspace[POWER + closer], workspace[SHAFT + closer]
@@ -116,9 +116,9 @@ def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, l
         bend = (right - left) / (c - a)
         vertex = 0.5 * (a + b) - 0.5 * left / bend if bend < 0.0 else math.inf
         if not a < vertex < c:
-            return most
+            return float(most)
         if closer > 0:
-            return max(most, p + (vertex - a) * (left + bend * (vertex - b)))
+            return float(max(most, p + (vertex - a) * (left + bend * (vertex - b))))
         apart = (c - a) / 16.0
         b = min(max(vertex, a + apart), c - apart)
         closer = CLOSER
