@@ -5,6 +5,11 @@ of the next as equations whose weight grows in stages, for a chaotic motion forg
 stick a window's start has no slip speed of its own: noise there would start a false breakaway, so that in the first
 stages it is held near 0. In the last ones the window before says where it starts; held on, slow slip that looks like
 stick would bend the parameters.
+
+A window in which stick ends says little while the parameters are some per cent off: the time of the breakaway is then
+wrong by more than a sample, and its residuals are all but a step in the parameters. In the first stages such windows
+count by Cauchy's loss (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009, Section 7.8), and they may begin again
+where the window before ends.
 """
 
 from __future__ import annotations
@@ -12,11 +17,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.linalg import solveh_banded
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, Swept, states_of, sweep
@@ -34,12 +39,15 @@ class Stage:
     weight : of continuity, per squared noise
     tolerance : relative change of the cost at which the stage ends
     iterations : most
+    robust : mean square of a window's residuals, over the median of them (at least 1), from which on it counts less
+        and less; infinite where all windows count alike
     """
 
     window: float
     weight: float
     tolerance: float
     iterations: int
+    robust: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -54,8 +62,8 @@ class Settings:
     angle_noise : rad, the scale of a plate angle that was not measured
     """
 
-    stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 8), Stage(0.01, 1e-2, 1e-2, 8), Stage(0.01, 1.0, 1e-3, 12),
-                                 Stage(0.01, 1e3, 1e-3, 12), Stage(0.1, 1e4, 1e-8, 30))
+    stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
+                                 Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 12), Stage(0.1, 1e4, 1e-8, 30))
     layer: float = 0.03
     joined: float = 1e3
     stuck: float = 4.0
@@ -73,7 +81,6 @@ class Fit:
     width : samples of a window
     residuals : by channel (n,), in its unit
     chi2 : sum of squared residuals over the noise, a degree of freedom
-    cost : the same as a sum, with what continuity costs
     iterations : in all
     """
 
@@ -83,7 +90,6 @@ class Fit:
     width: int
     residuals: dict[str, Floats]
     chi2: float
-    cost: float
     iterations: int
 
 
@@ -112,10 +118,10 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: Setting
         elif width and width != problem.width:
             starts = problem.regrouped(starts, width, values)
         width = problem.width
-        values, starts, cost, count = problem.descend(values, starts, stage, tick)
+        values, starts, count = problem.descend(values, starts, stage, tick)
         iterations += count
     assert starts is not None
-    return problem.result(values, starts, stage.weight, cost, iterations)
+    return problem.result(values, starts, stage.weight, iterations)
 
 
 class Shooting:
@@ -130,7 +136,8 @@ class Shooting:
         self.channels = [name for name in INDEX if name in measured.channels]
         self.columns = [INDEX[name] for name in self.channels]
         self.noise = np.array([noise[name] for name in self.channels])
-        self.data = np.column_stack([measured.channels[name][:used] for name in self.channels])
+        self.data = np.column_stack([measured.channels[name][:used] for name in self.channels]).reshape(
+            self.count, self.width, -1)
         self.scales = np.array([noise["slip_speed"], noise.get("plate_angle", settings.angle_noise),
                                 noise.get("plate_speed", noise["slip_speed"])])
         slip = measured.channels["slip_speed"][:used:self.width]
@@ -163,30 +170,26 @@ class Shooting:
         return np.array([states[min(k * self.width, len(states) - 1)] for k in range(self.count)])
 
     def descend(self, values: Floats, starts: Floats, stage: Stage,
-                tick: Callable[[], None] | None) -> tuple[Floats, Floats, float, int]:
-        """One stage: parameters, starts, cost, and how many iterations it took."""
-        weight = stage.weight
-        damping, size, n = 1e-3, 3 * self.count, self.model.substeps(values)
-        found = sweep(self.model, starts, self.width, values, n)
-        residual = self._residuals(found.states, starts, weight)
-        cost, count = self._cost(residual), 0
+                tick: Callable[[], None] | None) -> tuple[Floats, Floats, int]:
+        """One stage: parameters, starts, and how many iterations it took."""
+        damping, n = 1e-3, self.model.substeps(values)
+        found, count = sweep(self.model, starts, self.width, values, n), 0
         while count < stage.iterations:
             count += 1
-            jacobian = self._jacobian(found, values, weight)
-            normal, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
-            diagonal, gain = sparse.diags(normal.diagonal() + 1e-300), 0.0
+            rows = self._rows(found.states, starts, stage.weight)
+            limit = stage.robust * max(1.0, float(np.median(np.mean(rows**2, axis=1))))
+            cost, gain = self._cost(rows, limit), 0.0
+            normal = self._normal(rows, found, values, stage.weight, limit)
             while damping < 1e8:
-                step = -splu((normal + damping * diagonal).tocsc()).solve(slope)
-                tried = self._moved(values, step[size:])
-                moved = starts + step[:size].reshape(-1, 3) * self.scales
                 try:
+                    by_start, by_key, _ = normal.solved(damping)
+                    tried, moved = self._moved(values, by_key), starts + by_start * self.scales
                     there = sweep(self.model, moved, self.width, tried, n)
-                    left = self._residuals(there.states, moved, weight)
-                    now = self._cost(left)
-                except NumericalFailure:
+                    now = self._cost(self._rows(there.states, moved, stage.weight), limit)
+                except (NumericalFailure, np.linalg.LinAlgError):
                     now = math.inf
                 if now < cost:
-                    gain, values, starts, cost, found, residual = cost - now, tried, moved, now, there, left
+                    gain, values, starts, found = cost - now, tried, moved, there
                     damping = max(0.1 * damping, 1e-9)
                     break
                 damping *= 10.0
@@ -194,7 +197,16 @@ class Shooting:
                 tick()
             if gain < stage.tolerance * cost:
                 break
-        return values, starts, cost, count
+        if math.isfinite(stage.robust):
+            starts = self._mended(values, starts, found.states, n)
+        return values, starts, count
+
+    def _mended(self, values: Floats, starts: Floats, states: Floats, n: int) -> Floats:
+        """Starts, where a window fits better from the end of the one before: from there."""
+        ends = np.concatenate([starts[:1], states[:-1, -1]])
+        other = states_of(self.model, ends, self.width, values, n)
+        better = np.sum(self._fitted(other) ** 2, axis=1) < np.sum(self._fitted(states) ** 2, axis=1)
+        return np.where(better[:, None], ends, starts)
 
     def _moved(self, values: Floats, step: Floats) -> Floats:
         """The parameters after a step: of their logarithms, but for offsets; mu_s stays above mu_k."""
@@ -209,56 +221,107 @@ class Shooting:
                                            self.model.system.friction.static_coefficient / NEAR_ONE)
         return out
 
-    def _residuals(self, states: Floats, starts: Floats, weight: float) -> Floats:
-        """Samples over their noise, then gaps between windows, then starts in stick."""
-        stuck, seen = self._held(weight), states[:, :-1][:, :, self.columns]
-        fitted = (seen - self.data.reshape(seen.shape)) / self.noise
-        fitted[stuck, 0, 0] = 0.0
-        gaps = (states[:-1, -1] - starts[1:]) / self.scales * math.sqrt(weight)
-        return np.concatenate([fitted.ravel(), gaps.ravel(), starts[stuck, 0] / self.settings.layer])
+    def _fitted(self, states: Floats) -> Floats:
+        """(m, samples) residuals of every window over the noise."""
+        out: Floats = ((states[:, :-1][:, :, self.columns] - self.data) / self.noise).reshape(self.count, -1)
+        return out
+
+    def _rows(self, states: Floats, starts: Floats, weight: float) -> Floats:
+        """(m, R) residuals of every window: samples over their noise, the gap after it, and a start held in stick."""
+        fitted, rows = self._fitted(states), np.zeros((self.count, 4))
+        rows[:-1, :3] = (states[:-1, -1] - starts[1:]) / self.scales * math.sqrt(weight)
+        stuck = self._held(weight)
+        fitted[stuck, 0] = 0.0
+        rows[stuck, 3] = starts[stuck, 0] / self.settings.layer
+        return np.concatenate([fitted, rows], axis=1)
 
     def _held(self, weight: float) -> NDArray[np.intp]:
         """The windows whose start is held in stick."""
         return self.stuck if weight < self.settings.joined else self.stuck[:0]
 
     @staticmethod
-    def _cost(residual: Floats) -> float:
-        """Sum of squares."""
-        return float(residual @ residual)
+    def _cost(rows: Floats, limit: float) -> float:
+        """Sum of squares of the windows' residuals, by Cauchy's loss where `limit` is finite."""
+        squares = np.sum(rows**2, axis=1)
+        bound = limit * rows.shape[1]
+        return float(np.sum(squares if math.isinf(bound) else bound * np.log1p(squares / bound)))
 
-    def _jacobian(self, found: Swept, values: Floats, weight: float) -> sparse.csr_matrix:
-        """Derivatives of the residuals by all starts, in their scales, and all parameters (their logarithms, but for
-        offsets).
+    def _normal(self, rows: Floats, found: Swept, values: Floats, weight: float, limit: float) -> Normal:
+        """The normal equations of the residuals by all starts, in their scales, and all parameters (their logarithms,
+        but for offsets).
         """
-        m, size = self.count, len(values)
-        by_key, by_start = found.by_key * np.where(self.logarithmic, values, 1.0), found.by_start * self.scales
-        stuck, noise = self._held(weight), self.noise[:, None]
-        rows_start = by_start[:, :-1][:, :, self.columns] / noise
-        rows_key = by_key[:, :-1][:, :, self.columns] / noise
-        rows_start[stuck, 0, 0], rows_key[stuck, 0, 0] = 0.0, 0.0
-        gap = math.sqrt(weight) / self.scales[:, None]
-        fitted = sparse.hstack([sparse.block_diag(list(rows_start.reshape(m, -1, 3))),
-                                sparse.csr_matrix(rows_key.reshape(-1, size))])
-        blocks = sparse.block_diag(list(by_start[:-1, -1] * gap))
-        shape = (3 * (m - 1), 3)
-        before = sparse.hstack([blocks, sparse.csr_matrix(shape)])
-        after = sparse.hstack([sparse.csr_matrix(shape), math.sqrt(weight) * sparse.identity(3 * (m - 1))])
-        joined = sparse.hstack([before - after, sparse.csr_matrix((by_key[:-1, -1] * gap).reshape(-1, size))])
-        held = sparse.csr_matrix((np.full(len(stuck), self.scales[0] / self.settings.layer),
-                                  (np.arange(len(stuck)), 3 * stuck)), (len(stuck), 3 * m + size))
-        return sparse.vstack([fitted, joined, held]).tocsr()
+        m, size, root = self.count, len(values), math.sqrt(weight)
+        by = np.concatenate([found.by_start * self.scales, found.by_key * np.where(self.logarithmic, values, 1.0)], 3)
+        fitted = (by[:, :-1][:, :, self.columns] / self.noise[:, None]).reshape(m, -1, 3 + size)
+        others = np.zeros((m, 4, 3 + size))
+        others[:-1, :3] = by[:-1, -1] * (root / self.scales[:, None])
+        stuck = self._held(weight)
+        fitted[stuck, 0] = 0.0
+        others[stuck, 3, 0] = self.scales[0] / self.settings.layer
+        trust = 1.0 / (1.0 + np.mean(rows**2, axis=1) / limit)   # Cauchy's loss by weights
+        matrix = np.concatenate([fitted, others], axis=1)
+        turned = (matrix * trust[:, None, None]).transpose(0, 2, 1)
+        squares, slopes = turned @ matrix, (turned @ rows[:, :, None])[:, :, 0]
+        # What a window's gap owes to the start of the next one, which it is measured from.
+        gap, before = others[:-1, :3] * trust[:-1, None, None], rows[:-1, -4:-1] * trust[:-1, None]
+        own, border, slope = squares[:, :3, :3], squares[:, :3, 3:], slopes[:, :3]
+        own[1:] += weight * trust[:-1, None, None] * np.eye(3)
+        border[1:] -= root * gap[:, :, 3:]
+        slope[1:] -= root * before
+        return Normal(own, -root * gap[:, :, :3].transpose(0, 2, 1), border, squares[:, 3:, 3:].sum(axis=0), slope,
+                      slopes[:, 3:].sum(axis=0))
 
-    def result(self, values: Floats, starts: Floats, weight: float, cost: float, iterations: int) -> Fit:
+    def result(self, values: Floats, starts: Floats, weight: float, iterations: int) -> Fit:
         """The fit with its covariance."""
-        size = len(values)
         found = sweep(self.model, starts, self.width, values, self.model.substeps(values))
-        jacobian, residual = self._jacobian(found, values, weight), self._residuals(found.states, starts, weight)
-        factors = splu((jacobian.T @ jacobian).tocsc())
-        unit = np.zeros((jacobian.shape[1], size))
-        unit[-size:] = np.eye(size)
+        rows = self._rows(found.states, starts, weight)
         scale = np.where(self.logarithmic, values, 1.0)
-        covariance = factors.solve(unit)[-size:] * np.outer(scale, scale)
-        fitted = residual[:self.data.size].reshape(-1, len(self.channels))
-        return Fit(values, 0.5 * (covariance + covariance.T), starts, self.width,
+        covariance = self._normal(rows, found, values, weight, math.inf).solved(0.0)[2] * np.outer(scale, scale)
+        fitted = self._fitted(found.states).reshape(-1, len(self.channels))
+        return Fit(values, covariance, starts, self.width,
                    {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
-                   float(np.sum(fitted**2)) / max(fitted.size - size - 3, 1), cost, iterations)
+                   float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1), iterations)
+
+
+class Normal(NamedTuple):
+    """Normal equations of m windows, each of which knows its own start, the next one's, and the P parameters.
+
+    own : (m, 3, 3) of the starts
+    following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
+    border : (m, 3, P) of the starts and the parameters
+    corner : (P, P) of the parameters
+    slope, slope_by_key : (m, 3), (P,) right-hand sides
+    """
+
+    own: Floats
+    following: Floats
+    border: Floats
+    corner: Floats
+    slope: Floats
+    slope_by_key: Floats
+
+    def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
+        """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The equations are singular.
+        """
+        m, size = len(self.own), len(self.corner)
+        banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
+        for i in range(3):
+            for j in range(3):
+                if j >= i:
+                    banded[5 + i - j, j::3] = self.own[:, i, j]
+                banded[2 + i - j, 3 + j::3] = self.following[:, i, j]
+        banded[5] *= 1.0 + damping
+        banded[5] += 1e-300
+        right = np.concatenate([self.border.reshape(3 * m, size), self.slope.reshape(3 * m, 1)], axis=1)
+        found = solveh_banded(banded, right)
+        corner = self.corner + damping * np.diag(np.diag(self.corner))
+        both = right[:, :size].T @ found
+        covariance = np.linalg.inv(corner - both[:, :size])
+        by_key = -covariance @ (self.slope_by_key - both[:, size])
+        by_start = -found[:, size] - found[:, :size] @ by_key
+        return by_start.reshape(m, 3), by_key, 0.5 * (covariance + covariance.T)
