@@ -72,12 +72,12 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
                 curve = _followed(found, both, ranges, float(cut) * units[1], curves)
                 if curve is not None:
                     curves.append(_as_json(curve, found.point.orbit.period, creeps(found, sweep.curve.system)))
-    records = [sweep.records for sweep in grid.sweeps]
+    summaries = [[None if p is None else p.summary for p in sweep.points] for sweep in grid.sweeps]
     return {"axis": NAMES[row.over], "x": x.tolist(), "unit": units[0], "over": row.over,
             "second_axis": NAMES[row.second], "y": y.tolist(), "second_unit": units[1], "second_over": row.second,
             "cycles": plan.cycles, "discarded": 50, "curves": curves,
-            "period": [[None if r is None else r["period"] for r in line] for line in records],
-            "regime": [[None if r is None else r["regime"] for r in line] for line in records]}
+            "period": [[None if s is None else s.period for s in line] for line in summaries],
+            "regime": [[None if s is None else s.regime for s in line] for line in summaries]}
 
 
 def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange, ParameterRange], second: float,

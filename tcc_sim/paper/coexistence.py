@@ -10,9 +10,7 @@ import numpy as np
 
 from tcc_sim.paper.evidence import JUMP, steep
 from tcc_sim.sweeps.point import handed_over, solve_point
-from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Sweep
-from tcc_sim.trajectory import State
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
@@ -26,24 +24,25 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
     One row for each: `index` along the curve, `value` of the key, `max_slip_speed` and `period` of the cold start's
     motion and of the `other`, and `spike`: whether the cold start stands out from both of its neighbours.
     """
-    largest, records = sweep.column("max_slip_speed"), sweep.records
+    largest = sweep.column("max_slip_speed")
+    periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
     size = float(np.nanmax(largest))
     pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
-             if all((records[i] or {}).get("period") for i in (here, there))]
+             if periods[here] and periods[there]]
 
     def follow(pair: tuple[int, int]) -> dict[str, Any] | None:
         here, there = pair
-        own, neighbour = records[here], records[there]
-        assert own is not None
+        neighbour = sweep.points[there]
         assert neighbour is not None
         plan = replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
-        system, end = sweep.curve.at(here), Start(State(*neighbour["final"]), neighbour["final_cycle"])
-        point = solve_point(system, sweep.curve.values[here], plan, handed_over(sweep.curve.at(there), end, system))
+        system = sweep.curve.at(here)
+        start = handed_over(sweep.curve.at(there), neighbour.end, system)
+        point = solve_point(system, sweep.curve.values[here], plan, start)
         found = point.summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None
         return {"index": here, "value": sweep.curve.values[here], "max_slip_speed": float(largest[here]),
-                "period": own["period"], "other": {"max_slip_speed": found.max_slip_speed, "period": found.period},
+                "period": periods[here], "other": {"max_slip_speed": found.max_slip_speed, "period": found.period},
                 "spike": stands_out(largest, here, JUMP * size)}
 
     with ThreadPoolExecutor(jobs) as threads:

@@ -18,9 +18,10 @@ from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.exponents import Lyapunov
-from tcc_sim.sweeps.point import Plan, solve_point
+from tcc_sim.sweeps.point import Plan, Point, solve_point
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep, sweep_curves
-from tcc_sim.trajectory import State, Status, Trajectory
+from tcc_sim.trajectory import Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
 UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
@@ -95,7 +96,7 @@ class Evidence:
         if name not in self._kept:
             point = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov))
             largest = math.nan if point.summary is None else point.summary.max_slip_speed
-            self._kept[name] = Settled(self._period(paper_system(row), point.as_record()), largest, point.lyapunov)
+            self._kept[name] = Settled(self._period(paper_system(row), point), largest, point.lyapunov)
         found: Settled = self._kept[name]
         return found
 
@@ -106,37 +107,31 @@ class Evidence:
         """
         name = (sweep.curve, sweep.plan)
         if name not in self._settled:
-            records = sweep.records
-
-            def at(k: int) -> int:
-                return FAILED if (record := records[k]) is None else self._period(sweep.curve.at(k), record)
-
             with ThreadPoolExecutor(self.jobs) as threads:
-                self._settled[name] = np.array(list(threads.map(at, range(len(records)))), dtype=np.int64)
+                found = list(threads.map(self._period, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
+            self._settled[name] = np.array(found, dtype=np.int64)
         return self._settled[name]
 
     def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
         """(n,) whether the settled motion slips; what has not settled by the paper's rule goes on, as for `periods`."""
         def at(k: int) -> bool:
-            record = sweep.records[k]
-            if record is None or record.get("settled", True):
-                return record is not None and record["regime"] != "stick"
-            system = sweep.curve.at(k)
-            found = later(system, record, self._rtol(system))
-            return found is not None and found[0].regime != "stick"
+            found = self._settle(sweep.curve.at(k), sweep.points[k])
+            return found is not None and found.regime != "stick"
 
         with ThreadPoolExecutor(self.jobs) as threads:
-            return np.array(list(threads.map(at, range(len(sweep.records)))), dtype=bool)
+            return np.array(list(threads.map(at, range(len(sweep.points)))), dtype=bool)
 
-    def _period(self, system: System, record: Mapping[str, Any]) -> int:
-        """The period of a record, from further cycles where its section does not repeat yet."""
-        period: int | None = record["period"]
-        if record.get("runaway"):
-            return RUNAWAY
-        if period is None or record.get("settled", True):
-            return FAILED if period is None else period
-        found = later(system, record, self._rtol(system))
-        return FAILED if found is None else RUNAWAY if getattr(found[0], "runaway", False) else found[0].period
+    def _period(self, system: System, point: Point | None) -> int:
+        """The period of a point, as `Settled` has it."""
+        found = self._settle(system, point)
+        return FAILED if found is None else RUNAWAY if found.runaway else found.period
+
+    def _settle(self, system: System, point: Point | None) -> Summary | None:
+        """What a point comes to, from further cycles where its section does not repeat yet; None where it failed."""
+        if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
+            return None if point is None else point.summary
+        found = later(system, point.end, self._rtol(system))
+        return None if found is None else found[0]
 
     def _rtol(self, system: System) -> float | None:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
@@ -190,16 +185,16 @@ class Evidence:
         return found
 
 
-def later(system: System, record: Mapping[str, Any], rtol: float | None = None) -> tuple[Summary, State] | None:
-    """The motion of a record LATER cycles on: what its last LAST cycles are, and its state behind them.
+def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:
+    """The motion of a point LATER cycles on: what its last LAST cycles are, and where it goes on from.
 
     None where it could not be solved that far.
     """
-    first = record["final_cycle"]
-    run = solve(system, cycles=LATER, start_cycle=first, state=State(*record["final"]), rtol=rtol)
+    run = solve(system, cycles=LATER, start_cycle=start.cycle, state=start.state, rtol=rtol)
     if run.status is not Status.DONE or run.cycles is None:
         return None
-    return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first + LATER - LAST), run.final
+    first = start.cycle + LATER - LAST
+    return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first), Start(run.final, first + LAST)
 
 
 def steep(values: Floats) -> NDArray[np.int64]:
@@ -209,7 +204,7 @@ def steep(values: Floats) -> NDArray[np.int64]:
 
 def sticks(sweep: Sweep) -> NDArray[np.bool_]:
     """(n,) whether the motion is pure stick."""
-    return np.array([r is not None and r["regime"] == "stick" for r in sweep.records])
+    return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
 
 
 def slips_at(sweep: Sweep) -> Floats:

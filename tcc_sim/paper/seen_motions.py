@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -20,11 +20,12 @@ from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
-from tcc_sim.paper.evidence import LATER, later
+from tcc_sim.paper.evidence import later
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import Floats, State
 
 NEAR = 0.1
 """Distance, in natural sizes, of a motion that still settles from the orbit that it is taken to come to."""
@@ -39,33 +40,34 @@ def seen_in(sweep: Sweep) -> list[SettledMotion]:
 
 def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     """One motion of a sweep, settled where it settles at all."""
-    value, record = sweep.curve.values[k], sweep.records[k]
-    if record is None or record["max_slip_speed"] is None:
+    value, point = sweep.curve.values[k], sweep.points[k]
+    if point is None or point.summary is None:
         return None
-    if record.get("settled", True):
-        final, cycle, period, amplitude = (record[k] for k in ("final", "final_cycle", "period", "max_slip_speed"))
-        if period:
-            amplitude = largest_of(sweep.curve.at(k), final, cycle, period)
-        return SettledMotion(value, np.array(final), cycle, period, amplitude)
-    return _later(sweep.curve, k, record)
+    found = point.summary
+    if not found.settled:
+        return _later(sweep.curve, k, point.end)
+    amplitude = largest_of(sweep.curve.at(k), point.end, found.period) if found.period else found.max_slip_speed
+    return SettledMotion(value, _numbers(point.end.state), point.end.cycle, found.period, amplitude)
 
 
-def _later(curve: Curve, k: int, record: Mapping[str, Any]) -> SettledMotion | None:
-    """The motion that a record still settles to; without a period where RUNS do not tell one."""
+def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
+    """The motion that one settles to from `start`; without a period where RUNS do not tell one."""
     late = None
     for _ in range(RUNS):
-        settled = later(curve.at(k), record)
+        settled = later(curve.at(k), start)
         if settled is None:
             break
-        found, final = settled
-        state, cycle = (final.slip_speed, final.plate_angle, final.plate_speed), record["final_cycle"] + LATER
-        late = approached(curve,
-                          SettledMotion(curve.values[k], np.array(state), cycle, found.period, found.max_slip_speed),
-                          found.settled)
+        found, start = settled
+        late = approached(curve, SettledMotion(curve.values[k], _numbers(start.state), start.cycle, found.period,
+                                               found.max_slip_speed), found.settled)
         if late.period:
             break
-        record = {"final": state, "final_cycle": cycle}
     return late
+
+
+def _numbers(state: State) -> Floats:
+    """Slip speed (rad/s), plate angle (rad) and plate speed (rad/s), (3,)."""
+    return np.array([state.slip_speed, state.plate_angle, state.plate_speed])
 
 
 def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotion:
@@ -84,16 +86,12 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
     return late if settled else replace(late, period=0)
 
 
-def largest_of(system: System, state: Sequence[float], cycle: int, period: int) -> float:
-    """Largest |slip speed| of a periodic motion, rad/s: a sweep's may be that of a transient before it.
-
-    Parameters
-    ----------
-    state : slip speed (rad/s), plate angle (rad), plate speed (rad/s) at the start of engine cycle `cycle`
-    period : cycles after which the section repeats
+def largest_of(system: System, start: Start, period: int) -> float:
+    """Largest |slip speed| of a motion that repeats after `period` engine cycles, rad/s: a sweep's may be that of a
+    transient before it.
     """
     together = math.lcm(period, common_cycles(system) or 1)
-    cycles = solve(system, cycles=together, start_cycle=cycle, state=State(*state)).raise_for_status().cycles
+    cycles = solve(system, cycles=together, start_cycle=start.cycle, state=start.state).raise_for_status().cycles
     assert cycles is not None
     return summarise_cycles(cycles, system.cycle).max_slip_speed
 
@@ -102,9 +100,9 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
     """How many points of a sweep are higher than the motions that they come to: a transient outlasts what is dropped.
     """
     amplitudes = {s.value: s.amplitude for s in seen if s.period}
-    shown = ((r["max_slip_speed"], amplitudes.get(v)) for v,
-             r in zip(sweep.curve.values, sweep.records) if r is not None)
-    return sum(h is not None and top is not None and top > (1.0 + DEFAULTS.alike) * h for top, h in shown)
+    shown = ((p.summary.max_slip_speed, amplitudes.get(v)) for v, p in zip(sweep.curve.values, sweep.points)
+             if p is not None and p.summary is not None)
+    return sum(h is not None and top > (1.0 + DEFAULTS.alike) * h for top, h in shown)
 
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,

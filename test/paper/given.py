@@ -7,31 +7,31 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.summary import Summary
 from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.evidence import Settled
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.sweeps.exponents import Lyapunov
-from tcc_sim.sweeps.point import Plan
+from tcc_sim.sweeps.point import Plan, Point
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
+from tcc_sim.trajectory import State
 
 
-def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", **more: Any) -> dict[str, Any]:
-    return {"max_slip_speed": slip, "period": period, "regime": regime, **more}
-
-
-class Swept(Sweep):
-    """A sweep whose points are records already."""
-
-    @property
-    def records(self) -> list[dict[str, Any] | None]:
-        return list(self.points)  # type: ignore
+def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, settled: bool = True,
+           equivalent_damping: float = 0.0, negative_slope_mean: float = 0.0) -> Point:
+    """A point of a sweep."""
+    found = Summary(slip, 0.0, period, [], 0.5, regime, 150, 50, settled, 0.0, "made up", 0.0)
+    return Point(0.0, found, np.empty((0, 2)), settled, "done", np.empty(0),
+                 Damping(equivalent_damping, negative_slope_mean, -0.6), None, Start(State(0.0, 0.0, 0.0), 150))
 
 
 class Given(StableMotions):
     """Evidence that was made up: a record per row, ratio and direction, and jumps and stable stretches per row."""
 
-    def __init__(self, at: Callable[..., dict[str, Any]] = lambda row, x, direction: record(),
+    def __init__(self, at: Callable[..., Point] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
                  along: Callable[[Any], float] = lambda row: 10.0,
                  stretches: Callable[..., list[StableSegment]] = lambda row: [],
@@ -45,12 +45,12 @@ class Given(StableMotions):
     def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
         unit = OMEGA_N if over == "engine.frequency" else STATIC
         keys = tuple(min(float(x) * unit, STATIC) if unit == STATIC else float(x) * unit for x in axis)
-        return [Swept(Curve(paper_system(row), over, keys), Plan(direction=direction),
+        return [Sweep(Curve(paper_system(row), over, keys), Plan(direction=direction),
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
-        found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold")
-        return Settled(found["period"], found["max_slip_speed"], Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
+        found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary
+        return Settled(found.period, found.max_slip_speed, Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
 
     def jumps(self, row, axis):  # type: ignore
         return [(x, 10.0 + k) for k, x in enumerate(self.leaps(row))]

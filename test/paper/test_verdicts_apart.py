@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from given import Given, Swept, law_of, record
+from given import Given, law_of, record
 
 from tcc_sim.paper import claims_figures5to7 as damped
 from tcc_sim.paper import claims_model as model
@@ -93,29 +94,24 @@ def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ig
     row = {**model.FIG02, "friction.law": "set_valued"}
     kept = Evidence(1e-9, 1)
     sweep = kept.curves([row], np.array([150.0 / OMEGA_N]))[0]
-    found = sweep.records[0]
-    assert found is not None
-    assert (found["period"], found["settled"]) == (0, False)
+    found = sweep.points[0].summary
+    assert (found.period, found.settled) == (0, False)
     assert kept.periods(sweep).tolist() == [2]
     assert kept.motion(row).period == 2
-    found.pop("settled")
-    silent = Swept(sweep.curve, sweep.plan, [found], 0.0)
-    assert Evidence(1e-9, 1).periods(silent).tolist() == [0]  # A record that does not say counts as settled.
 
 
-def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
+def test_a_transient_of_slip_is_stick_once_it_has_settled():  # type: ignore
     """Fig. 14, psi = 0, law (6) at 0.148: from (13) it slips for 2700 cycles; at 0.13 it sticks, at 0.16 it slips."""
     kept = Evidence(1e-9, 1)
     row = {**FIGURES[14].series[0].values, "friction.law": "set_valued"}
     sweep = kept.curves([row], np.array([0.13, 0.16]))[0]
     assert kept.slips(sweep).tolist() == [False, True]
     # A motion in stick whose section changes still is followed until it does not.
-    stuck = kept.curves([row], np.array([0.13]))[0].records[0]
-    assert stuck is not None
-    unsettled = {**stuck, "settled": False, "regime": "stick-slip"}
-    curve = kept.curves([row], np.array([0.13]))[0].curve
-    assert kept.slips(Swept(curve, sweep.plan, [unsettled], 0.0)).tolist() == [False]
-    assert kept.slips(Swept(curve, sweep.plan, [{**unsettled, "settled": True}], 0.0)).tolist() == [True]
+    alone = kept.curves([row], np.array([0.13]))[0]
+    for settled in (False, True):
+        stuck = replace(alone.points[0].summary, settled=settled, regime="stick-slip")
+        said = replace(alone, points=[replace(alone.points[0], summary=stuck)])
+        assert kept.slips(said).tolist() == [settled]
 
 
 def test_damping_falls_where_every_curve_is_below_the_last() -> None:
