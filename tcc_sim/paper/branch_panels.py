@@ -98,10 +98,9 @@ def top_of(curves: Sequence[Data]) -> tuple[float, int]:
     inside = [0.0]
     for curve in curves:
         inside += [max(b["max_slip_speed"]) for b in curve["branches"]]
-        steady = marked(curve)[0][1]
-        inside += [v for v, done in zip(curve["max_slip_speed"], steady) if done and v is not None]
+        inside += bounded(curve)[dict(marked(curve))[SETTLED]].tolist()
     top = max(1.12 * max(inside), 1e-6)
-    return top, sum(v is not None and v > top for curve in curves for v in curve["max_slip_speed"])
+    return top, sum(int((bounded(curve) > top).sum()) for curve in curves)
 
 
 def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: int) -> None:
@@ -118,7 +117,7 @@ def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: 
     if not all(all(b["stable"]) for curve in curves for b in curve["branches"]):
         handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
     for mark in marks_met(swept):
-        name = mark.name + (f" ({beyond} beyond the axes)" if beyond and mark is not SETTLED else "")
+        name = mark.name + (f" ({beyond} beyond the axes)" if beyond and mark in (SETTLING, APERIODIC) else "")
         handles += axis.plot([], [], label=name, **mark.look(style.INK, 2.4))
     for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
         marker, name = MARKS[kind]
@@ -133,14 +132,16 @@ def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: 
 
 @dataclass(frozen=True)
 class Mark:
-    """How the points of a sweep look whose motion is of one kind."""
+    """How the points of a sweep look whose motion is of one kind; `colour` is its own where it has one."""
 
     name: str
     marker: str
     full: bool = False
+    colour: str = ""
 
     def look(self, colour: str, size: float = 1.8) -> dict[str, Any]:
         """Keywords of the plot."""
+        colour = self.colour or colour
         return {"linestyle": "none", "marker": self.marker, "color": colour, "markersize": size,
                 "markerfacecolor": colour if self.full else "white", "markeredgewidth": 0.0 if self.full else 0.5}
 
@@ -148,7 +149,7 @@ class Mark:
 SETTLED = Mark("settled in a period", "o", full=True)
 APERIODIC = Mark("no period up to 16", "o")
 SETTLING = Mark("still settling to a period", "x")
-AWAY = Mark("slip grows without end", "^")
+AWAY = Mark("slip grows without end", "^", full=True, colour=style.RUNAWAY)
 
 
 def marked(curve: Data) -> list[tuple[Mark, np.ndarray]]:
@@ -159,6 +160,19 @@ def marked(curve: Data) -> list[tuple[Mark, np.ndarray]]:
     away, period, done = column("runaway", False), column("period", 0), column("settled", True)
     where = (~away & (period > 0) & done, ~away & (period > 0) & ~done, ~away & (period == 0), away)
     return list(zip((SETTLED, SETTLING, APERIODIC, AWAY), (w.astype(bool) for w in where)))
+
+
+def draw_runaways(axis: Any, x: Sequence[float], curve: Data) -> None:
+    """Where slip grows without end, at the upper edge: it is as large as it was solved long, so it has no scale."""
+    where = dict(marked(curve))[AWAY]
+    axis.plot(np.array(x)[where], np.full(int(where.sum()), 0.97), transform=axis.get_xaxis_transform(), zorder=2,
+              **AWAY.look("", 3.0))
+
+
+def bounded(curve: Data) -> np.ndarray:
+    """(n,) largest slip speeds, NaN where there is none and where slip grows without end."""
+    values = np.array([np.nan if x is None else x for x in curve["max_slip_speed"]], dtype=np.float64)
+    return np.where(dict(marked(curve))[AWAY], np.nan, values)
 
 
 def marks_met(curves: Sequence[Data]) -> list[Mark]:

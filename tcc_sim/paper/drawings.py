@@ -10,6 +10,7 @@ import numpy as np
 
 from tcc_sim.paper import branch_panels as panels
 from tcc_sim.paper import histories as paper_histories
+from tcc_sim.paper.catalogue import plain
 from tcc_sim.paper.law_drawing import paint_law
 from tcc_sim.views import style
 
@@ -18,6 +19,8 @@ Data = dict[str, Any]
 AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
 SECTION = r"$\delta_2$ (rad)"
+WIDEST = 125
+"""Characters of a caption's line."""
 DIRECTIONS = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
 
 
@@ -48,14 +51,21 @@ def draw(data: Data, stem: Path) -> None:
 
 
 def _caption(data: Data) -> str:
-    """The line below a picture: parameters, and what was dropped and kept."""
-    if "cycles" not in data or data["kind"] == "chart":
-        return str(data["caption"])
-    most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
-    still = any(mark is panels.SETTLING for mark in panels.marks_met(data["curves"]))
-    grey = "; grey: still settling to a period" if still else ""
-    return (f"{data['caption']}; {data['cycles']} engine cycles, the first {data['discarded']} dropped; "
-            rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}{grey}")
+    """The lines below a picture: parameters, and what was dropped and kept."""
+    parts = str(data["caption"]).replace("\n", " ").split("; ")
+    if "cycles" in data and data["kind"] != "chart":
+        most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
+        parts += [f"{data['cycles']} engine cycles, the first {data['discarded']} dropped",
+                  rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
+        if any(mark is panels.SETTLING for mark in panels.marks_met(data["curves"])):
+            parts.append("grey: still settling to a period")
+    lines = [parts[0]]
+    for part in parts[1:]:
+        if len(plain(f"{lines[-1]}; {part}")) > WIDEST:
+            lines.append(part)
+        else:
+            lines[-1] += f"; {part}"
+    return ";\n".join(lines)
 
 
 def _numbers(values: list[float | None]) -> np.ndarray:
@@ -70,7 +80,8 @@ def _marks(axis: Any, data: Data) -> None:
 
 
 def _orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
-    """The section points over the parameter: grey where a period has not settled; none where slip grows without end."""
+    """The section points over the parameter: grey where a period has not settled; at the edge where slip grows."""
+    panels.draw_runaways(axis, x, curve)
     counts = np.array([len(p or ()) for p in curve["theta2"]])
     points = np.concatenate([np.array(p or (), dtype=np.float64) for p in curve["theta2"]])
     place = np.repeat(x, counts)
@@ -87,8 +98,7 @@ SPIKE = "spike of a cold start beside it"
 
 def _maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
     """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
-    values = _numbers(curve["max_slip_speed"])
-    axis.plot(x, values, color=colour, linewidth=0.9, label=curve["label"])
+    axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve["label"])
     _points(axis, x, curve, colour)
     rows = curve.get("coexisting", [])
     axis.plot([x[r["index"]] for r in rows], [r["other"]["max_slip_speed"] for r in rows], linestyle="none", marker="D",
@@ -111,102 +121,87 @@ def _legend_of_marks(axis: Any, curves: list[Data]) -> None:
 
 
 def _paint_map(drawn: Any, data: Data) -> None:
-    """Left the maxima, right an orbit diagram for every curve; curves that would hide each other have rows of their
-    own, with the others pale behind them.
+    """Left the maxima, right an orbit diagram for every curve. Curves that would hide each other, and those with their
+    branches, have rows of their own; without branches the other curves are pale behind them.
     """
     curves, x = data["curves"], data["x"]
-    if "branches" in curves[0]:
-        _paint_branches(drawn, data)
-        return
-    stacked = _crowded(curves)
-    grid = drawn.add_gridspec(len(curves) + 1, 2, width_ratios=(1.0, 1.05),
-                              height_ratios=[1.0] * len(curves) + [0.3 / _map_height(data)])
-    maxima = [drawn.add_subplot(grid[k, 0]) for k in range(len(curves))] if stacked else [
-        drawn.add_subplot(grid[:-1, 0])] * len(curves)
-    orbits = [drawn.add_subplot(grid[k, 1]) for k in range(len(curves))]
+    branched = "branches" in curves[0]
+    stacked = branched or _crowded(curves)
+    count = len(curves)
+    grid = drawn.add_gridspec(count + 1, 2, width_ratios=(1.55 if branched else 1.0, 1.0),
+                              height_ratios=[1.0] * count + [0.24 if branched else 0.36])
+    maxima = [drawn.add_subplot(grid[k, 0]) for k in range(count)] if stacked else [
+        drawn.add_subplot(grid[:-1, 0])] * count
+    orbits = [drawn.add_subplot(grid[k, 1]) for k in range(count)]
+    beyond = 0
     for k, (curve, left, right) in enumerate(zip(curves, maxima, orbits)):
         colour = style.CYCLE[k]
-        if stacked:
-            for other in curves:
-                left.plot(x, _numbers(other["max_slip_speed"]), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
-        _maxima(left, x, curve, colour)
+        for axis in (left, right):
+            axis.set_xlim(x[0], x[-1])
+        if branched:
+            beyond += _maxima_on_branches(left, curve, data, colour)
+        else:
+            for other in curves if stacked else ():
+                left.plot(x, panels.bounded(other), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
+            _maxima(left, x, curve, colour)
+            left.set_ylim(0.0, _top(x, curves, legend=not stacked))
         _orbit(right, x, curve, colour)
+        left.set_ylabel(MAXIMUM.replace(" (", "\n(") if stacked else MAXIMUM)
         right.set_ylabel(SECTION)
-        for axis in (left, right) if stacked else (right,):
+        for axis in (left, right) if stacked and not branched else (right,):
             axis.set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
         right.margins(y=0.08)
         for axis in dict.fromkeys((left, right)):
-            axis.set_xlim(x[0], x[-1])
             axis.locator_params(axis="y", nbins=4 if stacked or axis is right else 8)
-            axis.tick_params(labelbottom=k == len(curves) - 1 or axis is maxima[0] is maxima[-1])
+            axis.locator_params(axis="x", nbins=6)
+            axis.tick_params(labelbottom=k == count - 1 or (not stacked and axis is left))
             _marks(axis, data)
-    for axis in dict.fromkeys(maxima):
-        axis.set_ylabel(MAXIMUM)
-        axis.set_ylim(0.0, _top(x, curves, legend=not stacked))
     for axis in (maxima[-1], orbits[-1]):
         axis.set_xlabel(AXES[data["axis"]])
-    maxima[0].set_title("(a) maximum slip speed")
-    orbits[0].set_title("(b) orbit diagrams")
+    room = panels.room_above(curves[:1]) if branched else 6.0
+    for axis, title in ((maxima[0], "(a) maximum slip speed"), (orbits[0], "(b) orbit diagrams")):
+        axis.annotate(title, (0.0, 1.0), (0.0, room), xycoords="axes fraction", textcoords="offset points",
+                      fontsize=8.5, fontweight="bold")
+    below = drawn.add_subplot(grid[-1, :])
+    if branched:
+        panels.legend_of(below, curves, curves, beyond)
+        return
     if not stacked:
         maxima[0].add_artist(maxima[0].legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none"))
-    below = drawn.add_subplot(grid[-1, :])
     below.set_axis_off()
     _legend_of_marks(below, curves)
-    below.legend(loc="center", ncols=3, fontsize=6.5).set_in_layout(False)
+    below.legend(loc="lower center", ncols=3, fontsize=6.5).set_in_layout(False)
 
 
 def _crowded(curves: list[Data]) -> bool:
     """Whether the maxima of curves jump about so much that they would hide each other."""
-    values = [_numbers(curve["max_slip_speed"]) for curve in curves]
+    values = [panels.bounded(curve) for curve in curves]
     size = max(float(np.nanmax(v)) for v in values)
     return sum(int((np.abs(np.diff(v)) > 0.05 * size).sum()) for v in values) > 5 * len(curves)
 
 
-def _paint_branches(drawn: Any, data: Data) -> None:
-    """A row for every curve: branches over the maxima of the sweep, and the orbit diagram."""
-    curves, x = data["curves"], data["x"]
-    grid = drawn.add_gridspec(len(curves) + 1, 2, width_ratios=(1.55, 1.0), height_ratios=[1.0] * len(curves) + [0.22])
-    rows = [(drawn.add_subplot(grid[k, 0]), drawn.add_subplot(grid[k, 1])) for k in range(len(curves))]
-    beyond = 0
-    for k, (curve, (left, right)) in enumerate(zip(curves, rows)):
-        colour = style.CYCLE[k]
-        right.sharex(left)
-        left.set_xlim(x[0], x[-1])
-        _points(left, x, curve, colour)
-        panels.draw_branches(left, curve, data["unit"], colour)
-        top, more = panels.top_of([curve])
-        beyond += more
-        left.set_ylim(0.0, top)
-        panels.label_jumps(left, [curve], data["unit"], [style.INK])
-        left.set_ylabel(MAXIMUM)
-        _orbit(right, x, curve, colour)
-        right.set_ylabel(SECTION)
-        right.set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
-        right.margins(y=0.08)
-        for axis in (left, right):
-            axis.locator_params(axis="y", nbins=4)
-            axis.locator_params(axis="x", nbins=6)
-            axis.tick_params(labelbottom=k == len(curves) - 1)
-            _marks(axis, data)
-    for axis in rows[-1]:
-        axis.set_xlabel(AXES[data["axis"]])
-    room = panels.room_above(curves[:1])
-    for axis, title in zip(rows[0], ("(a) maximum slip speed", "(b) orbit diagrams")):
-        axis.annotate(title, (0.0, 1.0), (0.0, room), xycoords="axes fraction", textcoords="offset points",
-                      fontsize=8.5, fontweight="bold")
-    panels.legend_of(drawn.add_subplot(grid[-1, :]), curves, curves, beyond)
+def _maxima_on_branches(axis: Any, curve: Data, data: Data, colour: str) -> int:
+    """A curve's branches over the maxima of its sweep, with its jumps; how many points lie beyond the axis."""
+    _points(axis, data["x"], curve, colour)
+    panels.draw_branches(axis, curve, data["unit"], colour)
+    top, beyond = panels.top_of([curve])
+    axis.set_ylim(0.0, top)
+    panels.label_jumps(axis, [curve], data["unit"], [style.INK])
+    return beyond
 
 
 def _points(axis: Any, x: list[float], curve: Data, colour: str) -> None:
     """The maxima of a sweep as points alone, each marked by what its motion is."""
-    values, at = _numbers(curve["max_slip_speed"]), np.array(x)
+    values, at = panels.bounded(curve), np.array(x)
+    panels.draw_runaways(axis, x, curve)
     for mark, where in panels.marked(curve):
-        axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
+        if mark is not panels.AWAY:
+            axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
 
 
 def _top(x: list[float], curves: list[Data], *, legend: bool) -> float:
     """The end of the axis of maxima, above which no curve reaches and a legend at its right hides none."""
-    values = np.stack([np.where(panels.marked(c)[3][1], np.nan, _numbers(c["max_slip_speed"])) for c in curves])
+    values = np.stack([panels.bounded(c) for c in curves])
     values = np.where(np.isfinite(values), values, 0.0)
     below = values[:, np.array(x) >= x[0] + 0.55 * (x[-1] - x[0])] if legend else np.zeros(1)
     return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
@@ -227,7 +222,8 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     close = damping.inset_axes((0.66, 0.66, 0.33, 0.28))
     close.plot(x, 1e3 * weighted, color=style.GREEN, linewidth=0.8)
     close.set_xlim(x[0], x[-1])
-    close.set_title(r"$C_f$, $10^{-3}$ N m s/rad", fontsize=6.0, pad=2.0)
+    close.set_title(r"$C_f$, $10^{-3}$ N m s/rad", fontsize=6.0, fontweight="normal", pad=2.0)
+    close.locator_params(nbins=4)
     close.tick_params(labelsize=5.5)
     style.legend_above(damping)
     _maxima(maxima, data["x"], {**curve, "label": "_"}, style.BLUE)
@@ -257,6 +253,8 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
             _orbit(axis, x, curve, colour)
             axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour,
                       label=DIRECTIONS[curve["direction"]])
+        if panels.AWAY in panels.marks_met(panel):
+            axis.plot([], [], label=panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)
         style.legend_above(axis)
     for axis in axes:
@@ -293,16 +291,15 @@ def _slipping_away(axis: Any, x: list[float], data: Data) -> None:
                                           * keys["clutch.area"] * keys["clutch.radius"])
     if x[0] < ratio < x[-1]:
         axis.axvspan(x[0], ratio, color=style.GREY, alpha=0.25, linewidth=0.0, zorder=0)
-        axis.annotate("clutch slips away,\n$T_{sm} < T_m$", (ratio, 0.96), xycoords=("data", "axes fraction"),
-                      xytext=(3.0, 0.0), textcoords="offset points", fontsize=6.0, va="top", color=style.INK,
-                      bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0})
+        axis.annotate("clutch slips away, $T_{sm} < T_m$", (0.5 * (x[0] + ratio), 0.03), rotation=90, fontsize=5.0,
+                      xycoords=("data", "axes fraction"), ha="center", va="bottom", color=style.INK)
 
 
 def _map_height(data: Data) -> float:
     """Room for every orbit diagram, inch."""
     if "branches" in data["curves"][0]:
         return 1.2 + 1.9 * len(data["curves"])
-    return 0.9 + 0.95 * len(data["curves"])
+    return 1.1 + 1.05 * len(data["curves"])
 
 
 def _orbit_height(data: Data) -> float:

@@ -158,10 +158,12 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
         assert marks["o", style.BLUE] == [[1.0, 1.0]]
         assert marks["x", "white"] == [[2.0, 2.0]]
         assert marks["o", "white"] == [[3.0, 3.0]]
-        assert marks["^", "white"] == [[4.0, 900.0]]
+        # Slip that grows has a colour of its own and stands at the edge, whatever the scale.
+        assert marks["^", style.RUNAWAY] == [[4.0, 0.97]]
+        assert np.isnan(axis.lines[0].get_ydata()[3])
         drawings._orbit(orbit, x, curve, style.BLUE)
         assert [(line.get_color(), line.get_xdata().tolist()) for line in orbit.lines] == [
-            (style.BLUE, [1.0]), (style.GREY, [2.0, 2.0]), (style.BLUE, [3.0, 3.0, 3.0])]
+            (style.RUNAWAY, [4.0]), (style.BLUE, [1.0]), (style.GREY, [2.0, 2.0]), (style.BLUE, [3.0, 3.0, 3.0])]
         known = len(axis.lines)
         drawings._legend_of_marks(axis, [curve])
         assert [line.get_label() for line in axis.lines[known:]] == [
@@ -169,6 +171,20 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
     assert len(branch_panels.marks_met([curve])) == 4
     assert branch_panels.marks_met([{"period": [1, 2]}]) == [branch_panels.SETTLED]
     assert drawings._top(x, [curve], legend=False) == pytest.approx(1.06 * 3.0)  # A runaway sets no scale.
+
+
+def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
+    from tcc_sim.paper import drawings
+    from tcc_sim.views import style
+
+    data: dict[str, Any] = {"caption": FIGURES[4].caption, "kind": "map", "cycles": 150, "discarded": 50, "curves": [
+        {"theta2": [[0.1] * 40], "period": [1], "settled": [False]}]}
+    caption = drawings._caption(data)
+    assert caption.endswith("grey: still settling to a period")
+    with style.figure(style.PAGE, 2.0) as drawn:
+        text = drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0)
+        drawn.draw_without_rendering()
+        assert text.get_window_extent().x1 < drawn.bbox.x1
 
 
 def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
