@@ -10,7 +10,7 @@ import numpy as np
 
 from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import OMEGA_N, SUPER_HARMONICS, paper_system
-from tcc_sim.paper.criteria import Holds, Measured, Near, Shares, claim
+from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
 from tcc_sim.paper.evidence import (
     FREQUENCY,
     JUMP,
@@ -32,6 +32,8 @@ NEAR = 0.02
 """How far from a printed frequency ratio or friction ratio something may be and count as there."""
 CLOSE = 0.01
 """The same where places lie so dense that NEAR would take in most of them."""
+ENDS = 4e-3
+"""How far from a step of a sweep a motion's end may be and count as what the step leaves."""
 AXIS = np.round(np.arange(0.05, 0.5001, 0.003), 6)
 WAYS = ("cold", "up", "down")
 """How a sweep starts every value: from (13), or from the neighbour below or above."""
@@ -53,6 +55,11 @@ def nearest(places: Sequence[float], mark: float) -> float | None:
     return min(places, key=lambda x: abs(x - mark), default=None)
 
 
+def count_near(curves: Sequence[np.ndarray], place: float) -> int:
+    """How many curves have one of their places within NEAR of a ratio."""
+    return sum(bool((np.abs(row - place) <= NEAR).any()) for row in curves)
+
+
 def jump_places(evidence: Evidence, ratio: float) -> list[float]:
     """Where the map of one mu_k/mu_s from (13) jumps, omega/omega_n."""
     return [round(x, 4) for x, _ in evidence.jumps(with_kinetic(ratio), AXIS)]
@@ -69,18 +76,26 @@ PROMINENT = 0.02
 """How far a maximum of a curve stands above what surrounds it, as a part of the curve's largest value."""
 
 
-@claim("4", "5, Fig. 4(a)", "super-harmonic peaks near 0.167, 0.20, 0.25, 0.33 appear as mu_k falls", Near(
-    "the peak nearest each, from (13) or in sweeps either way for mu_k = 0.83, 0.75 or 0.667 mu_s; a peak "
-    f"stands {PROMINENT:g} of the curve's largest value above what surrounds it;", NEAR))
+SPREAD = np.round(np.arange(0.14, 0.3601, 1e-3), 6)
+"""Ratios about those that the text names, against which it is held how near to them something is."""
+
+
+@claim("4", "5, Fig. 4(a)", "super-harmonic peaks near 0.167, 0.20, 0.25, 0.33 appear as mu_k falls", Equal(
+    "of the nine curves of 0.83, 0.75 and 0.667 mu_s, each from (13), swept up and swept down, more have a peak within "
+    f"{NEAR:g} of a named ratio than of the ratios from 0.14 to 0.36 on average (a peak stands {PROMINENT:g} of the "
+    "curve's largest value above what surrounds it)"))
 def super_harmonic_peaks(evidence: Evidence) -> Measured:
-    """Fig. 4: peaks near the ratios that the text names."""
+    """Fig. 4: peaks near the ratios that the text names, beside how many curves have one anywhere."""
     peaks = {way: _peaks(evidence, way) for way in WAYS}
-    near = {way: {f"{m:.3f}": nearest([x for r in FALLING for x in peaks[way][f"{r:g}"]], m) for m in SUPER_HARMONICS}
-            for way in WAYS}
-    found = [nearest([x for way in WAYS if (x := near[way][f"{m:.3f}"]) is not None], m) for m in SUPER_HARMONICS]
-    return Measured(list(zip(found, SUPER_HARMONICS)),
-                    {"nearest peak from (13), upward, downward": list(near.values()),
-                     "peaks from (13) for mu_k/mu_s": peaks["cold"]})
+    curves = [np.array(peaks[way][f"{r:g}"]) for way in WAYS for r in FALLING]
+    anywhere = float(np.mean([count_near(curves, x) for x in SPREAD]))
+    near = {f"{m:.3f}": count_near(curves, m) for m in SUPER_HARMONICS}
+    return Measured([(count > anywhere, True) for count in near.values()],
+                    {"curves of nine with a peak near": near, "near any ratio, on average": anywhere,
+                     "for mu_k = mu_s, of three": {
+                         f"{m:.3f}": count_near([np.array(peaks[way]["1"]) for way in WAYS], m)
+                         for m in SUPER_HARMONICS},
+                     "peaks from (13), upward, downward, for mu_k/mu_s": list(peaks.values())})
 
 
 def _peaks(evidence: Evidence, way: str = "cold") -> dict[str, list[float]]:
@@ -98,32 +113,36 @@ def prominent_maxima(axis: Floats, values: Floats, reach: int = 5) -> list[float
             and values[k] - np.nanmin(values[k + 1:k + reach + 1]) > least]
 
 
-@claim("4", "5, Fig. 4(a)", "these peaks appear along with jumps", Near(
-    f"the place nearest each named ratio where, for 0.83, 0.75 or 0.667 mu_s, the map from (13) or a sweep either way "
-    f"changes by more than {JUMP:g} of its maximum between ratios 0.003 apart, and a stable motion ends in a jump "
-    "within 0.004 of that,", CLOSE))
+@claim("4", "5, Fig. 4(a)", "these peaks appear along with jumps", Equal(
+    f"of the nine curves of 0.83, 0.75 and 0.667 mu_s more have within {NEAR:g} of a named ratio a peak with a jump "
+    f"within {CLOSE:g} of it than of the ratios from 0.14 to 0.36 on average; the jump changes the maximum by more "
+    f"than {JUMP:g} of the curve's between ratios 0.003 apart, and a stable motion ends in it within {ENDS:g}"))
 def super_harmonic_jumps(evidence: StableMotions) -> Measured:
     """Fig. 4: jumps at the super-harmonic peaks, of all sweeps, each with the end of the motion that it leaves."""
-    rows = {f"{r:g}": with_kinetic(r) for r in FALLING}
-    places: dict[str, list[float]] = {name: [] for name in rows}
+    both: list[np.ndarray] = []
+    left: list[float] = []
     motions: list[Motion] = []
-    for name, row in rows.items():
-        steps = {float(0.5 * (AXIS[k] + AXIS[k + 1])) for way in WAYS
-                 for k in steep(evidence.curves([row], AXIS, direction=way)[0].column("max_slip_speed"))}
-        for mark in SUPER_HARMONICS:
-            ends = [end.value for end in evidence.ends(row, around(mark))
-                    if any(abs(end.value - x) <= 4e-3 for x in steps)]
-            places[name] += [x for x in ends if x not in places[name]]
-            motions += [m for m in evidence.motions(f"mu_k = {name} mu_s", row, around(mark))
-                        if any(end.jumps and end.value in ends for end in (m.stretch.low, m.stretch.high))]
-    every = [x for row in places.values() for x in row]
-    found = {mark: nearest(every, mark) for mark in SUPER_HARMONICS}
-    where = np.arange(0.14, 0.3601, 1e-3)
-    chance = float(np.mean([any(abs(x - w) <= CLOSE for x in every) for w in where]))
-    return Measured([(x, mark) for mark, x in found.items()],
-                    {"nearest": {f"{m:.3f}": x for m, x in found.items()}, "for mu_k/mu_s": places,
-                     "part of the ratios from 0.14 to 0.36 that are as near to one": chance,
-                     "jumps from (13)": {name: jump_places(evidence, r) for name, r in zip(rows, FALLING)}},
+    for r in FALLING:
+        row = with_kinetic(r)
+        ends = [end.value for mark in SUPER_HARMONICS for end in evidence.ends(row, around(mark))]
+        for way in WAYS:
+            values = evidence.curves([row], AXIS, direction=way)[0].column("max_slip_speed")
+            steps = [0.5 * (AXIS[k] + AXIS[k + 1]) for k in steep(values)]
+            met = [x for x in ends if any(abs(x - step) <= ENDS for step in steps)]
+            both.append(np.array([x for x in prominent_maxima(AXIS, values)
+                                  if any(abs(x - end) <= CLOSE for end in met)]))
+            left += met
+        motions += [m for mark in SUPER_HARMONICS for m in evidence.motions(f"mu_k = {r:g} mu_s", row, around(mark))
+                    if any(end.jumps and end.value in left for end in (m.stretch.low, m.stretch.high))]
+
+    near = {f"{m:.3f}": count_near(both, m) for m in SUPER_HARMONICS}
+    anywhere = float(np.mean([count_near(both, x) for x in SPREAD]))
+    return Measured([(count > anywhere, True) for count in near.values()],
+                    {"curves of nine with a peak beside a jump near": near, "near any ratio, on average": anywhere,
+                     "nearest end in a jump": {f"{m:.3f}": nearest(left, m) for m in SUPER_HARMONICS},
+                     "part of the ratios from 0.14 to 0.36 that are within 0.01 of such an end": float(np.mean(
+                         [any(abs(x - w) <= CLOSE for x in left) for w in SPREAD])),
+                     "jumps from (13)": {f"{r:g}": jump_places(evidence, r) for r in FALLING}},
                     "", tuple(motions))
 
 
@@ -146,7 +165,8 @@ def peaks_move(evidence: Evidence) -> Measured:
 
 @claim("4", "5, after Fig. 4; 7", "stability is lost around the super-harmonic peaks", Holds(
     f"0.75 or more of the jumps of the maps from (13) for 0.83, 0.75 and 0.667 mu_s lie within {CLOSE:g} of a peak of "
-    "their curve", "more of the jumps than of all ratios from 0.12 on, for every mu_k, are so near"))
+    f"their curve; {JUMPING}, a peak stands {PROMINENT:g} of its curve's largest value above what surrounds it",
+    "more of the jumps than of all ratios from 0.12 on, for every mu_k, are so near"))
 def lost_at_peaks(evidence: Evidence) -> Measured:
     """Fig. 4: how near to a peak the map jumps, beside how much of the axis is as near."""
     peaks = _peaks(evidence)
@@ -193,8 +213,8 @@ def last_slips(evidence: Evidence, law: str) -> dict[str, float]:
 
 
 @claim("4", "5, Fig. 4(b)", "a jump in the maximum is a bifurcation point", Shares(
-    f"jumps of the maps from (13) for 0.83, 0.75 and 0.667 mu_s within {2.0 * NEAR:g} of the named ratios that have a "
-    "bifurcation of a stable motion within 0.001"))
+    f"jumps ({JUMPING}) of the maps from (13) for 0.83, 0.75 and 0.667 mu_s within {2.0 * NEAR:g} of the named ratios "
+    "that have a bifurcation of a stable motion within 0.001"))
 def jump_is_bifurcation(evidence: StableMotions) -> Measured:
     """Fig. 4: what ends at each jump; a motion that goes on beside the one jumped to ends at none."""
     kinds: dict[str, str] = {}
@@ -211,8 +231,8 @@ def jump_is_bifurcation(evidence: StableMotions) -> Measured:
 
 
 @claim("4", "5, after Fig. 4", "a bifurcation in delta_2 shows in delta_1' too", Shares(
-    "ratios 0.05 to 0.5 in steps of 0.009, for 0.75 mu_s, whose section in delta_2 and maxima of delta_1' per cycle "
-    "have one period, or neither has one up to 16,"))
+    "ratios 0.05 to 0.5 in steps of 0.009, for 0.75 mu_s, at which the section in delta_2 and the maxima of delta_1' "
+    "per cycle repeat to 1e-5 after one and the same number of cycles, or neither does after up to 16,"))
 def shows_in_both(evidence: Evidence) -> Measured:
     """Fig. 4: the period told from the plate angle alone, and from the maxima of the slip speed alone."""
     same, apart = [], []
@@ -235,7 +255,7 @@ def repeats(series: Floats) -> int:
 
 
 @claim("4", "5, after Fig. 4", "a jump near 0.20 at mu_k = 0.83 mu_s turns period one into two", Holds(
-    f"from (13) a jump within {NEAR:g} of 0.20 with period 1 at 0.002 below it and 2 at 0.002 above"))
+    f"from (13) a jump within {NEAR:g} of 0.20 with period 1 at 0.002 below it and 2 at 0.002 above; {JUMPING}"))
 def jump_doubles_period(evidence: Evidence) -> Measured:
     """Fig. 4: mu_k = 0.83 mu_s near 0.20."""
     row = with_kinetic(0.83)
@@ -250,8 +270,8 @@ FALLS = np.round(np.arange(0.56, 0.8301, 0.01), 6)
 
 
 @claim("4", "5, after Fig. 4", "near 0.20 period two becomes quasi-periodic or chaotic as mu_k falls further",
-       Holds("0.002 above the jump period 2 at 0.83 mu_s, and at a smaller mu_k no period up to 16 and a largest "
-             "Lyapunov exponent whose confidence interval is above 0, or a narrow one around 0",
+       Holds("0.002 above the jump period 2 at 0.83 mu_s, and at a smaller mu_k no period up to 16 and the whole "
+             "confidence interval of the largest Lyapunov exponent above 0, or a motion on a torus",
              "at a smaller mu_k there is no period up to 16"))
 def doubling_to_chaos(evidence: Evidence) -> Measured:
     """Fig. 4: the period-two motions behind the jump near 0.20, as mu_k falls further."""

@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, plain
-from tcc_sim.paper.claims_figure4 import NEAR, WAYS, about
+from tcc_sim.paper.claims_figure4 import JUMPING, NEAR, WAYS, about
 from tcc_sim.paper.claims_varying_load import (
     AXIS,
     HIGH,
     LOWER,
     LOWEST,
+    SHOWS,
+    SLIPPING,
     WITHIN_STICK,
     best,
+    by_law,
     exceptions,
     maxima,
     pure_stick_below,
@@ -51,15 +54,16 @@ def phase_with_steeper_law(evidence: Evidence) -> Measured:
 
 
 @claim("14, 15", "6.2, after Fig. 14", "at higher frequency psi = 0 acts in the opposite way: worst", Holds(
-    "at 0.95 or more of the ratios 0.31 to 0.45 its maximum is the highest (within 0.05 rad/s), whichever stable "
-    "motion there is on every curve", "at 0.5 or more for some choice of motions"))
+    f"at 0.95 or more of the ratios 0.31 to 0.45 where a curve slips (above {SLIPPING:g} rad/s) its maximum is the "
+    f"highest (within {SHOWS:g} rad/s), whichever stable motion there is on every curve",
+    "at 0.5 or more for some choice of motions"))
 def phase_reversed(evidence: StableMotions) -> Measured:
     """Figs. 14 and 15: psi = 0 at high frequency."""
     shares, motions = {}, list[Motion]()
     for n in (14, 15):
         evidence.stretches(rows(n), HIGHER)
         shares[str(n)] = ordered_shares([evidence.amplitudes(row, HIGHER) for row in rows(n)], 0,
-                                        (HIGHER >= 0.31) & (HIGHER <= 0.45), worst=True)
+                                        (HIGHER >= 0.31) & (HIGHER <= 0.45), (SHOWS, SLIPPING), worst=True)
         for series in FIGURES[n].series:
             motions += evidence.motions(f"Fig. {n}, {plain(series.label)}", series.values, HIGHER)
     return Measured((min(every for every, _ in shares.values()) >= 0.95,
@@ -79,7 +83,7 @@ def stick_below_015(evidence: Evidence) -> Measured:
        Equal("the lowest ratio that slips from (13) at 0.75 mu_s is below that at mu_k = mu_s, with either law"))
 def earlier_onset(evidence: Evidence) -> Measured:
     """Fig. 14 against Fig. 8: nothing but mu_k differs, and (10) does not hold it."""
-    found = {law: [stick_interval(evidence, n, law)[0] for n in (8, 14)] for law in ("smoothed", "set_valued")}
+    found = {law: [stick_interval(evidence, by_law(n)[law])[0] for n in (8, 14)] for law in by_law(8)}
     return Measured([(falling < equal, True) for equal, falling in found.values()],
                     {f"lowest slip at mu_k = mu_s and 0.75 mu_s, {law}": x for law, x in found.items()},
                     "the end of stick by (10) is the same for both: a motion that slips goes on below it where "
@@ -88,7 +92,8 @@ def earlier_onset(evidence: Evidence) -> Measured:
 
 @claim("14", "6.2, after Fig. 14", "psi = 0: at a jump near 0.35 the periodic motion becomes chaotic", Holds(
     f"a stable motion ends in a jump within {NEAR:g} of 0.35, periodic 0.005 below it, and within 0.02 above it a "
-    "Lyapunov exponent whose confidence interval is above 0", "at such a place or a steep rise the period is lost"))
+    "Lyapunov exponent whose confidence interval is above 0", f"at such a place, or where neighbours 0.005 apart "
+    f"differ by more than {JUMP:g} of the curve's maximum, the period is lost"))
 def jump_to_chaos(evidence: StableMotions) -> Measured:
     """Fig. 14: the jump near 0.35."""
     row, near = rows(14)[0], about(0.35)
@@ -111,10 +116,14 @@ def jump_to_chaos(evidence: StableMotions) -> Measured:
                     tuple(evidence.motions("psi = 0", row, near)))
 
 
+LINKED = 0.5
+"""Rank correlation of some fifteen jumps that chance exceeds once in twenty times, about."""
+
+
 @claim("14", "6.2, after Fig. 14", "bifurcations are as severe as jumps are abrupt, not as slip is large", Holds(
     "over the jumps of the three curves from (13) Spearman's rank correlation of the longer of the periods 0.001 "
-    "below and above (17 for none up to 16) with the size of the jump is above 0 and larger than that with the larger "
-    "maximum", "the first is above 0"))
+    f"below and above (17 for none up to 16) with the size of the jump is above {LINKED:g} and larger than that with "
+    f"the larger maximum; {JUMPING}", f"the first is above {0.5 * LINKED:g}"))
 def severity_follows_abruptness(evidence: Evidence) -> Measured:
     """Fig. 14, per jump: how bad the bifurcation is, against the size of the jump and of the slip."""
     severity, abruptness, amplitude = [], [], []
@@ -126,7 +135,7 @@ def severity_follows_abruptness(evidence: Evidence) -> Measured:
             amplitude.append(max(m.largest for m in beside))
     ranks = [ranked(np.array(x)) for x in (severity, abruptness, amplitude)]
     abrupt, large = correlation(ranks[0], ranks[1]), correlation(ranks[0], ranks[2])
-    return Measured((abrupt > 0.0 and abrupt > large, abrupt > 0.0),
+    return Measured((abrupt > LINKED and abrupt > large, abrupt > 0.5 * LINKED),
                     {"jumps": len(severity), "with the size of the jump": abrupt, "with the maximum": large})
 
 
@@ -152,7 +161,7 @@ def correlation(x: Floats, y: Floats) -> float:
 
 
 @claim("14", "6.2, after Fig. 14", "psi = pi: peaks are smooth and there are no bifurcations", Holds(
-    "period 1 at every frequency from (13) and no jump",
+    f"period 1 at every frequency from (13) and no jump; {JUMPING}",
     "no motion that (13) leads to ends in a bifurcation, and more than 0.5 of the ratios have period 1"))
 def phase_pi_is_smooth(evidence: StableMotions) -> Measured:
     """Fig. 14: psi = pi."""

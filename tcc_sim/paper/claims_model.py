@@ -20,7 +20,9 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 
 ALIKE = 0.05
-"""Root mean square difference, relative to the largest slip speed, that shows on a printed curve."""
+"""Difference, relative to the largest slip speed, up to which two solutions agree."""
+APART = 0.02
+"""Root mean square difference, relative to the largest slip speed, above which two curves are told apart."""
 FIG02: Values = FIGURES[2].series[0].values
 SHARPER = np.round(np.geomspace(50.0, 1000.0, 12), 3)
 """Smoothing factors, s/rad, over which the motions of Fig. 2 are followed."""
@@ -32,9 +34,9 @@ LAWS: dict[str, dict[str, Any]] = {
 
 
 @claim("2", "3, after (7)", "RK45, a stiff (Gear) method and the discontinuous solution agree", Holds(
-    f"from one state the slip speeds over a cycle differ by less than {ALIKE:g} of their maximum (rms), the largest of "
-    f"cycles {DISCARD} to {CYCLES} from (13) by less than {ALIKE:g}, and the attractors of either law have the same "
-    f"periods and largest slip speeds within {ALIKE:g}", "the first two hold"))
+    f"from one state the slip speeds over a cycle differ by less than {ALIKE:g} of their maximum (rms), the mean of "
+    f"the maxima of cycles {DISCARD} to {CYCLES} from (13) by less than {ALIKE:g}, and the attractors of either law "
+    f"have the same periods and largest slip speeds within {ALIKE:g}", "the first two hold"))
 def solvers_agree(evidence: StableMotions) -> Measured:
     """Fig. 2: over one cycle, over the paper's cycles, and in the attractors."""
     differences = cycle_differences((("rk45", "smoothed", None), ("bdf", "smoothed", None),
@@ -43,18 +45,18 @@ def solvers_agree(evidence: StableMotions) -> Measured:
     for name in ("smoothed, sigma = 50", "set-valued (6)"):
         highest = evidence.largest_by_cycle({**FIG02, **LAWS[name]}, 1000)
         kept = highest[DISCARD:CYCLES]
-        paper[name] = [float(kept.min()), float(kept.max())]
+        paper[name] = [float(kept.min()), float(kept.mean()), float(kept.max())]
         doubled[name] = [float(abs(highest[n] - highest[n + 1])) for n in WATCHED]
     motions = {name: evidence.attractors({**FIG02, **row}) for name, row in LAWS.items()}
     first, *others = motions.values()
     alike = all(len(m) == len(first) and all(a[0] == b[0] and abs(b[1] / a[1] - 1.0) <= ALIKE for a, b in zip(first, m))
                 for m in others)
-    ends = np.array(list(paper.values()))
-    close = max(differences.values()) < ALIKE and float(np.ptp(ends, axis=0).max() / ends.max()) < ALIKE
+    means = [mean for _, mean, _ in paper.values()]
+    close = max(differences.values()) < ALIKE and max(means) - min(means) < ALIKE * max(means)
     return Measured(
         (close and alike, close),
         {"over a cycle from law (7)'s state, rms": differences,
-         f"largest slip speed of cycles {DISCARD} to {CYCLES} from (13), least and most (rad/s)": paper,
+         f"largest slip speed of cycles {DISCARD} to {CYCLES} from (13), least, mean, most (rad/s)": paper,
          f"by how much the maxima of cycles {', '.join(map(str, WATCHED))} differ from the next (rad/s)": doubled,
          "attractors: period, largest slip speed (rad/s)": {n: [list(a) for a in m] for n, m in motions.items()}},
         "over the paper's cycles they agree; the discontinuous solution doubles its period later, and " +
@@ -64,12 +66,12 @@ def solvers_agree(evidence: StableMotions) -> Measured:
 
 
 @claim("2", "3, after (7)", "classical fixed-step RK4 differs from them", Holds(
-    f"over a cycle from one state the slip speed differs by more than {ALIKE:g} of its maximum (rms) for every step "
+    f"over a cycle from one state the slip speed differs by more than {APART:g} of its maximum (rms) for every step "
     "from 1 us to 0.1 ms", "for some of these steps"))
 def classical_differs(evidence: Evidence) -> Measured:
     """Fig. 2: classical Runge-Kutta at a fixed step."""
     differences = cycle_differences(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
-    differing = [d > ALIKE for d in differences.values()]
+    differing = [d > APART for d in differences.values()]
     return Measured((all(differing), any(differing)), differences,
                     f"the step is not printed: within the stability limit, "
                     f"{stability_limit(paper_system(FIG02)) * 1e6:.2g} us, RK4 agrees, beyond it stick rings")
@@ -215,7 +217,7 @@ PURE_SLIP: Values = {"pressure.mean": 125e3, "engine.frequency": 150.0}
 
 @claim("(14)", "4, after (14)", "a1 > 0, that is Tm > Tsm, gives pure slip",
        Holds("at mu_k/mu_s = 0.55, omega/omega_n = 0.36 no motion sticks after 2000 cycles: neither from (13), nor "
-             "from the motion of 0.57 mu_s"))
+             "from the motion of 0.57 mu_s"), cheap=True)
 def positive_trend_slips(evidence: Evidence) -> Measured:
     """(14): stick-slip that persists where Tsm = 297 N m is below Tm = 300 N m."""
     row = with_kinetic(0.55, {FREQUENCY: 0.36 * OMEGA_N})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def best(found: Floats, curve: int, where: np.ndarray, *, worst: bool = False) -
     """The part of the frequencies at which one curve is the lowest of all (the highest), where any slips."""
     others = np.delete(found, curve, axis=0)
     ordered = found[curve] >= others.max(axis=0) - SHOWS if worst else found[curve] <= others.min(axis=0) + SHOWS
-    return share_where(ordered, where & (found.max(axis=0) > 0.1))
+    return share_where(ordered, where & (found.max(axis=0) > SLIPPING))
 
 
 def exceptions(found: Floats, curve: int, where: np.ndarray) -> list[float]:
@@ -44,7 +45,10 @@ def exceptions(found: Floats, curve: int, where: np.ndarray) -> list[float]:
     return [float(x) for x in AXIS[where & (found[curve] > others.min(axis=0) + SHOWS)]]
 
 
-LOWEST = f"slipping ratios {{}} at which its maximum from (13) is the lowest (within {SHOWS:g} rad/s)"
+SLIPPING = 0.1
+"""Largest slip speed, rad/s, above which a curve slips."""
+LOWEST = (f"ratios {{}} where a curve slips (above {SLIPPING:g} rad/s) at which its maximum from (13) is the lowest "
+          f"(within {SHOWS:g} rad/s)")
 HIGHEST = f"the highest at those {{}} (within {SHOWS:g} rad/s)"
 
 
@@ -84,19 +88,32 @@ WITHIN_STICK = (f"from the lowest ratio that slips from (13) to the highest of 0
 """What a printed end of pure stick is held against: between the two ratios motions of both kinds are met."""
 
 
-def stick_interval(evidence: Evidence, number: int, law: str) -> list[float]:
-    """The lowest ratio at which the clutch slips for good from (13) with psi = 0, and the highest that sticks."""
-    axis = np.round(np.arange(0.05, 0.2501, 0.001), 6)
-    slips = evidence.slips(evidence.curves([{**rows(number)[0], "friction.law": law}], axis)[0])
+STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
+"""Ratios among which pure stick ends for psi = 0."""
+
+
+def stick_interval(evidence: Evidence, row: Values, axis: Floats = STICKING) -> list[float]:
+    """The lowest ratio at which the clutch slips for good from (13), and the highest that sticks."""
+    slips = evidence.slips(evidence.curves([row], axis)[0])
     return [float(axis[slips].min(initial=math.inf)), float(axis[~slips].max(initial=-math.inf))]
+
+
+def by_law(number: int) -> dict[str, Values]:
+    """The keys of a figure's curve for psi = 0 with the smoothed law and with the set-valued one."""
+    return {law: {**rows(number)[0], "friction.law": law} for law in ("smoothed", "set_valued")}
+
+
+def within(interval: Sequence[float], place: float) -> bool:
+    """Whether a printed end of pure stick lies in an interval of `stick_interval`, widened by NEAR."""
+    low, high = interval
+    return low - NEAR <= place <= high + NEAR
 
 
 def pure_stick_below(evidence: Evidence, number: int, place: float) -> Measured:
     """Between which ratios stick ends for psi = 0, and whether the text's is one of them."""
-    found = {law: stick_interval(evidence, number, law) for law in ("smoothed", "set_valued")}
-    inside = [low - NEAR <= place <= high + NEAR for low, high in found.values()]
+    found = {law: stick_interval(evidence, row) for law, row in by_law(number).items()}
     lower = closed_form.stick_limits(paper_system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
-    return Measured([(hit, True) for hit in inside],
+    return Measured([(within(interval, place), True) for interval in found.values()],
                     {**{f"lowest slip and highest stick, {law}": x for law, x in found.items()},
                      "end of stick by (10), whatever mu_k": None if lower is None else lower / OMEGA_N},
                     "between the lowest slip and the end of pure stick by (10) motions of both kinds exist")
@@ -160,11 +177,11 @@ def constant(evidence: Evidence) -> Floats:
 
 def against_constant(found: Floats, still: Floats, where: np.ndarray, sign: float) -> float:
     """The part of the slipping ratios at which a curve lies below that of Tsp = 0 (sign 1), or above it (-1)."""
-    return share_where(sign * (still - found) > SHOWS, where & (np.maximum(found, still) > 0.1))
+    return share_where(sign * (still - found) > SHOWS, where & (np.maximum(found, still) > SLIPPING))
 
 
 @claim("10, 11", "6.1, after (29)", "omega_f = omega attenuates best at low frequency", Shares(
-    LOWEST.format("to 0.25") + " of its figure, and lower than that of Tsp = 0"))
+    LOWEST.format("to 0.25") + f" of its figure, and more than {SHOWS:g} rad/s below that of Tsp = 0"))
 def actuation_attenuates(evidence: Evidence) -> Measured:
     """Figs. 10 and 11: omega_f = omega."""
     shares = {str(n): best(maxima(evidence, n), 1, LOWER) for n in (10, 11)}
@@ -181,8 +198,8 @@ def _beside_constant(evidence: Evidence, where: np.ndarray, sign: float) -> dict
 
 
 @claim("10, 11", "6.1, after (29)", "at higher frequency this is reversed", Shares(
-    f"slipping ratios from 0.31 to 0.45 at which the maximum of omega_f = omega is above that of Tsp = 0, and "
-    f"{HIGHEST.format('of either figure')}"))
+    f"ratios from 0.31 to 0.45 where a curve slips (above {SLIPPING:g} rad/s) at which the maximum of omega_f = omega "
+    f"is more than {SHOWS:g} rad/s above that of Tsp = 0, and {HIGHEST.format('of either figure')}"))
 def actuation_reversed(evidence: StableMotions) -> Measured:
     """Figs. 10 and 11: omega_f = omega at high frequency, beside Tsp = 0 and beside the other curves."""
     shares, above, motions = {}, {}, []
@@ -191,7 +208,7 @@ def actuation_reversed(evidence: StableMotions) -> Measured:
         shares[str(n)] = best(found, 1, HIGH, worst=True)
         for k, row in ((0, rows(n)[0]), (2, rows(n)[2])):
             above[f"{row['pressure.frequency_ratio']:.3f}"] = share_where(
-                found[1] > found[k] + SHOWS, HIGH & (found[[1, k]].max(axis=0) > 0.1))
+                found[1] > found[k] + SHOWS, HIGH & (found[[1, k]].max(axis=0) > SLIPPING))
         evidence.stretches(rows(n), AXIS[HIGH])
         for row in [r for r in rows(n) if n == 10 or r["pressure.frequency_ratio"] != 1.0]:
             motions += evidence.motions(f"omega_f = {row['pressure.frequency_ratio']:.3f} omega", row, AXIS[HIGH])
@@ -206,12 +223,12 @@ def actuation_reversed(evidence: StableMotions) -> Measured:
 
 
 @claim("13", "6.1, Fig. 13", "larger Tsp attenuates more at low and less at high frequency", Shares(
-    f"slipping ratios to 0.27 at which the maxima fall with every Tsp, and from 0.31 to 0.45 at which they rise "
-    f"(within {SHOWS:g} rad/s)"))
+    f"ratios to 0.27 where a curve slips (above {SLIPPING:g} rad/s) at which the maxima fall with every Tsp, and from "
+    f"0.31 to 0.45 at which they rise (within {SHOWS:g} rad/s)"))
 def amplitude_attenuates(evidence: Evidence) -> Measured:
     """Fig. 13: Tsp."""
     found = maxima(evidence, 13)
-    moving = found.max(axis=0) > 0.1
+    moving = found.max(axis=0) > SLIPPING
     falling = (np.diff(found, axis=0) <= SHOWS).all(axis=0)
     rising = (np.diff(found, axis=0) >= -SHOWS).all(axis=0)
     low, high = share_where(falling, moving & (AXIS <= 0.27)), share_where(rising, moving & HIGH)

@@ -16,7 +16,8 @@ from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims_figure4 import NEAR
 from tcc_sim.paper.claims_figures5to7 import AT_036, RATIOS
-from tcc_sim.paper.evidence import KINETIC, Evidence, Values, slips_at, steep, with_kinetic
+from tcc_sim.paper.claims_varying_load import stick_interval, within
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, steep, with_kinetic
 from tcc_sim.paper.settled_histories import first_half
 
 PRESSURES = (200e3, 210e3, 220e3, 225e3, 230e3, 240e3, 250e3, 260e3)
@@ -97,10 +98,10 @@ def _stick_from_above(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
 
 
 def _first_slip(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
-    """Fig. 14, psi = 0: lowest slipping ratio from (13)."""
+    """Fig. 14, psi = 0: lowest slipping and highest sticking ratio from (13); basins decide between them."""
     axis = np.round(np.arange(0.06, 0.2401, 0.003), 6)
-    found = slips_at(evidence.curves([_at(pressure, FIGURES[14].series[0].values)], axis)[0])
-    return _near(float(found.min()) if len(found) else None, 0.15)
+    found = stick_interval(evidence, _at(pressure, FIGURES[14].series[0].values), axis)
+    return [x if math.isfinite(x) else None for x in found], within(found, 0.15)
 
 
 def _third_jump(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
@@ -124,7 +125,7 @@ def _aperiodic(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     """Fig. 6: highest ratio below 0.78 without a period, from (13)."""
     axis = RATIOS[(RATIOS >= 0.6) & (RATIOS < 0.78)]
     none = axis[evidence.periods(evidence.curves([_at(pressure, AT_036)], axis, over=KINETIC)[0]) == 0]
-    return _near(float(none.max()) if len(none) else None, 0.7, 0.05)
+    return _near(float(none.max()) if len(none) else None, 0.7, 3.0 * NEAR)
 
 
 def _three_periods(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
@@ -143,7 +144,7 @@ NUMBERS = (
     Number("8", "psi = 0: pure stick below 0.18, by (10)", _stick_from_below),
     Number("4", "stick again from near 0.4, by (10)", _stick_from_above),
     Number("4", "a jump near 0.33 at 0.75 mu_s, from 0.36 down", _third_jump),
-    Number("14", "psi = 0: pure stick below 0.15, from (13)", _first_slip),
+    Number("14", "psi = 0: pure stick below 0.15; lowest slip, highest stick from (13)", _first_slip),
     Number("6", "period two from 0.92, followed upward", _period_two),
     Number("6", "aperiodic from about 0.7, from (13)", _aperiodic),
     Number("7", "periods 1, 2, none at 0.94, 0.74, 0.64", _three_periods),

@@ -19,18 +19,18 @@ def claims_page(verdicts: list[Verdict], pressures: PressureTable | None, *, com
     lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
              "This page is generated: `tcc-sim claims --markdown FILE` writes it. Each claim of Duan and Singh is "
              "judged by the",
-             f"criterion printed with it, at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}; \"depends\" means "
-             "that the verdict turns",
-             "with what the criterion names, or with the tolerance. The paper does not print the mean pressure of "
-             "Figs. 4 to 18;",
-             "it is 225 kPa here. Frequencies are ratios omega/omega_n. A motion that the paper's 150 cycles leave "
-             "before its section",
-             f"repeats goes on for {LATER} more before it counts as aperiodic; slip that grows without end is neither. "
-             "Where motions coexist",
-             "the stable ones found are listed: where each begins and ends, and to which of them the initial state "
-             "(13) leads.", "",
-             *markdown_table(["Fig.", "Section", "claim", "verdict"], [
-                 [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict] for v in verdicts])]
+             f"criterion printed with it, at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}. \"Depends\": the "
+             "criterion says for what, such as",
+             "some of several numbers, or a weaker statement that holds; or the verdicts at the two tolerances differ. "
+             "The paper does not",
+             "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A "
+             "motion that the paper's",
+             f"150 cycles leave before its section repeats goes on for {LATER} more before it counts as aperiodic; "
+             "slip that grows without end",
+             "is neither. Where motions coexist the stable ones found are listed: where each begins and ends, and to "
+             "which of them the",
+             "initial state (13) leads.", "",
+             *markdown_table(["Fig.", "Section", "claim", "verdict"], map(row_of, verdicts))]
     if not complete:
         lines += ["", "**Interrupted: not every claim was judged.**"]
     if pressures is not None:
@@ -38,6 +38,11 @@ def claims_page(verdicts: list[Verdict], pressures: PressureTable | None, *, com
     for v in verdicts:
         lines += ["", *section_of(v)]
     return "\n".join(lines) + "\n"
+
+
+def row_of(v: Verdict) -> list[str]:
+    """The cells of the table on one claim."""
+    return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict]
 
 
 def section_of(v: Verdict) -> list[str]:
@@ -98,6 +103,6 @@ def numbers_of(values: Mapping[str, Any]) -> list[str]:
 def counts_of(verdicts: list[Verdict]) -> str:
     """How many claims there are of each verdict."""
     found = [v.verdict for v in verdicts]
-    words = {CONFIRMED: "confirmed", DEPENDS: "depend on a reading", NOT_CONFIRMED: "not confirmed"}
+    words = {CONFIRMED: "confirmed", DEPENDS: "depend", NOT_CONFIRMED: "not confirmed"}
     counts = ", ".join(f"{found.count(name)} {word}" for name, word in words.items())
     return f"Of {len(found)} claims: {counts}"

@@ -178,13 +178,14 @@ def end_as_json(end: SegmentEnd) -> dict[str, Any]:
             "jumps": end.jumps}
 
 
-def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any, *,
-                   worst: bool = False) -> tuple[float, float]:
+def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any,
+                   limits: tuple[float, float] = (0.05, 0.1), *, worst: bool = False) -> tuple[float, float]:
     """The part of the places at which one curve is the lowest of all (the highest), where any slips.
 
     Parameters
     ----------
     found : per curve and place the largest slip speeds of all stable motions there
+    limits : difference, rad/s, that does not count, and largest slip speed above which a curve slips
 
     Returns
     -------
@@ -194,8 +195,8 @@ def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where
     every, some, moving = [], [], []
     for row in zip(*found):
         own, others = [sign * h for h in row[curve]], [[sign * h for h in r] for k, r in enumerate(row) if k != curve]
-        every.append(max(own) <= min(min(r) for r in others) + 0.05)
-        some.append(min(own) <= min(max(r) for r in others) + 0.05)
-        moving.append(max(max(r) for r in row) > 0.1)
+        every.append(max(own) <= min(min(r) for r in others) + limits[0])
+        some.append(min(own) <= min(max(r) for r in others) + limits[0])
+        moving.append(max(max(r) for r in row) > limits[1])
     among = np.asarray(where) & np.array(moving)
     return share_where(np.array(every), among), share_where(np.array(some), among)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,17 +14,14 @@ from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.model import closed_form
-from tcc_sim.paper import claims, claims_model, mean_pressure
+from tcc_sim.output.markdown import escape, markdown_table
+from tcc_sim.paper import claims, claims_model, mean_pressure, pages
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured
 from tcc_sim.paper.evidence import Evidence, share_where
 from tcc_sim.paper.stable_motions import StableMotions
 
-
-@pytest.fixture(scope="module")
-def evidence() -> Evidence:
-    """Evidence at the looser tolerance."""
-    return Evidence(claims.TOLERANCE)
+PAGE = Path(__file__).resolve().parents[2] / ".github" / "claims.md"
 
 
 @pytest.mark.parametrize("name", ["three_motions"])
@@ -43,6 +41,29 @@ def test_the_stick_limit_is_that_of_the_closed_form() -> None:
     assert ratio > closed_form.regime_boundary(paper_system())
     assert simulated == pytest.approx(ratio, abs=1e-3)
     assert found.verdict == CONFIRMED
+
+
+def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
+    """What the page was judged by is what the rows say; its counts are those of its table."""
+    page = PAGE.read_text()
+    sections = [part.split("\n", 1) for part in page.split("\n## ")[1:] if not part.startswith("The mean pressure")]
+    assert [head for head, _ in sections] == [f"{c.figure}: {escape(c.sentence)}" for c in claims.CLAIMS]
+    for row, (_, text) in zip(claims.CLAIMS, sections):
+        assert f"**. Criterion: {escape(row.criterion.words)}.\n" in text, row.name
+    verdicts = [text.split("**")[1].lower() for _, text in sections]
+    assert [line.split(" | ")[-1] for line in page.splitlines() if line.startswith("| ")][2:len(verdicts) + 2] == [
+        f"{v} |" for v in verdicts]
+    counts = [verdicts.count(v) for v in (CONFIRMED, DEPENDS, NOT_CONFIRMED)]
+    assert "Of {} claims: {} confirmed, {} depend, {} not confirmed.".format(len(verdicts), *counts) in page
+
+
+def test_the_page_says_what_the_cheap_claims_come_to_now() -> None:
+    page = PAGE.read_text()
+    cheap = [row for row in claims.CLAIMS if row.cheap]
+    assert len(cheap) >= 9
+    for verdict in claims.judge(cheap, jobs=1):
+        assert "\n".join(pages.section_of(verdict)) in page
+        assert markdown_table(pages.row_of(verdict), [])[0] in page
 
 
 def test_a_jump_is_told_from_a_steep_curve(monkeypatch) -> None:  # type: ignore[no-untyped-def]
@@ -109,7 +130,7 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monk
         assert rows.exists() == page.exists() == bool(kept)
     kept_rows = json.loads((tmp_path / "1.json").read_text())
     assert (len(kept_rows["claims"]), kept_rows["mean_pressure"], kept_rows["complete"]) == (1, None, False)
-    assert "Of 1 claims: 1 confirmed, 0 depend on a reading, 0 not confirmed." in (tmp_path / "1.md").read_text()
+    assert "Of 1 claims: 1 confirmed, 0 depend, 0 not confirmed." in (tmp_path / "1.md").read_text()
     assert "Interrupted" in (tmp_path / "1.md").read_text()
 
 
