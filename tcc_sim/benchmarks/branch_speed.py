@@ -16,13 +16,13 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from tcc_sim.benchmarks.timing import least_seconds
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import ContinuationPlan, check
@@ -101,11 +101,7 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     span = ParameterRange(low, high, name=KEY)
     shooting, z = start_orbit(map_, span, system.friction.kinetic_coefficient, period)
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
-    seconds = np.inf
-    for _ in range(REPEATS):
-        began = time.thread_time()
-        branch = branch_through(first)
-        seconds = min(seconds, time.thread_time() - began)
+    seconds, branch = least_seconds(lambda: branch_through(first), REPEATS)
     found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
     v, angle, speed = map(float, shooting.nodes(z)[0])
     started = replace(system, {"initial.slip_speed": v, "initial.plate_angle": angle, "initial.plate_speed": speed})

@@ -1,17 +1,16 @@
-"""Other programs on the same problem: XPPAUT, Siconos, and SciPy's LSODA called bare. None of them is needed to be
-there.
+"""Other programs on the same problem: XPPAUT, Siconos, CVODE of SUNDIALS, and SciPy's LSODA called bare. None of them
+is needed to be there.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
-import resource
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from tcc_sim.benchmarks.references import Floats
+from tcc_sim.benchmarks.timing import least_seconds, of_children
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_along, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
@@ -30,6 +30,14 @@ TIMEOUT = 60.0
 """Seconds that a peer may take for one run."""
 FINE = 256
 """Samples per engine cycle from which a peer's largest slip speeds are taken."""
+TIMED = 100
+"""Engine cycles at least over which XPPAUT is timed: its start takes as long as some ten of them."""
+SINGLE = 2.0**-23
+"""What single precision resolves, in which XPPAUT writes."""
+STEPS = 100_000_000
+"""Steps that CVODE may take from one cycle end to the next."""
+CALLS = 2000
+"""Calls over which one from Python is timed."""
 STICK = 1e-12
 
 
@@ -39,42 +47,88 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class PeerRun:
-    """What one run gave: states at the cycle ends, largest |slip speed| per cycle, s, and steps where they are known.
+    """What one run gave: states at the cycle ends, largest |slip speed| per cycle, s, steps where they are known, and
+    how much of the time went into calls of Python, s, at the cost of such a call by itself.
     """
 
     section: Floats
     largest: Floats
     seconds: float
     steps: int | None = None
+    called: float | None = None
 
 
 def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
     """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle
     ends.
     """
-    terms, start = terms_of(system), system.initial
-    twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
-    y = np.array([start.slip_speed, start.plate_angle, start.plate_speed])
-    atol = rtol * np.array([1.0 / system.friction.smoothing, twist, twist * system.natural_frequency])
-    ends = np.arange(cycles + 1) * system.cycle
+    terms, y = terms_of(system), _start(system)
+    atol = np.asarray(rtol * _sizes(system))
+    ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
 
     def solve(dense: bool) -> Any:
         return solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends,
-                         rtol=rtol,
-                         atol=atol, jac=lambda t, y: jacobian(t, y, terms), dense_output=dense)
+                         rtol=rtol, atol=atol, jac=lambda t, y: jacobian(t, y, terms), dense_output=dense)
 
-    best = np.inf
-    for _ in range(repeats):
-        began = time.process_time()
-        solve(False)
-        best = min(best, time.process_time() - began)
+    seconds, _ = least_seconds(lambda: solve(False), repeats)
     run = solve(True)
     found = run.y.T
     if len(found) != cycles + 1:
         raise Failed(str(run.message))
-    times = np.linspace(0.0, float(ends[-1]), cycles * FINE + 1)
-    states = run.sol(times).T
-    return PeerRun(found, _largest(system, times, states), best, len(run.sol.ts) - 1)
+    return PeerRun(found, _largest(system, times, run.sol(times).T), seconds, len(run.sol.ts) - 1)
+
+
+def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
+    """CVODE's BDF of SUNDIALS in double precision through scikit-sundae, which calls compiled functions from Python.
+
+    Raises
+    ------
+    Failed
+        scikit-sundae is not installed (`pip install 'tcc_sim[peers]'`), or CVODE gave up.
+    """
+    try:
+        from sksundae.cvode import CVODE
+    except ImportError:
+        raise Failed("not installed") from None
+    terms, y = terms_of(system), _start(system)
+
+    def rates(t: float, y: Floats, out: Floats) -> None:
+        out[:] = rates_of(t, y, terms)
+
+    def slopes(t: float, y: Floats, _: Floats, out: Floats) -> None:
+        out[:] = jacobian(t, y, terms)
+
+    solver = CVODE(rates, jacfn=slopes, rtol=rtol, atol=rtol * _sizes(system), max_num_steps=STEPS)
+
+    def solve(per_cycle: int) -> Any:
+        run = solver.solve(_times(system, cycles, per_cycle), y)
+        if not run.success:
+            raise Failed(str(run.message))
+        return run
+
+    seconds, run = least_seconds(lambda: solve(1), repeats)
+    out = np.empty((3, 3))
+    calls = [least_seconds(lambda call=call: [call() for _ in range(CALLS)], 3)[0] / CALLS  # type: ignore[misc]
+             for call in (lambda: rates(0.0, y, out[0]), lambda: slopes(0.0, y, y, out))]
+    return PeerRun(run.y, _largest(system, _times(system, cycles, FINE), solve(FINE).y), seconds,
+                   called=run.nfev * calls[0] + run.njev * calls[1])
+
+
+def _start(system: System) -> Floats:
+    """Slip speed, plate angle and plate speed at the start."""
+    start = system.initial
+    return np.array([start.slip_speed, start.plate_angle, start.plate_speed])
+
+
+def _sizes(system: System) -> Floats:
+    """The sizes below which an error counts as absolute: slip speed in stick, static twist, twist at omega_n."""
+    twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
+    return np.array([1.0 / system.friction.smoothing, twist, twist * system.natural_frequency])
+
+
+def _times(system: System, cycles: int, per_cycle: int) -> Floats:
+    """Cycle ends, with equal times between them, s."""
+    return np.linspace(0.0, cycles * system.cycle, cycles * per_cycle + 1)
 
 
 def _largest(system: System, t: Floats, states: Floats) -> Floats:
@@ -113,10 +167,10 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
 
 
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
-    """One of XPPAUT's methods; `seconds` is its CPU time for these cycles less that for one, times cycles/(cycles - 1).
+    """One of XPPAUT's methods; `seconds` is the CPU time of TIMED cycles or more less that of one, for these cycles.
 
     The difference leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends
-    only.
+    only. Without repeats it is not timed.
 
     Raises
     ------
@@ -126,31 +180,30 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
     if shutil.which("xppaut") is None:
         raise Failed("not installed")
     with tempfile.TemporaryDirectory() as folder:
-        def run(count: int, per_cycle: int) -> tuple[Floats, float]:
+        def run(count: int, per_cycle: int) -> Floats:
             place = Path(folder)
             (place / "model.ode").write_text(xppaut_file(system, method, tolerance, count, per_cycle))
             (place / "out.dat").unlink(missing_ok=True)
-            before = _children()
             try:
                 subprocess.run(["xppaut", "model.ode", "-silent"], cwd=folder, stdin=subprocess.DEVNULL,
                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=TIMEOUT, check=False)
             except subprocess.TimeoutExpired:
                 raise Failed(f"took more than {TIMEOUT:g} s") from None
-            used = _children() - before
             try:
                 rows = np.loadtxt(place / "out.dat", ndmin=2)
             except (OSError, ValueError):
                 raise Failed("wrote no results") from None
             if len(rows) < count * per_cycle + 1 or not np.all(np.isfinite(rows)):
                 raise Failed(f"stopped after {len(rows) - 1} of {count * per_cycle} outputs")
-            return rows[:count * per_cycle + 1, 1:4], used
+            return rows[:count * per_cycle + 1, 1:4]
 
-        long = [run(cycles, 1) for _ in range(repeats)]
-        short = [run(1, 1)[1] for _ in range(repeats)]
-        seconds = max(min(used for _, used in long) - min(short), 0.0) * cycles / (cycles - 1)
-        fine, _ = run(cycles, FINE)
-    times = np.linspace(0.0, cycles * system.cycle, cycles * FINE + 1)
-    return PeerRun(long[0][0], _largest(system, times, fine), seconds)
+        fine, section, seconds = run(cycles, FINE), run(cycles, 1), math.nan
+        if repeats:
+            many = max(cycles, TIMED)
+            long, _ = least_seconds(lambda: run(many, 1), repeats, clock=of_children)
+            short, _ = least_seconds(lambda: run(1, 1), repeats, clock=of_children)
+            seconds = max(long - short, 0.0) * cycles / (many - 1)
+    return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds)
 
 
 def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> PeerRun:
@@ -196,9 +249,3 @@ def siconos_interpreter() -> str | None:
 def _plain_environment() -> dict[str, str]:
     """The environment without this interpreter's module path."""
     return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-
-
-def _children() -> float:
-    """CPU seconds of the processes that have ended."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime

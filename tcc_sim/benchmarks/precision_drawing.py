@@ -5,19 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from tcc_sim.benchmarks.peers import SINGLE
 from tcc_sim.views import style
 
 BROWN, VIOLET, OLIVE, ROSE = "#7A4B00", "#5B2A86", "#8A8A00", "#E7298A"
 SAND, TEAL, NAVY, LIME = "#C49A6C", "#1F7A6D", "#1B3A6F", "#7FBF3F"
+MINT = "#00A08A"
 Look = tuple[str, str, Any, float]
 LOOKS: dict[str, Look] = {
     "smoothed": (style.BLUE, "o", "-", 1.8), "event_driven": (style.RED, "D", "-", 1.8),
     "fixed_step": (style.GREEN, "s", "-", 1.8),
-    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", ":", 0.9), "dop853": (OLIVE, "v", ":", 0.9),
+    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", "-", 1.1), "dop853": (OLIVE, "v", ":", 0.9),
     "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
     "solve_ivp LSODA": (ROSE, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
     "XPPAUT stiff": (SAND, "X", "-.", 0.9), "XPPAUT gear": (TEAL, "P", "-.", 0.9), "XPPAUT 2rb": (NAVY, "d", "-.", 0.9),
-    "Siconos theta 1/2": (VIOLET, "h", "--", 0.9), "Siconos theta 1": (LIME, "p", "--", 0.9)}
+    "CVODE": (MINT, "X", "-", 1.1), "Siconos theta 1/2": (VIOLET, "h", "--", 0.9),
+    "Siconos theta 1": (LIME, "p", "--", 0.9)}
 """Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
 with the same line."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
@@ -25,6 +30,8 @@ SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(styl
 ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"),
         ("error_steady", "steady state"))
 SET_VALUED = ", set-valued"
+FADED = 0.2
+"""Opacity of what no reference resolves."""
 
 
 SHOWN_FIRST = ("error_section",)
@@ -90,14 +97,23 @@ def _draw(stem: Path, scenes: list[dict[str, Any]], keys: tuple[str, ...]) -> tu
 
 
 def _curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]) -> None:
-    """Every solver's ladder in one panel."""
+    """Every solver's ladder in one panel; what is below its floor is faded."""
     for name, look in looks_of(list(dict.fromkeys(row["solver"] for row in record["results"]))).items():
         rows = [row for row in record["results"] if row["solver"] == name and row[key] is not None]
         colour, marker, line, width = look
-        handle, = axis.plot([row["seconds"] for row in rows], [max(row[key], 1e-16) for row in rows], color=colour,
-                            marker=marker,
-                            linestyle=line, linewidth=width, markersize=4.0, zorder=3 if width > 1.5 else 2)
+        seconds, found = [row["seconds"] for row in rows], np.array([max(row[key], 1e-16) for row in rows])
+        floor = floor_of(record, name, key)
+        drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 4.0}
+        axis.plot(seconds, found, alpha=FADED, zorder=2, **drawn)
+        handle, = axis.plot(seconds, np.where(found >= floor, found, np.nan), zorder=3, **drawn)
         handles[name] = handle
+
+
+def floor_of(record: dict[str, Any], solver: str, key: str) -> float:
+    """The error below which one of this solver says nothing: that of the references, or of the precision it writes in.
+    """
+    floor: float = (record["steady"]["closure"] or 0.0) if key == "error_steady" else record["reference"]["floor"]
+    return max(floor, SINGLE) if solver.startswith("XPPAUT") else floor
 
 
 def _wrapped(text: str) -> str:

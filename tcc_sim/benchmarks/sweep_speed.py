@@ -16,6 +16,7 @@ import numpy as np
 
 from tcc_sim.benchmarks import peers
 from tcc_sim.benchmarks.references import Reference, errors, reference
+from tcc_sim.benchmarks.timing import least_seconds
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.solvers import SOLVERS, solve
@@ -106,7 +107,7 @@ def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Refer
 def _run(system: System, solver: str, setting: float) -> tuple[Any, Any]:
     """Section and largest slip speeds over the horizon."""
     if solver == PEER:
-        peer = peers.xppaut(system, "cvode", setting, HORIZON, 1)
+        peer = peers.xppaut(system, "cvode", setting, HORIZON, 0)
         return peer.section, peer.largest
     cycles = solve(system, cycles=HORIZON, solver=solver, rtol=setting).raise_for_status().cycles
     assert cycles is not None
@@ -117,12 +118,7 @@ def timed(system: System, solver: str, setting: float) -> float:
     """Least CPU seconds of CYCLES engine cycles."""
     if solver == PEER:
         return peers.xppaut(system, "cvode", setting, CYCLES, 2).seconds
-    best = math.inf
-    for _ in range(REPEATS):
-        began = time.process_time()
-        solve(system, cycles=CYCLES, solver=solver, rtol=setting)
-        best = min(best, time.process_time() - began)
-    return best
+    return least_seconds(lambda: solve(system, cycles=CYCLES, solver=solver, rtol=setting), REPEATS)[0]
 
 
 def whole_sweep(count: int) -> Record:

@@ -6,9 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 
-def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---") -> list[str]:
-    """The lines of a table; `align` is the rule below every heading: ``---`` to the left, ``---:`` to the right."""
-    return ["| " + " | ".join(cells) + " |" for cells in (head, [align] * len(head), *rows)]
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---",
+                   first: str | None = None) -> list[str]:
+    """The lines of a table; `align` is the rule below every heading: ``---`` to the left, ``---:`` to the right.
+
+    `first` is the rule below the first heading where it is another.
+    """
+    rules = [align if first is None else first, *[align] * (len(head) - 1)]
+    return ["| " + " | ".join(cells) + " |" for cells in (head, rules, *rows)]
 
 
 def escape(words: str) -> str:

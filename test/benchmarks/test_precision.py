@@ -63,8 +63,8 @@ def tiny(monkeypatch):
                                              "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
                               {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
                                "lsoda": (1e-6,),
-                               "rk4": (3.0,), "rk45": (1e-5,)},
-                              {"solve_ivp LSODA": (1e-8,), "XPPAUT cvode": (1e-8,)}, 20, 400)
+                               "rk4": (3.0,), "rk45": (1e-5,), "dop853": (1e-6,)},
+                              {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20, 400)
     monkeypatch.setattr(precision, "QUICK", effort)
     monkeypatch.setattr(sweep_speed, "CYCLES", 10)
     monkeypatch.setattr(sweep_speed, "HORIZON", 2)
@@ -98,7 +98,11 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert rows["lsoda", 1e-6]["error_section"] < 1e-2
     why = {row["solver"]: row["why"] for row in found["omitted"]}
     assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in precision.ERRORS) > 1e-4
-    assert "stability" in why["rk45"]
+    assert "stability" in why["dop853"]
+    assert max(rows["rk45", 1e-5][k] for k in precision.ERRORS) < 1e-3
+    if ("CVODE", 1e-9) in rows:
+        assert max(rows["CVODE", 1e-9][k] for k in precision.ERRORS) < 1e-5
+        assert found["calls"][0]["seconds"] > 0.0
     exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
     assert max(exact[k] for k in precision.ERRORS) < 1e-9
     steady = found["scenes"][0]["steady"]
@@ -111,6 +115,8 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert (folder / "precision_section.png").read_bytes().startswith(b"\x89PNG")
     text = (folder / "precision.md").read_text()
     assert "Omitted:" in text
+    assert text.splitlines()[2] == "This page is generated: `tcc-sim precision --quick` writes it."
+    assert "- `rk45`, the paper's method: " in text.split("![")[0]
     assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
     said = capsys.readouterr().out
     assert "ms per 100 cycles" in said
@@ -192,6 +198,31 @@ def test_xppaut_reads_the_model_as_written():
         pytest.skip(str(missing))
     expected = pure_slip(replace(System(), SLIP), np.arange(4) * System().cycle)
     np.testing.assert_allclose(run.section[:, 0], expected, rtol=1e-6)
+
+
+def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():
+    system = replace(System(), SLIP)
+    try:
+        run = peers.cvode(system, 3, 1e-12, 1)
+    except peers.Failed as missing:
+        pytest.skip(str(missing))
+    np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=1e-9)
+    dense = pure_slip(system, np.linspace(0.0, system.cycle, 200001))
+    assert run.largest[0] == pytest.approx(dense.max(), rel=1e-8)
+
+
+def test_points_below_the_floor_are_faded():
+    """Of three errors one lies below the references' floor of 1e-8, and one more below what XPPAUT writes."""
+    from matplotlib.figure import Figure
+    rows = [{"solver": name, "seconds": s, "error_section": e}
+            for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
+    record = {"results": rows, "reference": {"floor": 1e-8}, "steady": {"closure": None}}
+    axis, handles = Figure().subplots(), {}
+    precision_drawing._curves(axis, record, "error_section", handles)
+    shown = {name: np.isfinite(np.asarray(line.get_ydata())).tolist() for name, line in handles.items()}
+    assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
+    faded = [line for line in axis.lines if line not in handles.values()]
+    assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(precision_drawing.FADED, 3)] * 2
 
 
 def test_siconos_steps_the_relay():
