@@ -16,20 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor
+from tcc_sim.basins.settings import DEFAULTS as DEFAULT_SETTINGS
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
 
-CYCLES = 600
-"""Most cycles that a cell is followed."""
-SEEDS = 48
-"""Cells of the plane from which attractors are looked for, beside its corners and middle."""
-ROUNDS = 3
-"""How often attractors are looked for again from the cells that came to none of those known."""
 MOST_CELLS = 4_000_000
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
-EXPONENTS = (1, 2, 4, 8, 16)
-"""Distances, in cells, over which final states are compared."""
 
 Labels = NDArray[np.int16]
 Counts = NDArray[np.int32]
@@ -140,11 +133,12 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 
 
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
-    """(SEEDS + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, and a Halton
+    """(seeds + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, and a Halton
     set.
     """
     i = system.initial
-    unit = np.concatenate([[[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], halton(SEEDS, 2)])
+    edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    unit = np.concatenate([edges, halton(DEFAULT_SETTINGS.seeds, 2)])
     out = np.tile([i.slip_speed, i.plate_angle, i.plate_speed], (len(unit) + 1, 1))
     for axis, part in zip(plane, unit.T):
         low, high = min(axis.values), max(axis.values)
@@ -170,7 +164,7 @@ def boundary_of(labels: Labels) -> Boundary | None:
     axis.
     """
     sizes, parts = [], []
-    for k in EXPONENTS:
+    for k in DEFAULT_SETTINGS.distances:
         if k >= min(labels.shape):
             break
         along = [labels[:, k:] != labels[:, :-k], labels[k:] != labels[:-k]]

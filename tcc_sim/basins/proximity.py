@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.continuation.problem import Floats, ParameterMap
 
 UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that came to no attractor."""
 Labels = NDArray[np.int64]
 Counts = NDArray[np.int64]
-CHUNK = 4
-"""Cycles after which motions are asked where they are."""
 
 
 class Motion(Protocol):
@@ -115,7 +114,8 @@ class ProximityMapper:
         return labels, after
 
 
-def follow(of: Motion, mapper: ProximityMapper, starts: Floats, most: int) -> tuple[Labels, Counts]:
+def follow(of: Motion, mapper: ProximityMapper, starts: Floats, most: int,
+           settings: Settings = DEFAULTS) -> tuple[Labels, Counts]:
     """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
 
     A motion counts as come to an attractor at the first of two section points by it, whatever chunks it is solved in.
@@ -123,7 +123,7 @@ def follow(of: Motion, mapper: ProximityMapper, starts: Floats, most: int) -> tu
     labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
     going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0
     while cycle < most and len(going):
-        length = min(CHUNK, most - cycle)
+        length = min(settings.chunk, most - cycle)
         points = of.sections(x, cycle, length)
         solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
         last = points[np.arange(len(going)), solved]

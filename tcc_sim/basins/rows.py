@@ -15,8 +15,6 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import (
-    CYCLES,
-    ROUNDS,
     Axis,
     Basins,
     Counts,
@@ -27,6 +25,7 @@ from tcc_sim.basins.compute import (
 )
 from tcc_sim.basins.driveline import DrivelineMotion
 from tcc_sim.basins.proximity import UNDECIDED, Attractor, ProximityMapper, follow
+from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene
@@ -37,8 +36,6 @@ from tcc_sim.sweeps.workers import Attendance, first_done, workers
 FORMAT = "tcc_sim basin_rows 1"
 AHEAD = 3
 """Rows handed out per thread, so that Ctrl-C ends soon."""
-SEARCHED = 24
-"""Undecided cells from which attractors are looked for again."""
 Tick = Callable[[], object]
 Row = tuple[list[int], list[int]]
 Stored = tuple[int, int, dict[str, Any]]
@@ -64,7 +61,7 @@ class _Progress:
     done: set[int] = field(default_factory=set)
 
 
-def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = CYCLES, over: Axis | None = None,
+def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = DEFAULTS.cycles, over: Axis | None = None,
            jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
            said: Mapping[str, Any] | None = None) -> list[Basins]:
     """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
@@ -139,11 +136,11 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
     state.attractors = find_attractors(motion, seeds_of(system, plane))
     _take(state, stored, tick)
     _rows(state, plane, most, executor, there, lambda row: keep(row, _record(state, row)), tick)
-    for _ in range(ROUNDS):
+    for _ in range(DEFAULTS.rounds):
         lost = np.argwhere(state.labels == UNDECIDED)
         if not len(lost):
             break
-        chosen = lost[np.unique(np.linspace(0, len(lost) - 1, SEARCHED).astype(int))]
+        chosen = lost[np.unique(np.linspace(0, len(lost) - 1, DEFAULTS.searched).astype(int))]
         seeds = [starts(system, plane, int(j))[int(i)] for j, i in chosen]
         more = find_attractors(motion, seeds, state.attractors)
         if len(more) == len(state.attractors):

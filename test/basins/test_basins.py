@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from textbook_maps import TextbookMap
 
-from tcc_sim.basins import attractors
 from tcc_sim.basins import rows as basin_rows
 from tcc_sim.basins.attractors import find_attractors
-from tcc_sim.basins.compute import CYCLES, Axis, boundary_of, halton
+from tcc_sim.basins.compute import Axis, boundary_of, halton
 from tcc_sim.basins.driveline import DrivelineMotion, mean_load
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, follow, section_of
 from tcc_sim.basins.rows import basins
+from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
@@ -83,7 +83,7 @@ def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_it
     assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
     mapper = ProximityMapper(found, of.map.scales, 1)
     cells = 4.0 * halton(300, 2) - 2.0
-    for cell, k in zip(cells, follow(of, mapper, cells, CYCLES)[0]):
+    for cell, k in zip(cells, follow(of, mapper, cells, DEFAULTS.cycles)[0]):
         assert abs(complex(*section_of(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
 
 
@@ -93,7 +93,7 @@ def test_two_fixed_points_and_what_runs_away():
     assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
     mapper = ProximityMapper(found, of.map.scales, 1)
     cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
-    *labels, fast, middle = follow(of, mapper, cells, CYCLES)[0]
+    *labels, fast, middle = follow(of, mapper, cells, DEFAULTS.cycles)[0]
     for x, k in zip(cells[:, 0], labels):
         assert found[k].section[0, 0] == pytest.approx(_end(x))
     assert fast == RUNAWAY
@@ -112,7 +112,7 @@ def test_a_strange_attractor_is_one_cloud():
     assert [a.period for a in found] == [0]
     assert found[0].multipliers is None
     mapper = ProximityMapper(found, of.map.scales, 1)
-    assert follow(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), CYCLES)[0].tolist() == [0, RUNAWAY]
+    assert follow(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
 
 
 def beside_a_resonance(x, p):
@@ -140,14 +140,13 @@ def leaking(x, p):
     return 3.0 + 0.5 * (x - 3.0), np.array([[0.5]]), np.zeros((1, 0))
 
 
-def test_a_chaotic_transient_is_no_attractor(monkeypatch):
+def test_a_chaotic_transient_is_no_attractor():
     of = Iterated(leaking, 1)
     seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
     (found,) = find_attractors(of, seeds)
     assert (found.period, found.section[0, 0]) == (1, pytest.approx(3.0))
     # One of the seeds stays for longer than it takes a motion without a period to count as such.
-    monkeypatch.setattr(attractors, "_left", lambda of, cloud: (False, None))
-    assert 0 in {a.period for a in find_attractors(of, seeds)}
+    assert 0 in {a.period for a in find_attractors(of, seeds, settings=Settings(witnesses=0))}
 
 
 def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
