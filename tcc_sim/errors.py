@@ -26,8 +26,8 @@ def one_line(text: str) -> str:
 
 
 def counted(number: int, thing: str) -> str:
-    """A number and what it counts: 1 message, 2 messages."""
-    return f"{number} {thing}{'' if number == 1 else 's'}"
+    """A number and what it counts: 1 message, 2 messages, 3 branches."""
+    return f"{number} {thing}{'' if number == 1 else 'es' if thing.endswith('ch') else 's'}"
 
 
 class TccError(Exception):

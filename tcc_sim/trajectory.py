@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model.parameters import System
+from tcc_sim.result import Result
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int8]
@@ -137,7 +138,7 @@ class Statistics:
 
 
 @dataclass(frozen=True, repr=False)
-class Trajectory:
+class Trajectory(Result):
     """A solved or recorded run.
 
     Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque,

@@ -19,6 +19,7 @@ from tcc_sim.analysis.cycles import accelerations_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.course import phase_at
 from tcc_sim.model.parameters import System
+from tcc_sim.result import Result
 from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.trajectory import Floats, Trajectory
 
@@ -35,7 +36,7 @@ SAMPLES = 128
 
 
 @dataclass(frozen=True, repr=False)
-class Orders:
+class Orders(Result):
     """What windows along a run come to; W windows, N orders.
 
     time, frequency : (W,) the middle of each window, s, and the engine frequency there, rad/s
@@ -45,6 +46,8 @@ class Orders:
     transmissibility : (W, K) shaft torque to engine torque
     rms, peak : (W,) of the slip speed about its mean over each cycle, rad/s
     breakaways : (W,) from stick to slip, 1/s
+    heat : (W,) work of the friction torque from the start of the run to there, J
+    modes : natural frequencies with the clutch stuck and slipping, rad/s
     """
 
     time: Floats
@@ -57,10 +60,18 @@ class Orders:
     rms: Floats
     peak: Floats
     breakaways: Floats
+    heat: Floats
+    modes: tuple[float, float]
 
     def __repr__(self) -> str:
         return (f"<Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
                 f"orders up to {self.order[-1]:g}>")
+
+    def columns(self) -> dict[str, Floats]:
+        """A row for every window: time, frequency, judder, heat, and the shaft torque of orders 1 to 4."""
+        names = ("time", "frequency", "rms", "peak", "breakaways", "heat")
+        return {**{name: getattr(self, name) for name in names},
+                **{f"shaft_torque_{n}": self.cut(n) for n in range(1, min(4, int(self.order[-1])) + 1)}}
 
     def as_json(self) -> dict[str, Any]:
         """The key `orders` of `simulate --json` and `analyse --json`."""
@@ -114,12 +125,15 @@ def orders_of(run: Trajectory) -> Orders:
     ends = starts + length
     broke = _breakaways(run)
     counts = np.searchsorted(broke, at[ends]) - np.searchsorted(broke, at[starts])
-    lasted = at[ends] - at[starts]
+    lasted, middle = at[ends] - at[starts], at[(starts + ends) // 2]
+    power = run.friction_torque * run.slip_speed
+    heat = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(run.t))])
     return Orders(
-        time=at[(starts + ends) // 2], frequency=2.0 * np.pi * CYCLES / lasted, order=order, slip_speed=spectra[0],
+        time=middle, frequency=2.0 * np.pi * CYCLES / lasted, order=order, slip_speed=spectra[0],
         shaft_torque=spectra[1], torque_order=driven, transmissibility=passed,
         rms=np.array([math.sqrt(float(np.mean(apart[a:b] ** 2))) for a, b in zip(starts, ends)]),
-        peak=np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), breakaways=counts / lasted)
+        peak=np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), breakaways=counts / lasted,
+        heat=np.interp(middle, run.t, heat), modes=(system.stuck_natural_frequency, system.natural_frequency))
 
 
 def turns_at(system: System, t: Floats) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept, spans_of, varying
 from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
+from tcc_sim.result import Result
 from tcc_sim.trajectory import Cycles, Floats, Trajectory
 
 PASSING = 5e-3
@@ -21,7 +22,7 @@ PASSING = 5e-3
 
 
 @dataclass(frozen=True, repr=False, slots=True)
-class Summary:
+class Summary(Result):
     """What the kept cycles come to; the fields are the JSON keys of `simulate` and `analyse`.
 
     max_slip_speed : largest |v|, rad/s

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,13 @@ from numpy.typing import NDArray
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor
 from tcc_sim.basins.settings import DEFAULTS as DEFAULT_SETTINGS
 from tcc_sim.continuation.problem import Floats
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
+from tcc_sim.result import Result
 
 MOST_CELLS = 4_000_000
+ATTRACTORS_SHOWN = 12
+"""Attractors in the text of a result."""
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
 
 Labels = NDArray[np.int16]
@@ -54,13 +58,15 @@ class Boundary:
         return 2.0 - self.exponent
 
 
-@dataclass(frozen=True)
-class Basins:
+@dataclass(frozen=True, repr=False)
+class Basins(Result):
     """The basins of one system in one plane.
 
     plane : first and second axis
     labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
     cycles : (len(second), len(first)) cycles after which the cell was decided
+    seconds : wall time
+    over : scene key and its value, where planes were worked out at several
     """
 
     plane: tuple[Axis, Axis]
@@ -68,6 +74,7 @@ class Basins:
     labels: Labels
     cycles: Counts
     seconds: float
+    over: tuple[str, float] | None = None
 
     def fraction(self, label: int) -> float:
         """Part of the plane with this label."""
@@ -90,14 +97,30 @@ class Basins:
                 "state": list(map(float, a.section[0])) if a.period else None} for k, a in enumerate(self.attractors)],
             "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
 
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """A row for every cell: both keys, its label, and after how many cycles it was decided."""
+        first, second = self.plane
+        return {first.key: np.tile(first.values, len(second.values)),
+                second.key: np.repeat(second.values, len(first.values)),
+                "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
+
     def __repr__(self) -> str:
         """A line for the plane and one for each attractor."""
+        return "\n".join(self.lines(ATTRACTORS_SHOWN))
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def lines(self, most: int | None = None) -> list[str]:
+        """The plane, up to `most` of the attractors with their parts of it, and what came to none."""
         first, second = self.plane
         lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
         lines += [f"  {100.0 * self.fraction(k):6.2f} %  {f'period {a.period}' if a.period else 'no period'}, "
-                  f"largest slip speed {a.largest:.6g} rad/s" for k, a in enumerate(self.attractors)]
-        return "\n".join([*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",
-                          f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"])
+                  f"largest slip speed {a.largest:.6g} rad/s" for k, a in enumerate(self.attractors[:most])]
+        if most is not None and len(self.attractors) > most:
+            lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
+        return [*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",
+                f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
 
 
 def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:

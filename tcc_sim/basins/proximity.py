@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.continuation.problem import Floats, ParameterMap
+from tcc_sim.result import Described
 
 UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that came to no attractor."""
@@ -44,8 +45,8 @@ def section_of(of: Motion, x: Floats, first: int, cycles: int) -> Floats:
     return out
 
 
-@dataclass(frozen=True)
-class Attractor:
+@dataclass(frozen=True, repr=False)
+class Attractor(Described):
     """One attractor.
 
     period : cycles; 0 where it has none

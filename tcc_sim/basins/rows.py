@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
@@ -28,7 +29,7 @@ from tcc_sim.basins.proximity import UNDECIDED, Attractor, ProximityMapper, foll
 from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
-from tcc_sim.scene import Scene
+from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.workers import Attendance, first_done, workers
@@ -61,13 +62,15 @@ class _Progress:
     done: set[int] = field(default_factory=set)
 
 
-def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = DEFAULTS.cycles, over: Axis | None = None,
+def basins(scene: Scene | System | str, plane: Sequence[Axis], *, cycles: int = DEFAULTS.cycles,
+           over: Axis | None = None,
            jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
            said: Mapping[str, Any] | None = None) -> list[Basins]:
     """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
 
     Parameters
     ----------
+    scene : a scene, its name or file, or a system
     plane : two axes of initial.* keys
     cycles : most engine cycles that a cell is followed, 16 to 1000000
     over : a scene key and its values; the plane is worked out for each
@@ -86,14 +89,13 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = DEFAUL
 
     Examples
     --------
-    >>> from tcc_sim import load_scene
     >>> from tcc_sim.basins.compute import Axis
     >>> plane = [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))]
-    >>> found, = basins(load_scene("stick"), plane)
+    >>> found, = basins("stick", plane)
     >>> found.fraction(0)
     1.0
     """
-    system = scene if isinstance(scene, System) else scene.system
+    system = system_of(scene)
     axes = check_plane(plane)
     if over is not None and over.key in (axes[0].key, axes[1].key):
         raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
@@ -115,8 +117,8 @@ def basins(scene: Scene | System, plane: Sequence[Axis], *, cycles: int = DEFAUL
         with workers(jobs, dask) as (executor, there), progress_bar("row", rows, shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]
-                out.append(_one(each, axes, cycles, mine, executor, there,
-                                partial(_keep, file, index), bar.update))
+                found = _one(each, axes, cycles, mine, executor, there, partial(_keep, file, index), bar.update)
+                out.append(found if over is None else dataclasses.replace(found, over=(over.key, over.values[index])))
     except KeyboardInterrupt:
         raise BasinsInterrupted from None
     finally:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError, require
+from tcc_sim.cli.arguments import add_plot, check_outputs, draw
+from tcc_sim.errors import require
 from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
 
@@ -56,25 +56,16 @@ def joint_names(text: str) -> dict[str, str]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
     from tcc_sim.output.provenance import document
-    from tcc_sim.output.samples import check_suffix, write_samples
+    from tcc_sim.output.samples import write_samples
     from tcc_sim.output.table import order_lines
     from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
     from tcc_sim.replay.window import Window
 
     window = Window(arguments.run, arguments.start, arguments.end)
-    if arguments.out is not None:
-        check_suffix(arguments.out, (".csv", ".npz"))
-        new_file(arguments.out, arguments.force)
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    if arguments.rrd is not None:
-        if arguments.rrd == arguments.json:
-            raise InputError(f"--json and --rrd are the same file, {arguments.rrd}")
-        new_file(arguments.rrd, arguments.force)
-    check_plot(arguments, arguments.json, arguments.rrd)
+    check_outputs(arguments, (".csv", ".npz"), arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
     found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
@@ -93,15 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         lines += order_lines(orders)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), head=True)
-    if arguments.plot is not None:
-        from tcc_sim.views.order_map import plot_orders
-        from tcc_sim.views.plots import plot
-
-        with draft(arguments.plot) as part:
-            if arguments.orders:
-                plot_orders(orders, samples, part, arguments.width, title=arguments.recording.name)
-            else:
-                plot(found, part, arguments.width)
+    draw(arguments, orders if arguments.orders else found, arguments.recording.name)
     if arguments.json is not None:
         write_json(arguments.json, document("analyse", results, found.scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:

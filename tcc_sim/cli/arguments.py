@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import InputError, require
-from tcc_sim.output.files import check_name, replaceable
+from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable
 
 
 def number(low: float, high: float, unit: str) -> Callable[[str], float]:
@@ -115,24 +115,45 @@ def add_plot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--width", choices=("column", "page"), default="page", help="of the picture in a paper (page)")
 
 
-def check_plot(arguments: argparse.Namespace, *others: Path | None) -> None:
-    """Raise before anything is computed where --plot cannot become a new picture, or is one of the `others`.
+def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:
+    """Raise before anything is computed where one of the files that --json, --out and --plot name, or one of `more`,
+    cannot become a new one.
+
+    Parameters
+    ----------
+    suffixes : that --out may have; any where there are none, and then the verb looks after --out itself
 
     Raises
     ------
     InputError
         Another suffix, a file that exists and is not to be replaced, or one that is asked for twice.
     MissingPackage
-        matplotlib is not installed.
+        matplotlib is not installed, and --plot asks for it.
     """
-    if arguments.plot is None:
-        return
-    from tcc_sim.views.plots import check_picture
+    plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
+    if out is not None and suffixes and out.suffix not in suffixes:
+        *first, last = suffixes
+        raise InputError(f"--out is {out}; its name must end in {', '.join(first)}{' or ' if first else ''}{last}")
+    named = [path for path in (arguments.json, out, plot, *more) if path not in (None, STANDARD_OUTPUT)]
+    for k, path in enumerate(named):
+        if path.absolute() in [other.absolute() for other in named[:k]]:
+            raise InputError(f"{path} is asked for twice")
+    if plot is not None:
+        from tcc_sim.views.plots import check_picture
 
-    check_picture(arguments.plot, arguments.width)
-    if any(other is not None and other.absolute() == arguments.plot.absolute() for other in others):
-        raise InputError(f"{arguments.plot} is asked for twice")
-    new_file(arguments.plot, arguments.force)
+        check_picture(plot, arguments.width)
+    for path in named:
+        if path != out or suffixes:
+            new_file(path, arguments.force)
+
+
+def draw(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
+    """Draw a result where --plot asks for it."""
+    if arguments.plot is not None:
+        from tcc_sim.views.plots import plot
+
+        with draft(arguments.plot) as part:
+            plot(result, part, arguments.width, title=title)
 
 
 def add_measurement(parser: argparse.ArgumentParser, shortest: float, default: float) -> None:

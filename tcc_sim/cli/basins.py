@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_plot, add_workers, check_plot, check_workers, new_file
-from tcc_sim.errors import BasinsInterrupted, InputError, counted
+from tcc_sim.cli.arguments import add_plot, add_workers, check_outputs, check_workers, refuse_swept
+from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
@@ -47,15 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
     plane = [_axis("--plane", text) for text in arguments.plane]
     over = _axis("--over", arguments.over) if arguments.over is not None else None
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    part = None
-    if arguments.out is not None:
-        if arguments.out.suffix != ".npz":
-            raise InputError(f"--out is {arguments.out}; its name must end in .npz")
-        new_file(arguments.out, arguments.force)
-        part = arguments.out.with_name(arguments.out.name + ".part")
-    check_plot(arguments, arguments.json, arguments.out)
+    refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
+    check_outputs(arguments, [".npz"])
+    part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     check_workers(arguments)
     try:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
@@ -63,10 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
         # Drawing takes longest; interrupted in it, nothing is written, and the same command goes on.
         with ExitStack() as files:
             if arguments.plot is not None:
-                from tcc_sim.views.basin_map import draw
-                from tcc_sim.views.style import width_of
+                from tcc_sim.views.plots import plot
 
-                draw(found, over, files.enter_context(draft(arguments.plot)), width_of(arguments.width))
+                plot(found, files.enter_context(draft(arguments.plot)), arguments.width, title=scene.name)
             if arguments.json is not None:
                 values = _as_json(found, over, arguments.boundary)
                 write_json(arguments.json, document("basins", values, scene, arguments.words))
@@ -117,7 +110,7 @@ def _say(found: list[Basins], over: Axis | None, boundary: bool) -> None:
     for k, one in enumerate(found):
         if over is not None:
             say(f"{over.key} = {over.values[k]:.9g}")
-        say(repr(one))
+        say("\n".join(one.lines()))
         uncertain = one.boundary() if boundary else None
         if uncertain is not None:
             say(f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.cli.arguments import add_plot, check_outputs, draw
 from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
@@ -34,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="follow every bifurcation of the smoothed law to the set-valued one")
     parser.add_argument("--seeds", metavar="FILE", type=Path,
                         help="follow the branches through the attractors that basins --json wrote to FILE instead")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                        help="change a key of the scene; the value of the key of --over is where it begins")
     parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
     add_plot(parser)
     parser.add_argument("--force", action="store_true", help="replace files that exist")
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write what was asked for, and print what was found."""
     from tcc_sim.continuation.initial_orbits import seeds_in
     from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, read_json, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, read_json, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.ranges import bounds_of_range
@@ -56,9 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
                             second, arguments.limit, seeds)
     check(scene.system, plan)
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    check_plot(arguments, arguments.json)
+    check_outputs(arguments)
     found, interrupted = Motions(plan, scene.system.friction.law), False
     try:
         with _bar() as tick:
@@ -67,12 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         interrupted = True
     if arguments.json is not None:
         write_json(arguments.json, document("continue", found.as_json(), scene, arguments.words))
-    if arguments.plot is not None and found.branches:
-        from tcc_sim.views.branch_diagram import branch_diagram
-        from tcc_sim.views.style import width_of
-
-        with draft(arguments.plot) as drawn:
-            branch_diagram(drawn, found.as_json(), scene.name, width_of(arguments.width))
+    if found.branches:
+        draw(arguments, found, scene.name)
     if arguments.json != STANDARD_OUTPUT:
         _print(found)
     if interrupted:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
+from tcc_sim.cli.arguments import add_plot, check_outputs, draw
 from tcc_sim.errors import InputError, counted
 from tcc_sim.output.terminal import say
 
@@ -59,21 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.noise is not None:
         noise = {k: math.nan if v is None else v
                  for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    if arguments.out is not None:
-        if arguments.out.suffix != ".yaml":
-            raise InputError(f"--out is {arguments.out}; its name must end in .yaml")
-        new_file(arguments.out, arguments.force)
-    check_plot(arguments, arguments.json, arguments.out)
+    check_outputs(arguments, [".yaml"])
     with progress_bar("iteration") as bar:
         found = identify(measured, free, scene=scene, noise=noise, likelihood=arguments.likelihood, tick=bar.update)
-    if arguments.plot is not None:
-        from tcc_sim.views.identification import identification
-        from tcc_sim.views.style import width_of
-
-        with draft(arguments.plot) as part:
-            identification(part, found, scene.name, width_of(arguments.width))
+    draw(arguments, found, scene.name)
     if arguments.json is not None:
         write_json(arguments.json, document("identify", found.as_json(), scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:

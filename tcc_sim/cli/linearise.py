@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tcc_sim.cli.arguments import add_plot, check_plot, new_file
-from tcc_sim.errors import InputError, counted
+from tcc_sim.cli.arguments import add_plot, check_outputs, draw
+from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
@@ -47,28 +47,18 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.progress import progress_bar
+    from tcc_sim.sweeps.ranges import spaced
 
     scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
-    frequencies = None if arguments.frequencies is None else _spaced(arguments.frequencies)
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    if arguments.out is not None:
-        if arguments.out.suffix != ".npz":
-            raise InputError(f"--out is {arguments.out}; its name must end in .npz")
-        new_file(arguments.out, arguments.force)
-    check_plot(arguments, arguments.json, arguments.out)
+    frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
+    check_outputs(arguments, [".npz"])
     with progress_bar("point", arguments.check or None) as bar:
         found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
                           frequencies=frequencies, check=arguments.check, tick=bar.update)
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
             np.savez(file, **found.arrays())  # type: ignore[arg-type]
-    if arguments.plot is not None:
-        from tcc_sim.views.bode import bode
-        from tcc_sim.views.style import width_of
-
-        with draft(arguments.plot) as part:
-            bode(part, found, scene.name, width_of(arguments.width))
+    draw(arguments, found, scene.name)
     if arguments.json is not None:
         write_json(arguments.json, document("linearise", found.as_json(), scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT:
@@ -95,16 +85,3 @@ def _print(found: Linearisation) -> None:
 def _decibels(gain: float) -> str:
     """A gain in dB, re the SI units of output over input."""
     return f"{20.0 * math.log10(gain):9.3f} dB" if gain > 0.0 else "      -inf dB"
-
-
-def _spaced(text: str) -> list[float]:
-    """The frequencies of START:STOP:COUNT, evenly in logarithm."""
-    wrong = InputError(f"--frequencies is {text!r}; it must be START:STOP:COUNT, rad/s above 0 and a whole number")
-    try:
-        start, stop, count = text.split(":")
-        low, high, number = float(start), float(stop), int(count)
-    except ValueError:
-        raise wrong from None
-    if not (0.0 < low < math.inf and 0.0 < high < math.inf and 1 <= number <= 100_000):
-        raise wrong
-    return [float(w) for w in np.geomspace(low, high, number)]

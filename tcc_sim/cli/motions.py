@@ -88,5 +88,5 @@ def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, An
         name = NAMES.get(number, BRANCHES)
         draw(data, pictures / name)
         write_json(folder / f"{name}.json", document("figure", data, figure_system(number, FigureOptions()), words))
-    draw_basins([found], None, pictures / f"{BASINS}.png")
+    draw_basins(pictures / f"{BASINS}.png", found)
     write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))

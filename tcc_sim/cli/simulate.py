@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from tcc_sim.background import begun
-from tcc_sim.cli.arguments import add_plot, add_solver, check_plot, new_file
+from tcc_sim.cli.arguments import add_plot, add_solver, check_outputs, draw
 from tcc_sim.errors import InputError, counted
 from tcc_sim.output.terminal import say
 
@@ -46,8 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.model.profiles import parse_profiles
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
     from tcc_sim.output.provenance import document
+    from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.table import order_lines, simulation_lines
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.simulation import Plan, simulate
@@ -64,9 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(cycles=CYCLES if arguments.cycles is None else arguments.cycles, discard=arguments.discard,
                 solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
                 lyapunov=arguments.lyapunov)
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    check_plot(arguments, arguments.json, arguments.out)
+    check_outputs(arguments, SUFFIXES)
     if arguments.out is not None:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
@@ -83,19 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
         results["orders"] = orders.as_json()
         lines += order_lines(orders)
     if arguments.out is not None:
-        from tcc_sim.output.samples import write_samples
-
         write_samples(arguments.out, found.trajectory, scene.text())
         lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
+    draw(arguments, found if orders is None else orders, scene.name)
     if arguments.plot is not None:
-        from tcc_sim.views.order_map import plot_orders
-        from tcc_sim.views.plots import plot_run
-
-        with draft(arguments.plot) as part:
-            if orders is not None:
-                plot_orders(orders, found.trajectory, part, arguments.width, title=scene.name)
-            else:
-                plot_run(found.trajectory, part, arguments.width, summary=found.summary, title=scene.name)
         lines.append(f"picture in {arguments.plot}")
     if arguments.json is not None:
         write_json(arguments.json, document("simulate", results, scene, arguments.words))
@@ -105,13 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_out(arguments: argparse.Namespace, samples: float) -> None:
-    """Raise InputError for a file of another kind, one that is asked for twice, or too many samples."""
-    from tcc_sim.output.samples import check_suffix
-
-    check_suffix(arguments.out)
-    new_file(arguments.out, arguments.force)
-    if arguments.json is not None and arguments.json.absolute() == arguments.out.absolute():
-        raise InputError(f"--json and --out are the same file, {arguments.out}")
+    """Raise InputError for too many samples."""
     if not 1 <= arguments.samples <= 1_000_000:
         raise InputError(f"--samples is {arguments.samples}; it must be 1 to 1000000 per engine cycle")
     if samples > LARGEST_OUTPUT:

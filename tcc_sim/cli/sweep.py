@@ -12,9 +12,9 @@ from tcc_sim.cli.arguments import (
     add_plot,
     add_solver,
     add_workers,
-    check_plot,
+    check_outputs,
     check_workers,
-    new_file,
+    draw,
     refuse_swept,
 )
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
+    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
     from tcc_sim.output.provenance import document, said
     from tcc_sim.output.sweep_table import quantile_lines, sweep_lines
     from tcc_sim.scene import load_scene, parse_assignments
@@ -66,11 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
                 solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
                 lyapunov=arguments.lyapunov)
-    if arguments.json is not None and arguments.json == arguments.out:
-        raise InputError(f"--json and --out are the same file, {arguments.json}")
-    if arguments.json not in (None, STANDARD_OUTPUT):
-        new_file(arguments.json, arguments.force)
-    check_plot(arguments, arguments.json, arguments.out)
+    check_outputs(arguments)
     check_workers(arguments)
     curves, gather = _work(arguments, scene.system)
     ended = ""
@@ -84,11 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     # What the same command would not overwrite is left to it.
     if arguments.json is not None and (not resumable or arguments.json == STANDARD_OUTPUT):
         write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
-    if arguments.plot is not None and not resumable:
-        from tcc_sim.views.plots import plot
-
-        with draft(arguments.plot) as part:
-            plot(found, part, arguments.width, title=scene.name)
+    if not resumable:
+        draw(arguments, found, scene.name)
     if arguments.json is None and arguments.out is None and not ended:
         if isinstance(found, Scattered):
             say("\n".join(quantile_lines(found)))

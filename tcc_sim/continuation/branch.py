@@ -16,6 +16,7 @@ from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at, turned
 from tcc_sim.continuation.stopping import End, StopReason
+from tcc_sim.result import Described
 
 Tick = Callable[[ContinuationPoint], None]
 """Called with every point."""
@@ -45,8 +46,8 @@ class Origin:
 START = Origin()
 
 
-@dataclass
-class Branch:
+@dataclass(repr=False)
+class Branch(Described):
     """One branch in order along it.
 
     ended : its two ends

@@ -20,6 +20,7 @@ from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.continuation.stopping import End, StopReason
+from tcc_sim.result import Described
 
 KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
 """What can be followed in two parameters."""
@@ -39,8 +40,8 @@ class Special:
         return dict(vars(self))
 
 
-@dataclass(frozen=True)
-class BifurcationCurve:
+@dataclass(frozen=True, repr=False)
+class BifurcationCurve(Described):
     """A curve of one kind of bifurcation: both parameters along it, its special points, and its two ends."""
 
     kind: str

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from tcc_sim.continuation.branch import Branch, branch_through, first_point, orbits_at
@@ -15,10 +16,11 @@ from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_fam
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.smoothing_limit import Limit, limit_of
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
-from tcc_sim.scene import Scene
+from tcc_sim.result import Result
+from tcc_sim.scene import Scene, system_of
 
 DEEPEST_SWITCH = 8
 
@@ -73,8 +75,8 @@ class ContinuationPlan:
                 raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
 
 
-@dataclass
-class Motions:
+@dataclass(repr=False)
+class Motions(Result):
     """What was found; complete is False where it was interrupted."""
 
     plan: ContinuationPlan
@@ -84,6 +86,20 @@ class Motions:
     curves: list[BifurcationCurve] = field(default_factory=list)
     limits: dict[int, Limit] = field(default_factory=dict)
     complete: bool = False
+
+    def __repr__(self) -> str:
+        kinds = Counter(item.kind for item in self.bifurcations)
+        said = ", ".join(counted(number, kind.replace("_", " ")) for kind, number in kinds.items())
+        return (f"<Motions over {self.plan.over} from {self.plan.low:g} to {self.plan.high:g}, {self.law}: "
+                f"{counted(len(self.branches), 'branch')}, {said or 'no bifurcation'}>")
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for every point of every branch, in order along it."""
+        points = [(number, branch, p.orbit) for number, branch in enumerate(self.branches) for p in branch.points]
+        return {"branch": [number for number, *_ in points], "period": [branch.period for _, branch, _ in points],
+                self.plan.over: [orbit.values[0] for *_, orbit in points],
+                "max_slip_speed": [orbit.seen.largest for *_, orbit in points],
+                "stable": [orbit.stable for *_, orbit in points]}
 
     @property
     def bifurcations(self) -> list[Bifurcation]:
@@ -107,18 +123,21 @@ class Motions:
         return out
 
 
-def continuation(scene: Scene | System, over: str, start: float, stop: float, **settings: Any) -> Motions:
+def continuation(scene: Scene | System | str, over: str, start: float, stop: float, *, period: int | None = None,
+                 at: Sequence[float] = (), switch: int = 0, second: tuple[str, float, float] | None = None,
+                 limit: bool = False, seeds: Sequence[Seed] = ()) -> Motions:
     """The branches of periodic motions along one scene key, with their bifurcations.
 
     Parameters
     ----------
+    scene : a scene, its name or file, or a system
     over : scene key that is followed, from the smaller of `start` and `stop` to the larger
-    settings : the other fields of `ContinuationPlan`, such as ``at=(301.5,)`` or ``switch=1``
+    period, at, switch, second, limit, seeds : as `ContinuationPlan` has them
 
     Raises
     ------
     InputError, NumericalFailure
-        As `continue_motions`, and for a setting that there is not.
+        As `continue_motions`.
 
     Examples
     --------
@@ -128,12 +147,9 @@ def continuation(scene: Scene | System, over: str, start: float, stop: float, **
     >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
     ([(1, 'start')], True)
     """
-    names = {item.name for item in fields(ContinuationPlan)} - {"over", "low", "high"}
-    for name in settings:
-        if name not in names:
-            raise InputError(f"{name} is no setting of a continuation; there are {', '.join(sorted(names))}")
-    system = scene if isinstance(scene, System) else scene.system
-    return continue_motions(system, ContinuationPlan(over, min(start, stop), max(start, stop), **settings))
+    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, tuple(at), switch, second, limit,
+                            tuple(seeds))
+    return continue_motions(system_of(scene), plan)
 
 
 def check(system: System, plan: ContinuationPlan) -> DrivelineMap:

@@ -20,6 +20,7 @@ from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.errors import NumericalFailure
+from tcc_sim.result import Described
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Kinds that are no change of the event sequence."""
@@ -32,8 +33,8 @@ COMPLEX = 1e-6
 """Argument above which a pair of multipliers is complex and not real."""
 
 
-@dataclass(frozen=True)
-class ContinuationPoint:
+@dataclass(frozen=True, repr=False)
+class ContinuationPoint(Described):
     """A point of a branch: unknowns and tangent, the orbit there, and the equations they belong to."""
 
     solution: Solution
@@ -59,8 +60,8 @@ def turned(point: ContinuationPoint) -> ContinuationPoint:
     return replace(point, solution=solution._replace(tangent=-solution.tangent, sign=-solution.sign))
 
 
-@dataclass(frozen=True)
-class Bifurcation:
+@dataclass(frozen=True, repr=False)
+class Bifurcation(Described):
     """A located bifurcation.
 
     residual : for a smooth one the distance of the multiplier from where it must be, or the scaled test function; for a

@@ -25,6 +25,7 @@ from tcc_sim.estimation.verdicts import Gates, Parameter, judged, why_not
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
+from tcc_sim.result import Result
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.trajectory import Floats
 
@@ -39,7 +40,7 @@ class Likelihood:
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Result):
     """What a measurement says of the free parameters.
 
     parameters : in the order that they were asked for

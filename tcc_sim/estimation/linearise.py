@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError, counted
 from tcc_sim.estimation.operating_point import Constant, Periodic, Settings, mean_rows, settle, whole
 from tcc_sim.model.parameters import System
+from tcc_sim.result import Result
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.trajectory import Floats
 
@@ -44,7 +45,7 @@ class Simulated:
 
 
 @dataclass(frozen=True, repr=False)
-class Linearisation:
+class Linearisation(Result):
     """What a small change of an input does about a settled motion.
 
     input, output : names of INPUTS and OUTPUTS

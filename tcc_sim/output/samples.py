@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +15,19 @@ ARRAYS = tuple(Trajectory.UNITS)
 SUFFIXES = (".npz", ".csv", ".mcap")
 
 
-def check_suffix(path: Path, suffixes: Sequence[str] = SUFFIXES) -> None:
-    """Raise InputError unless the name of the file ends in one of them."""
-    if path.suffix not in suffixes:
-        raise InputError(f"--out {path} must end in {', '.join(suffixes[:-1])} or {suffixes[-1]}")
-
-
 def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, head: bool = False) -> None:
     """Write every sample of `trajectory`.
 
     A .npz holds the units too, in the order of ARRAYS, and the scene (YAML), as a .mcap does. A .csv keeps every digit;
     with `head` the units and the scene stand before its columns, in lines that begin with #.
+
+    Raises
+    ------
+    InputError
+        Another suffix than those of SUFFIXES.
     """
-    check_suffix(path)
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
     with draft(path) as part:
         if path.suffix == ".mcap":
             from tcc_sim.recording.trajectory_bag import write_trajectory

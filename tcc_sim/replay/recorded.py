@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,10 @@ from tcc_sim.replay.places import places_of
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing, frequency_changes, scene_of, timing_of
 from tcc_sim.replay.window import Window
+from tcc_sim.result import Result, html_of
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
-from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
+from tcc_sim.trajectory import Floats, Modes, Trajectory, modes_of, no_cycles
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Command:
         return f"<Command: {counted(len(self.t), 'message')}>"
 
 
-class Recording:
+class Recording(Result):
     """A recording that is read when it is asked: nothing of it is held but what was asked for.
 
     Parameters
@@ -92,6 +94,14 @@ class Recording:
     def __repr__(self) -> str:
         ended = "complete" if self._run.complete else "cut short"
         return f"<Recording {self.path.name} of {self.scene.name}: {counted(len(self.runs), 'run')}, {ended}>"
+
+    def columns(self, run: int = 0, start: float | None = None, end: float | None = None) -> dict[str, Floats | Modes]:
+        """The samples of `trajectory`, by name."""
+        return self.trajectory(run, start, end).columns()
+
+    def _repr_html_(self) -> str:
+        names = [item.name for item in fields(RecordedRun)]
+        return f"<p>{escape(repr(self))}</p>{html_of({name: [getattr(r, name) for r in self.runs] for name in names})}"
 
     @property
     def complete(self) -> bool:

@@ -16,6 +16,7 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
 from tcc_sim.replay.verification import Verification
+from tcc_sim.result import Result
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -24,7 +25,7 @@ SEGMENTS_SHOWN = 20
 
 
 @dataclass(frozen=True, repr=False)
-class Replay:
+class Replay(Result):
     """What a recording comes to.
 
     summary : of its longest run
@@ -67,6 +68,13 @@ class Replay:
         return (f"<Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
                 f"{ended}; {counted(found.cycles, 'cycle')}, {period}, {found.regime}; largest |slip speed| "
                 f"{found.max_slip_speed:.5g} rad/s>")
+
+    def columns(self) -> dict[str, list[Any]]:
+        """A row for every segment: where it lies, what began it, and the columns of its summary."""
+        rows = [{"start": s.start, "end": s.end, "began_by": s.began_by,
+                 **({name: found[0] for name, found in s.summary.columns().items()} if s.summary is not None else {})}
+                for s in self.segments]
+        return {name: [row.get(name) for row in rows] for name in max(rows, key=len)} if rows else {}
 
     @property
     def frequency(self) -> float:

@@ -36,9 +36,21 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
         raise wrong
     if not even and "," in numbers and ":" not in numbers:
         return key, _numbers(numbers.split(","), wrong)
-    parts = numbers.split(":")
-    logarithmic = len(parts) == 4 and parts[3] == "log" and not even
-    if not (len(parts) == 3 or logarithmic):
+    logarithmic = not even and numbers.endswith(":log")
+    return key, spaced(numbers.removesuffix(":log") if logarithmic else numbers, option, logarithmic, wrong)
+
+
+def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
+    """The values of START:STOP:COUNT, both ends included, evenly in logarithm or evenly.
+
+    Raises
+    ------
+    InputError
+        Anything else: `wrong` where it is given.
+    """
+    wrong = wrong or InputError(f"{option} is {text!r}; it must be START:STOP:COUNT, two numbers and a whole number")
+    parts = text.split(":")
+    if len(parts) != 3:
         raise wrong
     start, stop = _numbers(parts[:2], wrong)
     try:
@@ -50,8 +62,7 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     if logarithmic and not start * stop > 0.0:
         raise InputError(f"{option} goes from {start:g} to {stop:g}; values that are even in logarithm must be above "
                          "0, or all below it")
-    spaced = np.geomspace if logarithmic else np.linspace
-    return key, [float(x) for x in spaced(start, stop, count)]
+    return [float(x) for x in (np.geomspace if logarithmic else np.linspace)(start, stop, count)]
 
 
 def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[str, float, float]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.result import Result
 from tcc_sim.sweeps.point import SUMMARY_KEYS, Point
 from tcc_sim.sweeps.ranges import MOST_VALUES
 from tcc_sim.sweeps.simulation import Plan
@@ -55,7 +55,7 @@ class Curve:
 
 
 @dataclass(frozen=True, repr=False)
-class Sweep:
+class Sweep(Result):
     """The results along one curve, in the order of its values.
 
     points : what was found per value; None where the sweep was interrupted before
@@ -70,9 +70,6 @@ class Sweep:
     def __repr__(self) -> str:
         values, solved = self.curve.values, sum(p is not None and p.summary is not None for p in self.points)
         return f"<Sweep over {self.curve.key}: {_span(values)}; {solved} solved>"
-
-    def _repr_html_(self) -> str:
-        return html_of(self.columns())
 
     @property
     def complete(self) -> bool:
@@ -126,7 +123,7 @@ class Sweep:
 
 
 @dataclass(frozen=True, repr=False)
-class Grid:
+class Grid(Result):
     """The results on a grid of two keys: one Sweep over the first for every value of the second."""
 
     second_key: str
@@ -137,9 +134,6 @@ class Grid:
         curve = self.sweeps[0].curve
         return (f"<Grid over {curve.key}: {_span(curve.values)}, and {self.second_key}: {_span(self.second_values)}; "
                 f"{sum(p is not None and p.summary is not None for s in self.sweeps for p in s.points)} solved>")
-
-    def _repr_html_(self) -> str:
-        return html_of(self.columns())
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all rows below each other, with the second key's values first."""
@@ -158,20 +152,6 @@ class Grid:
         return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),
                 "second_values": list(self.second_values), **self.sweeps[0].how(self.sweeps),
                 **{name: [row[name] for row in rows] for name in rows[0]}}
-
-
-ROWS_SHOWN = 20
-
-
-def html_of(columns: Mapping[str, NDArray[Any] | list[Any]]) -> str:
-    """A table in HTML of the first ROWS_SHOWN lines of some columns, as a notebook shows it."""
-    length = len(next(iter(columns.values())))
-    lines = [[f"{x:.6g}" if isinstance(x, float) else str(x) for x in row]
-             for row in list(zip(*(np.asarray(column).tolist() for column in columns.values())))[:ROWS_SHOWN]]
-    cells = "".join(f"<tr>{''.join(f'<td>{escape(x)}</td>' for x in line)}</tr>" for line in lines)
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    left = f"<p>{length - ROWS_SHOWN} more lines</p>" if length > ROWS_SHOWN else ""
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{cells}</tbody></table>{left}"
 
 
 def extras_of(sweeps: Sequence[Sweep]) -> list[str]:

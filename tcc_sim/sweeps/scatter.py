@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.ranges import MOST_VALUES
-from tcc_sim.sweeps.results import Sweep, extras_of, html_of
+from tcc_sim.sweeps.results import Sweep, extras_of
 from tcc_sim.sweeps.simulation import Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
@@ -66,7 +67,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True, repr=False)
-class Scattered:
+class Scattered(Result):
     """The results of scattered keys: one Sweep for each sample, over another key or at one value.
 
     tolerances : what was scattered
@@ -82,9 +83,6 @@ class Scattered:
         keys = ", ".join(key for key, _, _ in self.tolerances.bounds)
         over = f" over {self.over}, {len(self.sweeps[0].points)} values" if self.over else ""
         return f"<Scattered {keys}: {self.tolerances.samples} samples{over}>"
-
-    def _repr_html_(self) -> str:
-        return html_of(self.columns())
 
     def result(self, name: str) -> NDArray[np.float64]:
         """(samples, values) numbers of one result, NaN where there is none."""

@@ -20,6 +20,7 @@ from tcc_sim.analysis.periodicity import stays
 from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
+from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
@@ -108,7 +109,7 @@ PAPER = Plan()
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation:
+class Simulation(Result):
     """A motion solved and judged.
 
     trajectory : what the solver gave; with discard "auto" its last block
@@ -136,6 +137,10 @@ class Simulation:
         if self.summary is None:
             return f"<Simulation by {self.trajectory.solver}: {self.status}>"
         return repr(self.summary).replace("Summary", "Simulation", 1)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The summary's columns; `status` alone where there is none."""
+        return self.summary.columns() if self.summary is not None else {"status": [self.status]}
 
     @property
     def status(self) -> str:

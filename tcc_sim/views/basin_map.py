@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,28 @@ MARKERS = "os^Dvp*"
 EXTRAS = {RUNAWAY: ("#444444", "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
 
 
-def draw(found: Sequence[Basins], over: Axis | None, file: Path, width: float = style.PAGE) -> Path:
-    """Draw one plane as a map, or several, one for each value of `over`, as fractions against it."""
-    height = 0.62 * width if over is None else 0.5 * width
-    with style.figure(width, height) as picture:
+def draw(path: Path, found: Basins | Sequence[Basins], title: str = "", width: float = style.PAGE) -> Path:
+    """Draw one plane as a map, or several, one for each value of a key, as fractions against it."""
+    planes = [found] if isinstance(found, Basins) else found
+    with style.figure(width, (0.62 if planes[0].over is None else 0.5) * width) as picture:
         axes = picture.add_subplot()
-        if over is None:
-            _map(axes, found[0])
+        into(axes, planes, {"loc": "outside upper left"})
+        if title:
+            axes.set_title(title)
+        return style.save(picture, path)
+
+
+def into(axes: Any, found: Basins | Sequence[Basins], legend: Mapping[str, Any] | None = None) -> None:
+    """Draw the same into axes; `legend` says where that of a map is, in its figure."""
+    planes = [found] if isinstance(found, Basins) else found
+    if planes[0].over is None:
+        handles = _map(axes, planes[0])
+        if legend is None:
+            axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small")
         else:
-            _fractions(axes, found, over)
-        return style.save(picture, file)
+            axes.figure.legend(handles=handles, ncols=1, **legend)
+    else:
+        _fractions(axes, planes, planes[0].over[0], [one.over[1] for one in planes if one.over is not None])
 
 
 def named(attractor: Attractor) -> str:
@@ -37,8 +49,10 @@ def named(attractor: Attractor) -> str:
     return f"{what}, largest slip speed {attractor.largest:.4g} rad/s"
 
 
-def _map(axes: Any, found: Basins) -> None:
-    """Cells coloured by their attractor, the attractors' section points on them where they lie in the plane."""
+def _map(axes: Any, found: Basins) -> list[Any]:
+    """Cells coloured by their attractor, the attractors' section points on them where they lie in the plane; what
+    stands in the legend.
+    """
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
@@ -66,10 +80,10 @@ def _map(axes: Any, found: Basins) -> None:
         if found.fraction(label) > 0.0:
             handles.append(Patch(facecolor=colour, edgecolor=style.GREY,
                                  label=f"{name} ({100 * found.fraction(label):.3g} %)"))
-    axes.figure.legend(handles=handles, loc="outside upper left", ncols=1)
+    return handles
 
 
-def _fractions(axes: Any, found: Sequence[Basins], over: Axis) -> None:
+def _fractions(axes: Any, found: Sequence[Basins], key: str, values: Sequence[float]) -> None:
     """Parts of the plane, stacked: motions in order of their period, those without one, runaway slip, undecided."""
     periods = sorted({a.period for one in found for a in one.attractors}, key=lambda p: (p == 0, p))
     rows, names, colours = [], [], []
@@ -83,9 +97,9 @@ def _fractions(axes: Any, found: Sequence[Basins], over: Axis) -> None:
             rows.append(part)
             names.append(name)
             colours.append(colour)
-    axes.stackplot(over.values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
-    axes.set(xlabel=_label(over.key), ylabel="fraction of the plane", ylim=(0.0, 1.0),
-             xlim=(min(over.values), max(over.values)))
+    axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
+    axes.set(xlabel=_label(key), ylabel="fraction of the plane", ylim=(0.0, 1.0),
+             xlim=(min(values), max(values)))
     style.legend_above(axes)
 
 

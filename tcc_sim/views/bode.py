@@ -12,6 +12,10 @@ from tcc_sim.views import style
 UNITS = {"actuation_pressure": "Pa", "engine_torque": "N m", "slip_speed": "rad/s", "friction_torque": "N m",
          "shaft_torque": "N m"}
 
+SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
+                             "markersize": 5.0}
+"""The look of points found by simulation."""
+
 
 def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw a `Linearisation`.
@@ -30,16 +34,11 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
     """
     with style.figure(width, 0.62 * width) as drawn:
         gain, phase = drawn.subplots(2, 1, sharex=True)
-        inside = found.gain > 0.0
-        gain.semilogx(found.frequencies[inside], 20.0 * np.log10(found.gain[inside]), label=_name(found))
+        into(gain, found)
         phase.semilogx(found.frequencies, np.degrees(found.phase))
         if found.checked:
-            omega = [p.frequency for p in found.checked]
-            marks = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
-                     "markersize": 5.0}
-            gain.plot(omega, [20.0 * np.log10(p.gain) for p in found.checked], label="simulated", **marks)
-            phase.plot(omega, [np.degrees(p.phase) for p in found.checked], **marks)
-        gain.set_ylabel(f"gain (dB re 1 ({UNITS[found.output]})/({UNITS[found.input]}))")
+            phase.plot([p.frequency for p in found.checked], [np.degrees(p.phase) for p in found.checked], **SIMULATED)
+        gain.set_xlabel("")
         phase.set_ylabel("phase (degrees)")
         phase.set_xlabel("angular frequency (rad/s)")
         words = f"{found.output.replace('_', ' ')} by {found.input.replace('_', ' ')}"
@@ -47,6 +46,17 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
         gain.set_title(f"{title}: {words}" if title else words)
         gain.legend(loc="best")
         return style.save(drawn, path)
+
+
+def into(axis: Any, found: Any) -> None:
+    """Draw the gain into an axis."""
+    inside = found.gain > 0.0
+    axis.semilogx(found.frequencies[inside], 20.0 * np.log10(found.gain[inside]), label=_name(found))
+    if found.checked:
+        axis.plot([p.frequency for p in found.checked], [20.0 * np.log10(p.gain) for p in found.checked],
+                  label="simulated", **SIMULATED)
+    axis.set(xlabel="angular frequency (rad/s)",
+             ylabel=f"gain (dB re 1 ({UNITS[found.output]})/({UNITS[found.input]}))")
 
 
 def _name(found: Any) -> str:

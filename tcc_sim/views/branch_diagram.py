@@ -21,13 +21,13 @@ UNSTABLE = (0, (3, 1.5))
 """Dashes of unstable motions."""
 
 
-def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "", width: float = style.PAGE) -> Path:
+def branch_diagram(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period.
 
     Parameters
     ----------
     path : png, svg or pdf file
-    found : what `Motions.as_json` gives
+    found : what `continuation` gives, or `continue --json`
     title : name of the scene
     width : inch
 
@@ -36,17 +36,16 @@ def branch_diagram(path: Path, found: Mapping[str, Any], title: str = "", width:
     MissingPackage
         matplotlib is not installed.
     """
-    curves = found.get("curves", [])
+    values = style.values_of(found)
+    curves = values.get("curves", [])
     with style.figure(width, 3.6 if not curves else 6.4) as drawn:
         axes = drawn.subplots(2 if curves else 1, 1, squeeze=False)[:, 0]
-        _branches(axes[0], found)
-        axes[0].set_xlabel(found["over"])
-        axes[0].set_ylabel("max |slip speed| (rad/s)")
+        into(axes[0], values)
         if title:
             axes[0].set_title(title)
         _legend(axes[0])
         if curves:
-            _curves(axes[1], found)
+            _curves(axes[1], values)
         return style.save(drawn, path)
 
 
@@ -74,8 +73,10 @@ def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any
     return [(xy[:, 0], xy[:, 1]) for xy in lines]
 
 
-def _branches(axis: Any, found: Mapping[str, Any]) -> None:
-    """Lines of the branches and marks of their bifurcations."""
+def into(axis: Any, found: Any) -> None:
+    """Draw lines of the branches and marks of their bifurcations into an axis."""
+    found = style.values_of(found)
+    axis.set(xlabel=found["over"], ylabel="max |slip speed| (rad/s)")
     periods = sorted({b["period"] for b in found["branches"]})
     named: set[str] = set()
     for number, branch in enumerate(found["branches"]):

@@ -32,7 +32,10 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
     rows = len(names) + 2 + (found.likelihood is not None)
     with style.figure(width, 1.5 * rows + 0.6) as drawn:
         axes = drawn.subplots(rows, 1)
-        _speeds(axes[0], found, title)
+        into(axes[0], found)
+        axes[0].set_xlabel("")
+        words = f"chi-square a degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
+        axes[0].set_title(f"{title}: {words}" if title else words)
         for axis, name in zip(axes[1:], names):
             residual = found.residuals[name] / found.noise[name]
             axis.plot(found.measurement.t[:len(residual)], residual, color=style.GREY, linewidth=0.5)
@@ -48,16 +51,14 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
         return style.save(drawn, path)
 
 
-def _speeds(axis: Any, found: Any, title: str) -> None:
-    """The first samples of the slip speed, measured and fitted."""
+def into(axis: Any, found: Any) -> None:
+    """Draw the first samples of the slip speed, measured and fitted, into an axis."""
     residual = found.residuals["slip_speed"]
     data = found.measurement.channels["slip_speed"][:len(residual)]
     t = found.measurement.t[:len(residual)]
     axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
     axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
-    axis.set_ylabel("slip speed (rad/s)")
-    words = f"chi-square a degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
-    axis.set_title(f"{title}: {words}" if title else words)
+    axis.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
     axis.legend(loc="upper right", ncols=2)
 
 

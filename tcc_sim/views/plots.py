@@ -1,24 +1,21 @@
-"""Pictures of one's own work: a run, a recording, a sweep or a grid, from the results as Python or as JSON has them."""
+"""Pictures of one's own work: every result that the package gives, as Python has it, and some as JSON has them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
 from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
 from tcc_sim.errors import InputError, require
 from tcc_sim.output.files import replaceable
-from tcc_sim.sweeps.results import Sweep
-from tcc_sim.sweeps.scatter import Scattered
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
-from tcc_sim.views.scatter import draw_band, draw_scatter
-from tcc_sim.views.sweeps import draw_grid, draw_maxima, draw_sweep, label_of
 
 
 def check_picture(path: Path, width: str = "page") -> None:
@@ -44,12 +41,13 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
     Parameters
     ----------
-    result : a solved Trajectory; what `simulate` or `analyse` gives; a sweep, or what `sweep --json` holds: one key
-        gives maxima and orbit diagram, two keys a map
+    result : what any function of the package gives, or what `sweep --json` or `continue --json` holds; of a recording
+        its first run
     file : ends in .png, .svg or .pdf
     width : column or page, of a paper
     title : over the picture
-    ax : matplotlib's axis that takes the main curve instead: slip speed over time, or the largest slip speed over a key
+    ax : matplotlib's axis that takes the main curve instead: slip speed over time, the largest slip speed over a key,
+        a gain, or a map
     force : whether an existing file is replaced
 
     Returns
@@ -78,21 +76,61 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     check_picture(path, width)
     if replaceable(path) and not force:
         raise InputError(f"{path} exists; it is not overwritten")
-    if isinstance(result, Trajectory):
-        return plot_run(result, path, width, title=title)
-    if all(hasattr(result, name) for name in ("trajectory", "cycles", "first_cycle", "summary")):
-        return overview(path, result.trajectory, result.cycles, result.first_cycle, result.summary,
-                        title or _name(result), control=getattr(result, "control", None), width=width)
-    if hasattr(result, "trajectory") and hasattr(result, "summary"):
-        return plot_run(result.trajectory, path, width, summary=result.summary, title=title)
-    if isinstance(result, Scattered):
-        return draw_scatter(path, result, style.width_of(width), title)
-    values = result if isinstance(result, Mapping) else result.as_json() if hasattr(result, "as_json") else None
-    if isinstance(values, Mapping) and "over" in values and "max_slip_speed" in values:
-        draw = draw_grid if values.get("second_over") else draw_sweep
-        return draw(path, values, style.width_of(width), title)
-    raise InputError(f"a {type(result).__name__} cannot be drawn; give a trajectory, or what simulate, analyse or "
-                     "sweep gave")
+    look = look_of(result)
+    if look is not None:
+        return look.drawing(look.whole)(path, result, title=title, width=style.width_of(width))
+    run = _run_of(result)
+    if run is result:
+        return plot_run(run, path, width, title=title)
+    if all(hasattr(result, name) for name in ("cycles", "first_cycle", "control")):
+        return overview(path, run, result.cycles, result.first_cycle, result.summary, title or result.path.name,
+                        control=result.control, width=width)
+    return plot_run(run, path, width, summary=getattr(result, "summary", None), title=title)
+
+
+class Look(NamedTuple):
+    """Where the drawing of a result is: its module here, and the functions for a whole picture and for an axis."""
+
+    module: str
+    whole: str
+    main: str = "into"
+
+    def drawing(self, name: str) -> Callable[..., Any]:
+        """One of the two functions."""
+        found: Callable[..., Any] = getattr(import_module(f"tcc_sim.views.{self.module}"), name)
+        return found
+
+
+LOOKS = {"Sweep": Look("sweeps", "draw_sweep", "draw_maxima"), "Grid": Look("sweeps", "draw_grid", "draw_largest"),
+         "Scattered": Look("scatter", "draw_scatter"), "Motions": Look("branch_diagram", "branch_diagram"),
+         "Basins": Look("basin_map", "draw"), "Linearisation": Look("bode", "bode"),
+         "Identification": Look("identification", "identification"), "Orders": Look("order_map", "plot_orders")}
+"""By the name of a result's class; what is a run, or has one, is drawn by `plot_run` and `overview`."""
+
+
+def look_of(result: Any) -> Look | None:
+    """How a result is drawn, or its JSON, or a list of planes of basins; None for what is no row of LOOKS."""
+    if isinstance(result, Mapping):
+        swept = "Grid" if result.get("second_values") else "Sweep" if "max_slip_speed" in result else ""
+        return LOOKS.get("Motions" if "branches" in result else swept if "over" in result else "")
+    first = result[0] if isinstance(result, list) and result else result
+    return LOOKS.get(type(first).__name__)
+
+
+def _run_of(result: Any) -> Trajectory:
+    """The samples of a run, of what has one, or of a recording's first run.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
+    run = getattr(result, "trajectory", result)
+    run = run() if callable(run) else run
+    if not isinstance(run, Trajectory):
+        raise InputError(f"a {type(result).__name__} cannot be drawn; give what solve, simulate, analyse, read, sweep, "
+                         "scatter, continuation, basins, linearise or identify gave")
+    return run
 
 
 def draw_into(ax: Any, result: Any, title: str = "") -> Any:
@@ -103,19 +141,16 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
     InputError
         A result that has none.
     """
-    run = getattr(result, "trajectory", result)
-    if isinstance(result, Scattered) and result.over:
-        draw_band(ax, result, "max_slip_speed")
-        ax.set(xlabel=label_of(result.over), ylabel="max |slip speed| (rad/s)")
-    elif isinstance(result, Sweep):
-        draw_maxima(ax, result.as_json())
-        ax.set(xlabel=label_of(result.curve.key), ylabel="max |slip speed| (rad/s)")
-    elif isinstance(run, Trajectory) and len(run.t) > 2:
+    look = look_of(result)
+    if look is not None:
+        look.drawing(look.main)(ax, result)
+    else:
+        run = _run_of(result)
+        if len(run.t) < 3:
+            raise InputError(f"a {type(result).__name__} has no curve for an axis; a run needs samples, such as "
+                             "samples_per_cycle=200")
         ax.plot(run.t, run.slip_speed, color=style.BLUE, linewidth=0.9)
         ax.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
-    else:
-        raise InputError(f"a {type(result).__name__} has no curve for an axis; a run needs samples, such as "
-                         "samples_per_cycle=200")
     if title:
         ax.set_title(title)
     return ax
@@ -139,8 +174,3 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
     tail = last_cycles(solved, max(summary.period or ORBIT_CYCLES, HISTORY_CYCLES))
     cycles = solved.cycles if solved.cycles is not None else no_cycles()
     return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title, width=width)
-
-
-def _name(result: Any) -> str:
-    """The name of a recording."""
-    return str(result.path.name) if hasattr(result, "path") else ""

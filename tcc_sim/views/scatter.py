@@ -14,7 +14,7 @@ RESULTS = (("max_slip_speed", "max |slip speed|\n(rad/s)", 1.0), ("stick_fractio
 """Results drawn, their axes, and the unit of the axis in that of the result."""
 
 
-def draw_scatter(path: Path, found: Scattered, width: float, title: str = "") -> Path:
+def draw_scatter(path: Path, found: Scattered, title: str = "", width: float = style.PAGE) -> Path:
     """Bands of the quantiles 0.05 to 0.95 over the swept key; without one, samples against each scattered key.
 
     Parameters
@@ -37,6 +37,15 @@ def draw_scatter(path: Path, found: Scattered, width: float, title: str = "") ->
             axis.set_xlabel(label_of(key))
         style.legend_above(axes[0][0])
         return style.save(drawn, path)
+
+
+def into(axis: Any, found: Scattered) -> None:
+    """Draw the largest slip speed into an axis: its band over the swept key, or samples against the first scattered."""
+    if found.over:
+        draw_band(axis, found, "max_slip_speed")
+    else:
+        _samples(axis, found, "max_slip_speed", found.tolerances.bounds[0][0], 1.0)
+    axis.set(xlabel=label_of(found.over or found.tolerances.bounds[0][0]), ylabel="max |slip speed| (rad/s)")
 
 
 def draw_band(axis: Any, found: Scattered, name: str, scale: float = 1.0) -> None:

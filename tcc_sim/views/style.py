@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -71,6 +71,12 @@ def figure(width: float = PAGE, height: float = 4.0) -> Iterator[Any]:
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
         yield drawn
+
+
+def values_of(result: Any) -> Mapping[str, Any]:
+    """A result as its JSON has it, whether it is one or was read back."""
+    values: Mapping[str, Any] = result if isinstance(result, Mapping) else result.as_json()
+    return values
 
 
 def width_of(name: str) -> float:

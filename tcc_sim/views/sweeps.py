@@ -25,21 +25,22 @@ the two pairs on either side of them do, as their median has it.
 """
 
 
-def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str = "") -> Path:
+def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Maxima, the orbit diagram (plate angle on the section), and how long the clutch sticks, over one key.
 
     Parameters
     ----------
-    values : as `sweep --json` has them
+    found : what `sweep` gives, or `sweep --json`
     width : inch
     """
+    values = style.values_of(found)
     with style.figure(width, 5.0) as drawn:
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
         x = numbers(values["values"])
         draw_maxima(maxima, values)
-        maxima.set_ylabel("max |slip speed|\n(rad/s)")
+        maxima.set(xlabel="", ylabel="max |slip speed|\n(rad/s)")
         _orbit(orbit, x, values)
         share = numbers(values["stick_fraction"])
         stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
@@ -53,15 +54,17 @@ def draw_sweep(path: Path, values: Mapping[str, Any], width: float, title: str =
         return style.save(drawn, path)
 
 
-def draw_maxima(axis: Any, values: Mapping[str, Any]) -> None:
-    """The largest slip speed over one key, coloured by regime; `values` as `sweep --json` has them."""
+def draw_maxima(axis: Any, found: Any) -> None:
+    """The largest slip speed over one key, coloured by regime."""
+    values = style.values_of(found)
+    axis.set(xlabel=label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
-    found = classes(values["regime"], values.get("runaway", []))
-    away = found["runaway"][1] if "runaway" in found else np.zeros(len(x), dtype=bool)
+    regimes = classes(values["regime"], values.get("runaway", []))
+    away = regimes["runaway"][1] if "runaway" in regimes else np.zeros(len(x), dtype=bool)
     bounded = np.where(away, np.nan, largest)
     top = float(np.nanmax(bounded, initial=0.0)) or 1.0
     axis.plot(*parted(x, bounded), color=style.GREY, linewidth=0.6, zorder=1)
-    for regime, (colour, mine) in found.items():
+    for regime, (colour, mine) in regimes.items():
         # A runaway is as large as it was solved long: it stands at the edge, and the scale is that of the others.
         axis.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
                     linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
@@ -89,42 +92,51 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     axis.margins(y=0.1)
 
 
-def draw_grid(path: Path, values: Mapping[str, Any], width: float, title: str = "") -> Path:
+def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Two maps over two keys, rows second: the largest slip speed, and the period.
 
     Parameters
     ----------
-    values : as `sweep --json` has them with two keys: `over`, `second_over`, `values`, `second_values`, and results as
-        lists of lists
+    found : what `sweep_grid` gives, or `sweep --json` with two keys
     width : inch
     """
-    from matplotlib.colors import ListedColormap
-
+    values = style.values_of(found)
     wide = width > 0.5 * (style.COLUMN + style.PAGE)
     with style.figure(width, 3.2 if wide else 5.6) as drawn:
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
+        draw_largest(maxima, values)
         x, y = edges(numbers(values["values"])), edges(numbers(values["second_values"]))
-        largest = np.array([numbers(row) for row in values["max_slip_speed"]])
-        away = runaways(values)
-        shade = maxima.pcolormesh(x, y, np.ma.masked_where(away | ~np.isfinite(largest), largest), cmap="viridis",
-                                  vmin=0.0, rasterized=True)
-        drawn.colorbar(shade, ax=maxima, label="max |slip speed| (rad/s)")
-        if away.any():
-            maxima.pcolormesh(x, y, np.ma.masked_where(~away, largest), cmap=ListedColormap([style.RUNAWAY]),
-                              rasterized=True)
         _period_map(drawn, periods, x, y, values)
-        for axis in (maxima, periods):
-            axis.set_facecolor(NOT_FOUND)
-            axis.grid(False)
-            axis.set_xlabel(label_of(values["over"]))
-        for axis in (maxima, periods)[:1 if wide else 2]:
-            axis.set_ylabel(label_of(values["second_over"]))
-        if not wide:
-            maxima.set_xlabel("")
+        _over_two(periods, values)
+        (periods.set_ylabel if wide else maxima.set_xlabel)("")
         style.panel_titles((maxima, periods), ["Maxima", "Period"])
         return style.save(drawn, path)
+
+
+def draw_largest(axis: Any, found: Any) -> None:
+    """The largest slip speed over two keys as a map, a runaway in a colour of its own."""
+    from matplotlib.colors import ListedColormap
+
+    values = style.values_of(found)
+    x, y = edges(numbers(values["values"])), edges(numbers(values["second_values"]))
+    largest = np.array([numbers(row) for row in values["max_slip_speed"]])
+    away = runaways(values)
+    shade = axis.pcolormesh(x, y, np.ma.masked_where(away | ~np.isfinite(largest), largest), cmap="viridis",
+                            vmin=0.0, rasterized=True)
+    axis.figure.colorbar(shade, ax=axis, label="max |slip speed| (rad/s)")
+    if away.any():
+        axis.pcolormesh(x, y, np.ma.masked_where(~away, largest), cmap=ListedColormap([style.RUNAWAY]),
+                        rasterized=True)
+    _over_two(axis, values)
+
+
+def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
+    """The axes of a map over two keys."""
+    axis.set_facecolor(NOT_FOUND)
+    axis.grid(False)
+    axis.set(xlabel=label_of(values["over"]), ylabel=label_of(values["second_over"]))
 
 
 def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:

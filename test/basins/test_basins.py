@@ -280,7 +280,7 @@ def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_p
              "--out", str(files[0]), "--json", str(files[1]), "--plot", str(files[2])]
     draw = basin_map.draw
 
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(basin_map, "draw", interrupted)

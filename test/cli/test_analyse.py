@@ -110,7 +110,7 @@ def test_existing_files_are_replaced_only_by_force(capsys, recording, tmp_path):
     (["--discard", "47"], "--discard 47"), (["--discard", "x"], "--discard"),
     (["--frequency", "0"], "frequency is 0 rad/s"),
     (["--rrd", "no/run.rrd"], "no directory"), (["--json", "."], "is a directory"),
-    (["--rrd", "x", "--json", "x"], "same file"),
+    (["--rrd", "x", "--json", "x"], "is asked for twice"),
     (["--spawn", "--rrd", "x"], "not allowed with"), (["--connect", "http://x"], "is not the URL"),
 ])
 def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, recording, arguments, words):

@@ -167,7 +167,7 @@ def test_the_table_names_units(capsys):
     (["fig02", "--json", "no/run.json"], "there is no directory"),
     (["fig02", "--out", "run.npz", "--samples", "0"], "--samples is 0"),
     (["fig02", "--out", "run.npz", "--cycles", "1000000"], "at most"),
-    (["fig02", "--out", "run.csv", "--json", "run.csv"], "same file"),
+    (["fig02", "--out", "run.csv", "--json", "run.csv"], "is asked for twice"),
 ])
 def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, tmp_path, arguments, words):
     monkeypatch.chdir(tmp_path)

@@ -1,0 +1,64 @@
+"""What every result is to those who look at it: a line of text, columns, and a table in a notebook."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from html import escape
+from typing import Any
+
+ROWS_SHOWN = 20
+
+
+class Described:
+    """A dataclass whose text is one line: its numbers and words, and of what is long how much there is."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        found = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
+        said = [text for name, value in found if (text := _said(name, value))]
+        return f"<{type(self).__name__}: {', '.join(said)}>"
+
+
+class Result(Described):
+    """What a public function gives. `columns` are what ``pandas.DataFrame`` and ``polars.DataFrame`` take."""
+
+    __slots__ = ()
+
+    def columns(self) -> Mapping[str, Any]:
+        """Arrays or lists of one length, by name."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        """A notebook's view: the line of text, and the first rows."""
+        return f"<p>{escape(repr(self))}</p>{html_of(self.columns())}"
+
+
+def html_of(columns: Mapping[str, Any]) -> str:
+    """A table in HTML of the first ROWS_SHOWN lines of some columns."""
+    length = len(next(iter(columns.values()), ()))
+    cells = "".join(f"<tr>{''.join(f'<td>{escape(_cell(column[k]))}</td>' for column in columns.values())}</tr>"
+                    for k in range(min(length, ROWS_SHOWN)))
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    left = f"<p>{length - ROWS_SHOWN} more lines</p>" if length > ROWS_SHOWN else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{cells}</tbody></table>{left}"
+
+
+def _cell(value: Any) -> str:
+    """A value in a table."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _said(name: str, value: Any) -> str:
+    """A field in a line; empty for what has no short text."""
+    if isinstance(value, bool):
+        return name if value else ""
+    if isinstance(value, float):
+        return f"{name} {value:.6g}" if math.isfinite(value) else ""
+    if isinstance(value, (int, str)):
+        return f"{name} {value}" if value != "" else ""
+    if isinstance(value, (list, tuple, Mapping)) or hasattr(value, "shape"):
+        return f"{len(value)} {name}" if len(value) else ""
+    return ""

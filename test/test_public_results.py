@@ -1,0 +1,125 @@
+"""What public functions give: a short text, columns, a notebook's view and a picture, each of them."""
+
+from __future__ import annotations
+
+import inspect
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tcc_sim
+from tcc_sim.analysis.orders import orders_of
+from tcc_sim.basins.compute import Axis
+from tcc_sim.continuation.special_points import Bifurcation
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.recording.trajectory_bag import write_trajectory
+
+AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
+FOLDER = TemporaryDirectory()
+STICK = tcc_sim.load_scene("stick").with_values({"friction.law": "set_valued"})
+
+
+@cache
+def recording() -> Path:
+    scene = tcc_sim.load_scene("slip")
+    path = Path(FOLDER.name) / "run.mcap"
+    write_trajectory(path, tcc_sim.solve(scene, cycles=60, samples_per_cycle=50), scene.text())
+    return path
+
+
+def identified() -> Any:
+    run = tcc_sim.closed_loop("minimal", lambda reading: None, seconds=0.4)
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(run.t))
+    return tcc_sim.identify(Measurement(run.t, {"slip_speed": run.slip_speed + noise}),
+                            {"driveline.stiffness": 3200.0}, scene="minimal")
+
+
+RESULTS = {
+    "solve": lambda: tcc_sim.solve("fig02", cycles=30, samples_per_cycle=50),
+    "simulate": lambda: tcc_sim.simulate("slip", cycles=40, samples_per_cycle=50),
+    "closed_loop": lambda: tcc_sim.closed_loop("controlled", lambda reading: 200e3, seconds=0.3),
+    "sweep": lambda: tcc_sim.sweep("slip", AMPLITUDE, [10.0, 20.0], cycles=20),
+    "sweep_grid": lambda: tcc_sim.sweep_grid("slip", AMPLITUDE, [10.0, 20.0], PRESSURE, [2e5, 3e5], cycles=20),
+    "scatter": lambda: tcc_sim.scatter("slip", {AMPLITUDE: (10.0, 20.0)}, 4, cycles=20),
+    "analyse": lambda: tcc_sim.analyse(recording()),
+    "read": lambda: tcc_sim.read(recording()),
+    "continuation": lambda: tcc_sim.continuation(STICK, "engine.mean_torque", 295.0, 305.0),
+    "basins": lambda: tcc_sim.basins("stick", [Axis("initial.slip_speed", (0.0, 50.0)),
+                                               Axis("initial.plate_angle", (0.0, 0.1))])[0],
+    "linearise": lambda: tcc_sim.linearise("controlled", slip=20.0, frequencies=[5.0, 50.0]),
+    "identify": identified,
+    "orders_of": lambda: orders_of(tcc_sim.solve("slip", cycles=40, samples_per_cycle=50)),
+}
+"""A result of every function, cheap ones."""
+
+
+@cache
+def result(name: str) -> Any:
+    return RESULTS[name]()
+
+
+def functions() -> list[str]:
+    """The public functions that compute or read something."""
+    return [name for name in tcc_sim.__all__
+            if inspect.isfunction(getattr(tcc_sim, name)) and name not in ("load_scene", "plot")]
+
+
+def test_every_public_function_is_tried() -> None:
+    assert set(functions()) <= set(RESULTS)
+
+
+@pytest.mark.parametrize("name", functions())
+def test_its_keywords_have_names(name: str) -> None:
+    kinds = {p.kind for p in inspect.signature(getattr(tcc_sim, name)).parameters.values()}
+    assert not kinds & {inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_its_text_is_short_and_its_columns_are_a_table(name: str) -> None:
+    found = result(name)
+    assert len(repr(found).splitlines()) < 20
+    assert len(repr(found)) < 800
+    assert "array(" not in repr(found)
+    columns = found.columns()
+    assert len({len(column) for column in columns.values()}) == 1
+    assert not {np.ndim(column) for column in columns.values()} - {1}
+    shown = found._repr_html_()
+    assert shown.count("<tr>") in range(2, 22) or "<pre>" in shown
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_it_is_drawn_and_no_file_is_overwritten(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    path = tmp_path / "it.png"
+    assert tcc_sim.plot(result(name), path, width="column", title="a title") == path
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="not overwritten"):
+        tcc_sim.plot(result(name), path)
+    assert path.read_bytes() == before
+    axis = Figure().subplots()
+    assert tcc_sim.plot(result(name), ax=axis, title="a title") is axis
+    assert axis.has_data()
+    assert axis.get_xlabel()
+    assert axis.get_ylabel()
+
+
+def test_parts_of_results_are_short_too() -> None:
+    found = result("continuation")
+    kink = Bifurcation("fold", found.branches[0].points[0], 1e-9)
+    parts = [*found.branches, kink, found.branches[0].points[0], *result("analyse").segments,
+             *result("basins").attractors]
+    assert found.branches
+    for part in parts:
+        assert len(repr(part)) < 400
+
+
+def test_what_no_function_gave_is_not_drawn() -> None:
+    with pytest.raises(InputError, match="a int cannot be drawn"):
+        tcc_sim.plot(3, ax=object())
