@@ -63,7 +63,8 @@ class Settings:
     """
 
     stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
-                                 Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 12), Stage(0.1, 1e4, 1e-8, 30))
+                                 Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
+                                 Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 30))
     layer: float = 0.03
     joined: float = 1e3
     stuck: float = 4.0
@@ -198,15 +199,17 @@ class Shooting:
             if gain < stage.tolerance * cost:
                 break
         if math.isfinite(stage.robust):
-            starts = self._mended(values, starts, found.states, n)
+            starts = self._mended(values, starts, found.states, stage.weight, n)
         return values, starts, count
 
-    def _mended(self, values: Floats, starts: Floats, states: Floats, n: int) -> Floats:
-        """Starts, where a window fits better from the end of the one before: from there."""
+    def _mended(self, values: Floats, starts: Floats, states: Floats, weight: float, n: int) -> Floats:
+        """Starts, where it costs less to begin where the window before ends: from there."""
         ends = np.concatenate([starts[:1], states[:-1, -1]])
         other = states_of(self.model, ends, self.width, values, n)
-        better = np.sum(self._fitted(other) ** 2, axis=1) < np.sum(self._fitted(states) ** 2, axis=1)
-        return np.where(better[:, None], ends, starts)
+        own, there = (np.sum(self._rows(x, starts, weight) ** 2, axis=1) for x in (states, other))
+        # Its gap to the window before is there no more; those after it are taken to the starts as they are.
+        own[1:] += weight * np.sum(((ends - starts)[1:] / self.scales) ** 2, axis=1)
+        return np.where((there < own)[:, None], ends, starts)
 
     def _moved(self, values: Floats, step: Floats) -> Floats:
         """The parameters after a step: of their logarithms, but for offsets; mu_s stays above mu_k."""
