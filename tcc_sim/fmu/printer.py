@@ -187,7 +187,8 @@ class Function(Expressions):
         if len(parts) != len(target.elts):
             raise self._refused(target)
         for name, (text, kind) in zip(target.elts, parts):
-            self._store(name, text, kind)
+            if not (isinstance(name, ast.Name) and name.id == "_"):
+                self._store(name, text, kind)
 
     def _kept(self, text: str, kind: Kind) -> Text:
         """A value in a variable of its own."""
