@@ -126,7 +126,7 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
     the rung to try next, the number of rungs where there is none.
     """
     level = rung_below(tables.rungs, control.level, room)
-    worth = 0.0
+    worth = -math.inf  # A slope of friction that falls is not a step refused.
     while True:
         control.level = level
         if level >= tables.rungs.shape[0] or tables.rungs[level].length * control.slope < worth:
