@@ -69,8 +69,10 @@ def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
             return stop
         edge = _at_the_end_of_the_range(state)
         length = state.step_size.length
-        new = _onward(state) if edge is None else edge
-        turned_at_corner = new is None and (new := beyond_corner(here, state.step_size)) is not None
+        new = _onward(state, True) if edge is None else edge
+        turned_at_corner = False
+        if new is None:
+            new, turned_at_corner = _without_amplitudes(state)
         if new is None:
             if not _remesh_for_want_of_a_step(state):
                 return _end(StopReason.STEP, here, settings.residual)
@@ -120,21 +122,30 @@ def _exhausted(state: State) -> End | None:
     return None
 
 
-def _onward(state: State) -> ContinuationPoint | None:
-    """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
+def _onward(state: State, by_amplitude: bool) -> ContinuationPoint | None:
+    """The next point, with the amplitudes as further coordinates or by the unknowns alone."""
     here, step_size = state.here, state.step_size
-    for by_amplitude in (True, False):
-        if not by_amplitude:
-            if not len(here.solution.found.amplitudes):
-                return None
-            step_size.length = step_size.settings.flat_step
-        try:
-            moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude)
-            if moved is not None:
-                return point_at(here.shooting, moved, by_amplitude)
-        except FAILURES:
-            continue
-    return None
+    try:
+        moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude)
+    except FAILURES:
+        return None
+    return None if moved is None else point_at(here.shooting, moved, by_amplitude)
+
+
+def _without_amplitudes(state: State) -> tuple[ContinuationPoint | None, bool]:
+    """The next point where steps with the amplitudes as further coordinates fail, and whether it lies beyond a corner.
+
+    A step by the unknowns alone to another event sequence may pass over a fold beside the corner, so that one is tried.
+    """
+    here, new = state.here, None
+    if len(here.solution.found.amplitudes):
+        state.step_size.length = here.shooting.settings.flat_step
+        new = _onward(state, False)
+    if new is None or differ(here.orbit.seen.events, new.orbit.seen.events):
+        corner = beyond_corner(here, state.step_size)
+        if corner is not None:
+            return corner, True
+    return new, False
 
 
 def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
