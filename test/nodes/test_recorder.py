@@ -10,6 +10,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -195,6 +198,30 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
     run = open_run(tmp_path / "run")
     assert [scene.text for scene in run.scenes] == [SCENE + "# 1\n", SCENE + "# 2\n"]
     assert sorted({batch.run for batch in run.batches()}) == [0, 1]
+
+
+def test_a_parameter_of_an_unknown_type_does_not_end_it(context, tmp_path, capfd):
+    found = start(context, tmp_path / "run", topics=["joint_states"])
+    node = rclpy.create_node("driveline", context=context)
+    publisher = publisher_of(node, "joint_states")
+    client = node.create_client(SetParameters, "recorder/set_parameters")
+    said = ""
+
+    def told():
+        # A request may be lost while client and service are still matched: it goes on sending.
+        nonlocal said
+        wrong = ParameterMessage(name="flush_period", value=ParameterValue(type=77))
+        client.call_async(SetParameters.Request(parameters=[wrong]))
+        found._spinner.once(0.01)
+        said += capfd.readouterr().err
+        return "a message or request was not understood" in said
+
+    until(client.service_is_ready)
+    until(told)
+    publisher.publish(joint_state(0))
+    until(lambda: found.tracks["/joint_states"].messages == 1, step=found.drain)
+    found.close()
+    assert sum(map(len, open_run(tmp_path / "run").batches())) == 1
 
 
 def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lost(context):
