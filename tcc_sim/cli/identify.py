@@ -38,21 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, fit, write what was asked for, and print the verdicts."""
-    from tcc_sim.estimation.identify import identify
-    from tcc_sim.estimation.measurement import read_recording, read_table
+    from tcc_sim.estimation.identify import given, identify
     from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.progress import progress_bar
 
-    own = None
-    if arguments.measured.suffix == ".csv":
-        measured = read_table(arguments.measured)
-    else:
-        measured, own = read_recording(arguments.measured)
-    scene = load_scene(arguments.scene) if arguments.scene is not None else own
-    if scene is None:
-        raise InputError("a table says nothing of its scene; give --scene")
+    measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene))
     scene = scene.with_values(parse_assignments(arguments.set))
     free = dict(_assigned("--free", word) for word in arguments.free)
     noise = None

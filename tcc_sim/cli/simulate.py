@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
     parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
                         help="torque and pressure from a recording, or from the columns t, engine_torque and "
-                        "actuation_pressure of a table")
+                        "actuation_pressure of a table; --plot draws the simulation beside what was recorded")
     parser.add_argument("--orders", action="store_true",
                         help="work out orders, transmissibility and judder too; --plot then draws the order map")
     add_plot(parser)
@@ -69,22 +69,30 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
-    samples = arguments.samples if arguments.out is not None else SAMPLES if shorter or arguments.orders else 0
+    sampled = shorter or arguments.orders or arguments.inputs is not None
+    samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
     found = _awaited(lambda: simulate(
         scene, plan, duration=duration, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
     lines, results = simulation_lines(scene.name, found), found.as_json()
-    orders = None
+    drawn: object = found
+    if arguments.inputs is not None:
+        from tcc_sim.replay.twin import twin_of
+
+        twin = twin_of(arguments.inputs, found.trajectory)
+        if twin is not None:
+            drawn = twin
+            lines.append(str(twin))
     if arguments.orders:
         from tcc_sim.analysis.orders import orders_of
 
-        orders = orders_of(found.trajectory)
+        drawn = orders = orders_of(found.trajectory)
         results["orders"] = orders.as_json()
         lines += order_lines(orders)
     if arguments.out is not None:
         write_samples(arguments.out, found.trajectory, scene.text())
         lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
-    draw(arguments, found if orders is None else orders, scene.name)
+    draw(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
     if arguments.json is not None:

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.measurement import CHANNELS, Measurement, noise_of, read_recording, read_table
+from tcc_sim.estimation.measurement import EXACT, Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, Settings, fit
 from tcc_sim.estimation.verdicts import Gates, Parameter, judged, why_not
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
+from tcc_sim.recording.table import CHANNELS
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.trajectory import Floats
@@ -133,7 +134,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     """
     began = time.perf_counter()
     settings, gates = settings or Settings(), gates or Gates()
-    measured, scene = _given(measured, load_scene(scene) if isinstance(scene, str) else scene)
+    measured, scene = given(measured, load_scene(scene) if isinstance(scene, str) else scene)
     starts = _starts(scene, free)
     keys = tuple(starts)
     if likelihood is not None and likelihood not in keys:
@@ -142,7 +143,6 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
                          "limit for a large friction.smoothing it is")
     levels = _noise(measured, noise)
-    _check_clock(measured, scene, gates)
     model = Model(scene.system, keys, measured)
     begin = np.array(list(starts.values()))
     limit = gates.known if noise and set(noise) >= set(levels) else gates.estimated
@@ -161,10 +161,11 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     if best is None:
         raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
     if limit == gates.estimated and best.chi2 < limit:   # The residuals tell the noise better than the signal did.
-        levels = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
+        levels = {name: max(float(np.sqrt(np.mean(column**2))), EXACT * float(np.abs(measured.channels[name]).max()))
+                  for name, column in best.residuals.items()}
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
     accepted = best.chi2 < limit
-    why = "" if accepted else why_not(best, model, begin, levels, limit)
+    why = "" if accepted else why_not(best, model, begin, levels, limit, gates)
     errors = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     correlations = best.covariance / np.outer(errors, errors)
     parameters = tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates)
@@ -178,8 +179,14 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
                           best.residuals, profile)
 
 
-def _given(measured: Measurement | str | Path, scene: Scene | None) -> tuple[Measurement, Scene]:
-    """The measurement and the scene that it is of."""
+def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
+    """The measurement in a table's file or in a recording, and the scene that it is of: the recording's own by default.
+
+    Raises
+    ------
+    InputError
+        A measurement that cannot be used, or a table without a scene.
+    """
     if not isinstance(measured, Measurement):
         path = Path(measured)
         if path.suffix == ".csv":
@@ -223,27 +230,6 @@ def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str
         if not 0.0 < value < math.inf:
             raise InputError(f"the noise of {name} is {value:g} {CHANNELS[name]}; it must be a number above 0")
     return {name: float((given or {}).get(name, 0.0)) or noise_of(column) for name, column in measured.channels.items()}
-
-
-def _check_clock(measured: Measurement, scene: Scene, gates: Gates) -> None:
-    """Raise InputError where the motion drifts against the scene's engine: another frequency, or another clock."""
-    engine = scene.system.engine
-    if "engine_torque" in measured.inputs or engine.source == "topic" or engine.torque_amplitude == 0.0 \
-            or measured.t[-1] - measured.t[0] < 8.0 * scene.system.cycle:
-        return
-    signal = measured.channels.get("plate_speed", measured.channels["slip_speed"])
-    wave = (signal - signal.mean()) * np.exp(-1j * engine.frequency * measured.t)
-    quarter = max(int(len(wave) // 4 * measured.step / scene.system.cycle), 1) * scene.system.cycle
-    part = min(round(quarter / measured.step), len(wave))
-    first, last = wave[:part].mean(), wave[-part:].mean()
-    if min(abs(first), abs(last)) < 0.2 * float(np.std(signal)):
-        return
-    turned = float(np.angle(last / first))
-    span = float(measured.t[-part:].mean() - measured.t[:part].mean())
-    if abs(turned) > gates.drift:
-        raise InputError(f"{measured.source}: the motion's phase drifts by {turned:.3g} rad against engine.frequency "
-                         f"within {span:.3g} s; the engine ran at about {engine.frequency + turned / span:.6g} rad/s, "
-                         f"the scene says {engine.frequency:.6g} rad/s, or the clocks differ")
 
 
 def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:

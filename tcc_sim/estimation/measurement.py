@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,16 +10,16 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.table import CHANNELS, INPUTS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 
-CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
-INPUTS = {"engine_torque": "N m", "actuation_pressure": "Pa"}
-"""Columns of what the driveline did, and of what drove it, with their units."""
 EVEN, FEWEST, MOST = 1e-3, 50, 1_000_000
 """Largest deviation of a step between samples from the others, relative; fewest and most samples."""
 STILL = 1e-12
 """A channel whose spread is below this part of its size is dead."""
+EXACT = 1e-4
+"""What the real-time solver promises, relative to a signal's largest value: no smaller noise is estimated."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +57,11 @@ class Measurement:
         usual = float(np.median(steps))
         if usual <= 0.0:
             raise InputError(f"{self.source}: the times do not grow")
-        worst = int(np.argmax(np.abs(steps - usual)))
-        if steps[worst] > 1.5 * usual:
-            raise InputError(f"{self.source} has a gap of {steps[worst]:.4g} s at {self.t[worst]:.6g} s beside steps "
-                             f"of {usual:.4g} s; identification needs evenly spaced samples: take the part before or "
-                             "after")
+        gaps, worst = np.flatnonzero(steps > 1.5 * usual), int(np.argmax(np.abs(steps - usual)))
+        if len(gaps):
+            raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
+                             f"steps of {usual:.4g} s; identification needs evenly spaced samples: take the part "
+                             "before or after")
         if abs(steps[worst] - usual) > EVEN * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
                              f"of {usual:.6g} s; identification needs evenly spaced samples")
@@ -73,42 +72,16 @@ class Measurement:
 
 
 def read_table(path: Path) -> Measurement:
-    """The measurement in a table: a header line with `t` and names of CHANNELS and INPUTS, then numbers.
+    """The measurement in a table: the columns t, slip_speed, and what else of CHANNELS and INPUTS was measured.
 
     Raises
     ------
     InputError
-        No such file, an unknown or missing column, or a line that does not hold its numbers.
+        See `recording.table.read_columns`; or what cannot be used.
     """
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = csv.reader(file)
-            names = [name.strip() for name in next(rows, [])]
-            known = ("t", *CHANNELS, *INPUTS)
-            for name in names:
-                if name not in known:
-                    raise InputError(f"{path}: the column {name!r} is unknown; columns are {', '.join(known)}")
-            for name in ("t", "slip_speed"):
-                if name not in names:
-                    raise InputError(f"{path} has no column {name}")
-            if len(set(names)) < len(names):
-                raise InputError(f"{path} has a column twice")
-            lines = [_numbers(path, number, row, len(names)) for number, row in enumerate(rows, 2) if row]
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}") from None
-    columns = dict(zip(names, np.array(lines, dtype=np.float64).reshape(-1, len(names)).T))
-    return Measurement(columns["t"], {name: columns[name] for name in CHANNELS if name in columns},
+    columns = read_columns(path, (TIME, "slip_speed"), MOST)
+    return Measurement(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
                        {name: columns[name] for name in INPUTS if name in columns}, str(path))
-
-
-def _numbers(path: Path, number: int, row: list[str], width: int) -> list[float]:
-    """The numbers of a line."""
-    if len(row) != width:
-        raise InputError(f"{path}, line {number}: {len(row)} values; the header names {width}")
-    try:
-        return [float(word) for word in row]
-    except ValueError:
-        raise InputError(f"{path}, line {number}: {', '.join(row)[:60]!r} are not all numbers") from None
 
 
 def read_recording(path: Path) -> tuple[Measurement, Scene]:
@@ -159,7 +132,7 @@ def noise_of(signal: Floats) -> float:
     """Standard deviation of the white noise on a signal, from its sixth differences.
 
     A signal of frequency w leaves (w h)^6 of itself in them, white noise sqrt(924) of itself; the median leaves out
-    where the signal has kinks. It is an upper estimate where the sampling is coarse.
+    where the signal has kinks. It is an upper estimate where the sampling is coarse, and at least EXACT.
     """
     found = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
-    return max(found, 1e-9 * float(np.abs(signal).max()))
+    return max(found, EXACT * float(np.abs(signal).max()))

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tcc_sim.errors import NumericalFailure
+from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, states_of
-from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.trajectory import Floats
 
 WITHIN = 1.959963984540054
@@ -102,7 +103,7 @@ def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:
     return value <= quantity.low * (1.0 + 1e-9) or value >= quantity.high * (1.0 - 1e-9)
 
 
-def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float) -> str:
+def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float, gates: Gates) -> str:
     """What speaks against a fit, in sentences."""
     out = (f"chi-square a degree of freedom is {found.chi2:.3g}, above {limit:g}: the scene does not explain the "
            "measurement.")
@@ -117,4 +118,27 @@ def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], li
         if np.std(computed) > 0.0 and float(np.corrcoef(data, computed)[0, 1]) < -0.3:
             out += f" {name} looks as if its sign were swapped."
     share = max((float(np.sqrt(np.mean(r**2))) / noise[name], name) for name, r in found.residuals.items())
-    return f"{out} Most of it is in {share[1]}, whose residuals are {share[0]:.3g} times its noise."
+    return (f"{out}{_drift(model.measured, model.system, gates)} Most of it is in {share[1]}, whose residuals are "
+            f"{share[0]:.3g} times its noise.")
+
+
+def _drift(measured: Measurement, system: System, gates: Gates) -> str:
+    """A sentence where the motion drifts against the scene's engine: another frequency, or another clock."""
+    engine = system.engine
+    if "engine_torque" in measured.inputs or engine.source == "topic" or engine.torque_amplitude == 0.0 \
+            or measured.t[-1] - measured.t[0] < 8.0 * system.cycle:
+        return ""
+    signal = measured.channels.get("plate_speed", measured.channels["slip_speed"])
+    wave = (signal - signal.mean()) * np.exp(-1j * engine.frequency * measured.t)
+    quarter = max(int(len(wave) // 4 * measured.step / system.cycle), 1) * system.cycle
+    part = min(round(quarter / measured.step), len(wave))
+    first, last = wave[:part].mean(), wave[-part:].mean()
+    if min(abs(first), abs(last)) < 0.2 * float(np.std(signal)):
+        return ""
+    turned = float(np.angle(last / first))
+    span = float(measured.t[-part:].mean() - measured.t[:part].mean())
+    if abs(turned) <= gates.drift:
+        return ""
+    return (f" The motion's phase drifts by {turned:.3g} rad against engine.frequency within {span:.3g} s: the engine "
+            f"ran at about {engine.frequency + turned / span:.6g} rad/s, the scene says {engine.frequency:.6g} rad/s, "
+            "or the clocks differ.")

@@ -104,7 +104,8 @@ class Look(NamedTuple):
 LOOKS = {"Sweep": Look("sweeps", "draw_sweep", "draw_maxima"), "Grid": Look("sweeps", "draw_grid", "draw_largest"),
          "Scattered": Look("scatter", "draw_scatter"), "Motions": Look("branch_diagram", "branch_diagram"),
          "Basins": Look("basin_map", "draw"), "Linearisation": Look("bode", "bode"),
-         "Identification": Look("identification", "identification"), "Orders": Look("order_map", "plot_orders")}
+         "Identification": Look("identification", "identification"), "Orders": Look("order_map", "plot_orders"),
+         "Twin": Look("twin", "draw_twin")}
 """By the name of a result's class; what is a run, or has one, is drawn by `plot_run` and `overview`."""
 
 
