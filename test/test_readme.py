@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.cli import VERBS, build_parser
+from tcc_sim.cli import GROUPS, VERBS, build_parser
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.model.quantity import Quantity
 from tcc_sim.scene import OPERATION_QUANTITIES, Operation, bundled_scenes, load_scene
@@ -29,6 +29,12 @@ NODES = ROOT / "tcc_sim" / "nodes"
 
 def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in [head, ("---",) * len(head), *rows])
+
+
+def test_the_readme_leads_to_every_page_and_help_has_every_verb_in_a_group() -> None:
+    linked = set(re.findall(r"\(\.github/(\w+)\.md\)", README.read_text()))
+    assert {path.stem for path in (ROOT / ".github").glob("*.md")} == linked
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(VERBS)
 
 
 def parameter_row(key: str, meaning: Quantity, default: object) -> tuple[str, ...]:

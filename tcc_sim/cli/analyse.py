@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_plot(parser)
     parser.add_argument("--discard", metavar="CYCLES", type=int,
                         help="engine cycles dropped from the figures at the start "
-                        "(default 50, or half of them where there are fewer than 100)")
+                        "(default 50, or half of them where there are fewer than 100; none of a scene with profiles)")
     parser.add_argument("--frequency", metavar="RAD_PER_S", type=float,
                         help="of the engine torque (default: the scene's or, "
                         "where the torque came from a topic, found in the recording)")

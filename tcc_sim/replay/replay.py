@@ -47,7 +47,8 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     ----------
     path : bag directory or .mcap file, complete or cut short
     rrd, spawn, connect : at most one of a new Rerun file, a viewer to start, and the URL of a running one
-    discard : engine cycles dropped; None drops 50, or half of them where there are fewer than 100
+    discard : engine cycles dropped; None drops 50, or half of them where there are fewer than 100, and none of a scene
+        with profiles
     frequency : of the engine torque, rad/s; None takes the scene's or, where the torque came from a topic, follows the
         phase of the torque, which reads the recording once more
     scene : name or file, for a recording that holds none
@@ -104,6 +105,8 @@ class _Reading:
 
     def __init__(self, run: Run, scene: Scene, timing: Timing, discard: int | None, verify: bool,
                  progress: bool) -> None:
+        if discard is None and timing.source == "scene" and scene.system.course is not None:
+            discard = 0  # Nothing of a manoeuvre is transient.
         self._run, self._scene, self._timing, self._discard = run, scene, timing, discard
         clock, self._system = timing.clock, scene.system
         if timing.source in ("given", "found"):

@@ -20,6 +20,8 @@ HISTORY_CYCLES = 6
 """Engine cycles shown in the time histories."""
 VARYING = 1e-3
 """Relative differences of the cycles' length from which on what they come to is drawn over time."""
+NARROWEST = 0.02
+"""Least width of the phase portrait, relative to the plate angle: what is narrower stands still, but for rounding."""
 ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 
@@ -151,6 +153,10 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
     axis.set_xlabel("plate angle (rad)")
     axis.set_ylabel("slip speed (rad/s)")
     axis.margins(0.06)
+    low, high = axis.get_xlim()
+    missing = NARROWEST * float(np.abs(tail.plate_angle[part]).max(initial=0.0)) - (high - low)
+    if missing > 0.0:
+        axis.set_xlim(low - 0.5 * missing, high + 0.5 * missing)
     axis.locator_params(axis="x", nbins=6)
     style.legend_above(axis)
 

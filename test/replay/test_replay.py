@@ -179,6 +179,15 @@ def test_a_file_for_rerun_appears_whole_or_not_at_all(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
+def test_nothing_of_a_manoeuvre_is_dropped(tmp_path):
+    scene = load_scene("minimal").with_values({"engine.frequency_times": [0.0, 1.0],
+                                               "engine.frequency_values": [80.0, 160.0]})
+    rows = ticked(scene, 1500)
+    found = replay(bag(tmp_path / "run", rows, scene))
+    assert found.summary.discarded == 0
+    assert found.summary.max_slip_speed == pytest.approx(max(abs(row[3] - row[4]) for row in rows), rel=1e-6)
+
+
 def test_memory_holds_cycles_and_not_samples(tmp_path):
     import tracemalloc
 
