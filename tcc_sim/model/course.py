@@ -105,7 +105,7 @@ def reached(t: Any, row: Any) -> Any:
 
 def along(course: Floats, t: Any) -> Any:
     """`reached` at every time of an array or at a float, each by the piece that it lies in."""
-    return reached(t, course[pieces(course, t)].T)
+    return reached(t, np.moveaxis(course[pieces(course, t)], -1, 0))
 
 
 def pieces(course: Floats, t: Any) -> Any:

@@ -12,7 +12,7 @@ from tcc_sim.model import equations, friction
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.fixed_step import advance, substeps
 from tcc_sim.solvers.per_cycle import hermite
-from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of, torques_at
 from tcc_sim.trajectory import Floats, State, Trajectory, modes_of
 
 SAMPLES = 2000
@@ -113,11 +113,15 @@ def _applied(terms: Terms, engine: float | None, load: float | None) -> Terms | 
 
 
 def _excitation(recorded: Trajectory, times: Floats) -> tuple[Floats, Floats]:
-    """Engine and saturation torque at `times`, (n - 1, points): harmonic, or held over every tick."""
+    """Engine and saturation torque at `times`, (n - 1, points): the scene's, held over every tick where they came from
+    a topic, and the engine's between samples where the scene's is not what was recorded.
+    """
     assert recorded.system is not None
-    terms = terms_of(recorded.system)
-    engine = np.asarray(equations.engine_torque(times, terms.mean_torque, terms.torque, terms.harmonics))
-    load = np.asarray(equations.saturation_torque(times, terms.mean_load, terms.pulsation))
+    engine, load = torques_at(terms_of(recorded.system), times)
+    ends = recorded.engine_torque
+    other = np.abs(engine[:, -1] - ends[1:]) > SAME * np.nanmax(np.abs(ends), initial=1e-12)
+    share = np.arange(1, times.shape[1] + 1) / times.shape[1]
+    engine = np.where(other[:, None], ends[:-1, None] + share * (ends[1:] - ends[:-1])[:, None], engine)
     if recorded.system.engine.source == "topic":
         engine = np.broadcast_to(recorded.engine_torque[1:, None], times.shape)
     if recorded.system.pressure.source == "topic":

@@ -185,7 +185,7 @@ def test_nothing_of_a_manoeuvre_is_dropped(tmp_path):
     rows = ticked(scene, 1500)
     found = replay(bag(tmp_path / "run", rows, scene))
     assert found.summary.discarded == 0
-    assert found.summary.max_slip_speed == pytest.approx(max(abs(row[3] - row[4]) for row in rows), rel=1e-6)
+    assert found.summary.max_slip_speed == pytest.approx(max(abs(row[3] - row[4]) for row in rows), rel=1e-3)
 
 
 def test_memory_holds_cycles_and_not_samples(tmp_path):

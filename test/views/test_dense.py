@@ -114,3 +114,19 @@ def test_the_last_cycles_of_a_solve_again_with_samples(law):
     assert dense.final.plate_angle == pytest.approx(run.final.plate_angle, abs=1e-6)
     whole = solve(system, duration=0.5 * system.cycle, samples_per_cycle=100)
     assert last_cycles(whole, 3) is whole
+
+
+def test_a_scene_whose_frequency_varies_is_drawn_with_its_own_torque(tmp_path):
+    scene = load_scene("minimal").with_values({"engine.frequency_times": [0.0, 1.0],
+                                               "engine.frequency_values": [80.0, 160.0]})
+    found = between(replay(bag(tmp_path / "run", ticked(scene, 900), scene)).trajectory)
+    e = scene.system.engine
+    exact = e.mean_torque + e.torque_amplitude * np.sin(80.0 * found.t + 40.0 * found.t**2)
+    assert np.abs(found.engine_torque - exact).max() < 1e-6 * e.torque_amplitude
+
+
+def test_where_the_torque_is_not_the_scenes_it_is_that_of_the_samples(recorded):
+    tail = recorded.trajectory
+    found = between(replace(tail, engine_torque=tail.engine_torque + 100.0))
+    place = np.searchsorted(found.t, tail.t - 1e-9)
+    np.testing.assert_allclose(found.engine_torque[place], tail.engine_torque + 100.0, rtol=1e-12)
