@@ -16,7 +16,7 @@ from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.solvers import solve
+from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.point import Plan, Point, solve_point
 from tcc_sim.sweeps.steady_state import Start
@@ -133,9 +133,9 @@ class Evidence:
         found = later(system, point.end, self._rtol(system))
         return None if found is None else found[0]
 
-    def _rtol(self, system: System) -> float | None:
+    def _rtol(self, system: System) -> float:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
-        return None if system.friction.law == "set_valued" else self.rtol
+        return SOLVERS["event_driven"].default if system.friction.law == "set_valued" else self.rtol
 
     def first_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
         """Some cycles with samples from the initial state (13)."""

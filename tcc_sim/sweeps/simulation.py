@@ -41,7 +41,7 @@ class Plan:
         the section has settled
     direction : of a sweep: cold starts every point from the scene's initial state; up and down go on from the
         neighbour's last state, from the lowest value or from the highest
-    solver, rtol, step : as `solvers.solve` takes them
+    solver, rtol, step : as `solvers.solve` takes them; a sweep without rtol is solved at `point.SWEPT`
     section_points : points of the section kept besides those of one period; 0 keeps none
     damping : whether (21) is worked out
     lyapunov : whether the largest Lyapunov exponent is worked out
@@ -300,7 +300,8 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: 
     """Whether the section has settled and further cycles leave the period as it was found."""
     if not (summary.period and summary.settled):
         return False
-    further = _solve(system, plan, end, cycles=max(10, 2 * summary.period), loads_from=0)
+    count = max(10, 2 * summary.period)
+    further = _solve(system, plan, end, cycles=count, loads_from=count)  # The same kernel, with nothing worked out.
     if further.status is not Status.DONE or further.cycles is None:
         return False
     return stays(kept, further.cycles, summary.period)

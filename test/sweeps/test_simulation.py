@@ -20,7 +20,7 @@ from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import sweep
 from tcc_sim.trajectory import Cycles, State
 
-PLAN = Plan(cycles=60, discard=20, damping=True, lyapunov=True)
+PLAN = Plan(cycles=60, discard=20, rtol=1e-8, damping=True, lyapunov=True)
 
 
 def untimed(values: dict[str, object]) -> dict[str, object]:
@@ -29,14 +29,14 @@ def untimed(values: dict[str, object]) -> dict[str, object]:
 
 def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "one.json"
-    assert main(["simulate", "fig02", "--cycles", "60", "--discard", "20", "--damping", "--lyapunov", "--json",
-                 str(path)]) == 0
+    assert main(["simulate", "fig02", "--cycles", "60", "--discard", "20", "--rtol", "1e-8", "--damping", "--lyapunov",
+                 "--json", str(path)]) == 0
     verb = untimed(json.loads(path.read_text()))
     scene = load_scene("fig02")
     alone = untimed(json.loads(json.dumps(simulate(scene, PLAN).as_json())))
     for key, value in alone.items():
         assert verb[key] == value, key
-    assert untimed(json.loads(json.dumps(simulate("fig02", cycles=60, discard=20, damping=True,
+    assert untimed(json.loads(json.dumps(simulate("fig02", cycles=60, discard=20, rtol=1e-8, damping=True,
                                                   lyapunov=True).as_json()))) == alone
     (record,) = sweep(scene.system, "engine.frequency", [scene.system.engine.frequency], PLAN).records
     assert record is not None
