@@ -69,7 +69,8 @@ class Branch(Described):
         rows = [s.orbit.as_json() for s in self.points]
         columns = {name: [row[name] for row in rows] for name in rows[0]}
         return {"period": self.period, "origin": self.origin.as_json(), **columns,
-                "ended": [str(end) for end in self.ended], "closed": self.closed}
+                "ended": [str(end) for end in self.ended],
+                "reasons": [end.reason.name.lower() for end in self.ended], "closed": self.closed}
 
 
 class _Way:

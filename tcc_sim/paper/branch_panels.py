@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.errors import counted
 from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
+from tcc_sim.views.sweeps import draw_cells
 
 Data = dict[str, Any]
 CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
@@ -25,9 +27,10 @@ NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
 COLOURS = {("period_doubling", 1): style.BLUE, ("period_doubling", 2): style.SKY, ("fold", 1): style.RED,
            ("fold", 2): style.ORANGE, ("stick_border", 1): style.INK}
-TINTS = ("#EDEDED", "#FFFFFF", "#DCEBF7", "#FBE6C6", "#DDF0E6", "#F0D3DF")
-"""Of a chart's grid: pure stick, period 1, 2, 3 and more, aperiodic; the last where it failed."""
-GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to 16", "not solved")
+TINTS = ("#EDEDED", "#FFFFFF", "#DCEBF7", "#FBE6C6", "#DDF0E6", style.RUNAWAY, "#F0D3DF")
+"""Of a chart's grid: pure stick, period 1, 2, 3 and more, aperiodic, runaway; the last where it failed."""
+GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to 16", "slip grows without end",
+        "not solved")
 
 
 def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
@@ -117,8 +120,9 @@ def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: 
     if not all(all(b["stable"]) for curve in curves for b in curve["branches"]):
         handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
     for mark in marks_met(swept):
-        name = mark.name + (f" ({beyond} beyond the axes)" if beyond and mark in (SETTLING, APERIODIC) else "")
-        handles += axis.plot([], [], label=name, **mark.look(style.INK, 2.4))
+        handles += axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.4))
+    if beyond:
+        handles += axis.plot([], [], linestyle="none", label=f"({counted(beyond, 'point')} beyond the axes)")
     for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
@@ -182,16 +186,13 @@ def marks_met(curves: Sequence[Data]) -> list[Mark]:
 
 def paint_chart(drawn: Any, data: Data) -> None:
     """Figs. 19 and 20: periods of cold starts as shades, curves of bifurcations over them."""
-    from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
     axis, below = drawn.subplots(2, 1, height_ratios=(1.0, 0.13))
     below.set_axis_off()
-    axis.grid(False)
     x, y = np.array(data["x"]), np.array(data["y"])
     shades = np.array([[_shade(p, r) for p, r in zip(*rows)] for rows in zip(data["period"], data["regime"])])
-    axis.pcolormesh(_edges(x), _edges(y), shades, cmap=ListedColormap(TINTS), rasterized=True,
-                    norm=BoundaryNorm(np.arange(-0.5, len(TINTS)), len(TINTS)))
+    draw_cells(axis, x, y, shades, TINTS)
     named: dict[str, Any] = {}
     for curve in sorted(data["curves"], key=lambda c: c["kind"] == "stick_border"):
         kind, period = curve["kind"], curve["period"]
@@ -220,7 +221,8 @@ def paint_chart(drawn: Any, data: Data) -> None:
 EDGES = ("range", "closed")
 """Reasons for which a curve ends that the edge of the chart, or its own beginning, shows."""
 ENDS = {"special": ("D", "point of codimension two"), "canard": ("*", "canard: not resolved beyond"),
-        "canard_curve": ("*", "canard: not resolved beyond"), "points": ("|", "longest curve followed")}
+        "canard_curve": ("*", "canard: not resolved beyond"), "points": ("|", "longest curve followed"),
+        "steep": ("1", "slip begins: not resolved")}
 LOST = ("x", "no further point found")
 
 
@@ -232,13 +234,5 @@ def end_of(reason: str) -> tuple[str, str] | None:
 def _shade(period: int | None, regime: str | None) -> int:
     """Which shade of TINTS a cold start has."""
     if period is None:
-        return 5
-    if regime == "stick":
-        return 0
-    return {0: 4, 1: 1, 2: 2}.get(period, 3)
-
-
-def _edges(x: np.ndarray) -> np.ndarray:
-    """Edges of cells about values, which need not be evenly spaced."""
-    middle = 0.5 * (x[1:] + x[:-1])
-    return np.concatenate([[x[0]], middle, [x[-1]]])
+        return 6
+    return {"stick": 0, "runaway": 5}.get(regime or "", {0: 4, 1: 1, 2: 2}.get(period, 3))

@@ -48,8 +48,9 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
 
     Returns
     -------
-    `x` and `y` (normalised axes), `period` and `regime` (rows: second axis) of the cold starts, `curves`: `kind`,
-    `period`, `creep` (whether it is the smoothed end of stick), `value`, `second` (SI, as `continue --json`), `ended`.
+    `x` and `y` (normalised axes), `period` and `regime` (rows: second axis; runaway where slip grows) of the cold
+    starts, `curves`: `kind`, `period`, `creep` (whether it is the smoothed end of stick), `value`, `second` (SI, as
+    `continue --json`), `ended`.
     """
     system = system_of(row.series[0], options)
     share = QUICK_SHARE if options.quick else 1
@@ -77,7 +78,8 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             "second_axis": NAMES[row.second], "y": y.tolist(), "second_unit": units[1], "second_over": row.second,
             "cycles": plan.cycles, "discarded": 50, "curves": curves,
             "period": [[None if s is None else s.period for s in line] for line in summaries],
-            "regime": [[None if s is None else s.regime for s in line] for line in summaries]}
+            "regime": [[None if s is None else "runaway" if s.runaway else s.regime for s in line]
+                       for line in summaries]}
 
 
 def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange, ParameterRange], second: float,

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 from typing import Any
 
 from tcc_sim.basins.compute import Basins
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.errors import counted
 from tcc_sim.output.markdown import escape
-from tcc_sim.paper.branch_panels import UNNAMED
+from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN
 
 Data = Mapping[str, Any]
 NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}
 """File names of the charts' pictures, without suffix."""
 BRANCHES, BASINS = "motions_branches", "motions_basins"
+LOST = "without a further point"
+ENDINGS = {"range": "at the end of a range", "closed": "closed", "doubling": "in a doubling", "began": "in a doubling",
+           "canard": "in a canard", "canard_curve": "in a canard", "special": "in a point of codimension two",
+           "points": "after the most points", "family": "at a family of motions", "steep": "where slip begins"}
+"""What a branch or a curve ends at; the other reasons are `LOST`."""
+WAYS = {"cold": "from (13)", "up": "upward", "down": "downward"}
 
 
 def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, beside: Sequence[str] = ()) -> str:
-    """The page.
+    """The page: what was found, in counts and tables; every branch and curve by its points is in the JSON beside it.
 
     Parameters
     ----------
@@ -27,17 +34,15 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, bes
     basins : the coexistence at omega/omega_n = 0.36 and mu_k/mu_s = 0.85
     beside : lines of the comparison with AUTO-07p
     """
-    lines = ["# Periodic motions", "",
-             "Written by `tcc-sim motions`. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing "
-             "else is",
-             "said. A sweep shows what one initial state leads to; branches show which motions there are, stable or "
-             "not, and",
-             "where each begins and ends. A residual is the distance of the multiplier from where the bifurcation has "
-             "it.", "",
+    lines = ["# Periodic motions", "", *_summary(branches, charts, basins), "",
+             "This page is generated: `tcc-sim motions` writes it, its pictures, and all branches and curves by their "
+             "points as",
+             "JSON. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing else is said. A sweep "
+             "shows what one",
+             "initial state leads to; branches show which motions there are, stable or not, and where each begins and "
+             "ends.", "",
              "## Branches behind Fig. 6", "", f"![branches over mu_k/mu_s](pictures/{BRANCHES}.png)", "",
-             *_branches(branches), "",
-             "    tcc-sim figure 6 --branches",
-             "    tcc-sim continue SCENE --over friction.kinetic_coefficient=0.165:0.3", "",
+             *_branches(branches), "", *_jumps(branches), "", "    tcc-sim figure 6 --branches", "",
              "## Where motions begin and end in two parameters"]
     for number, data in charts.items():
         lines += ["", f"![Chart {number}](pictures/{NAMES[number]}.png)", "", *_chart(data), "",
@@ -47,51 +52,85 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, bes
     return "\n".join(lines) + "\n"
 
 
+def _summary(branches: Data, charts: Mapping[int, Data], basins: Basins) -> list[str]:
+    """What was found, a line for each part."""
+    found = branches["curves"][0]
+    periods = sorted({b["period"] for b in found["branches"]})
+    causes = Counter(jump["cause"] for swept in branches["curves"] for jump in swept["jumps"])
+    boundary, beside = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
+    ends = sum(causes.values()) - boundary - beside - sum(causes[c] for c in UNSEEN)
+    lines = [f"- Branches behind Fig. 6: {len(found['branches'])}, of period {', '.join(map(str, periods))}, with "
+             f"{counted(len(found['bifurcations']), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
+             f"three sweeps {ends} are bifurcations, {boundary} cross the boundary of two basins, and {beside} lie "
+             "beside motions on no branch."]
+    for number, data in charts.items():
+        reasons = Counter(reason for curve in data["curves"] for reason in curve["reasons"])
+        lost = sum(n for reason, n in reasons.items() if ENDINGS.get(reason, LOST) == LOST)
+        lines.append(f"- Chart {number} has {counted(len(data['curves']), 'curve')}; {lost} of "
+                     f"{counted(sum(reasons.values()), 'end')} have no reason but that no further point was found.")
+    shares = ", ".join(f"{100.0 * basins.fraction(k):.1f} % to period {a.period or 'none'} of {a.largest:.1f} rad/s"
+                       for k, a in enumerate(basins.attractors))
+    return [*lines, f"- Initial states at omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85 lead: {shares}."]
+
+
 def _branches(data: Data) -> list[str]:
-    """Branches, bifurcations, and what each jump of the sweeps is."""
+    """Branches with their ends and bifurcations."""
     curve, unit = data["curves"][0], data["unit"]
-    lines = ["| branch | period | mu_k/mu_s | stable points | ends |", "| ---: | ---: | --- | ---: | --- |"]
+    lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
     for k, branch in enumerate(curve["branches"]):
-        lines.append(f"| {k} | {branch['period']} | {min(branch['value']) / unit:.6f} to "
-                     f"{max(branch['value']) / unit:.6f} | {sum(branch['stable'])} of {len(branch['stable'])} | "
-                     f"{escape('; '.join(dict.fromkeys(branch['ended'])))} |")
-    lines += ["", "| bifurcation | branch | period | mu_k/mu_s | largest slip speed (rad/s) | residual |",
-              "| --- | ---: | ---: | ---: | ---: | ---: |"]
-    for found in curve["bifurcations"]:
-        lines.append(f"| {found['kind'].replace('_', ' ')} | {found['branch']} | {found['period']} | "
-                     f"{found['value'] / unit:.8f} | {found['max_slip_speed']:.4f} | {found['residual']:.0e} |")
-    words = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
-    told = ["", "Jumps of the sweeps:", ""]
+        ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
+                         for end, reason in zip((0, -1), branch["reasons"]))
+        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in curve["bifurcations"]
+                        if f["branch"] == k)
+        lines.append(f"| {branch['period']} | {min(branch['value']) / unit:.4f} to {max(branch['value']) / unit:.4f} | "
+                     f"{sum(branch['stable'])} of {len(branch['stable'])} | {ends} | {met or 'none'} |")
+    worst = max((f["residual"] for f in curve["bifurcations"]), default=0.0)
+    return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of where it has it."]
+
+
+def _jumps(data: Data) -> list[str]:
+    """The jumps of the sweeps by cause and place, with the sweeps that have them."""
+    unit, places = data["unit"], dict[tuple[str, str], list[str]]()
     for swept in data["curves"]:
-        for cause, run in groupby(swept["jumps"], lambda jump: jump["cause"]):
-            alike = list(run)
-            for jumps in [alike] if cause in UNNAMED else [[jump] for jump in alike]:
-                sizes = jumps[0]["max_slip_speed"][0], jumps[-1]["max_slip_speed"][1]
-                where = " to ".join(dict.fromkeys(f"{jump['value'] / unit:.6f}" for jump in (jumps[0], jumps[-1])))
-                many = f" in {len(jumps)} jumps" if len(jumps) > 1 else ""
-                told.append(f"- {words[swept['direction']]}, at {where}: {sizes[0]:.2f} to {sizes[1]:.2f} rad/s{many}, "
-                            f"{_cause(cause)}")
-    return lines + (told if len(told) > 3 else [])
+        for jump in swept["jumps"]:
+            at = places.setdefault((jump["cause"], f"{jump['value'] / unit:.6f}"), [])
+            at += [WAYS[swept["direction"]]] * (WAYS[swept["direction"]] not in at)
+    lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []
+    for cause in dict.fromkeys(cause for cause, _ in places):
+        found = {place: ways for (name, place), ways in places.items() if name == cause}
+        where = ", ".join(f"{place} ({', '.join(ways)})" for place, ways in sorted(found.items()))
+        if cause in UNNAMED:
+            where = f"{counted(len(found), 'place')} from {min(found)} to {max(found)}"
+        lines.append(f"- {_cause(cause)}: {where}")
+    return lines
 
 
 def _cause(cause: str) -> str:
     """The cause of a jump in words."""
-    return {"basin_boundary": "both motions go on: the start is on the other side of the boundary of their basins",
+    return {"basin_boundary": "both motions go on, and the start crosses the boundary of their basins",
             "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
             "not_followed": "a motion beside it that lies on no branch followed"}.get(cause, cause.replace("_", " "))
 
 
 def _chart(data: Data) -> list[str]:
-    """The curves of a chart."""
-    first, second = data["unit"], data["second_unit"]
-    names = escape(data["axis"]), escape(data["second_axis"])
-    lines = [f"{escape(data['title'].replace('$', '').replace(chr(92), ''))}.", "",
-             f"| curve | points | {names[0]} | {names[1]} | ends |", "| --- | ---: | --- | --- | --- |"]
+    """The curves of a chart by kind: how many, over which ranges, and what they end at."""
+    units = data["unit"], data["second_unit"]
+    kinds: dict[str, list[Data]] = {}
     for curve in data["curves"]:
-        x, y = [v / first for v in curve["value"]], [v / second for v in curve["second"]]
-        lines.append(f"| {escape(curve['label'])}{' (smoothed end of stick)' if curve['creep'] else ''} | {len(x)} | "
-                     f"{min(x):.4f} to {max(x):.4f} | {min(y):.4f} to {max(y):.4f} | "
-                     f"{escape('; '.join(dict.fromkeys(curve['ended'])))} |")
+        kinds.setdefault(curve["label"] + (" (smoothed end of stick)" if curve["creep"] else ""), []).append(curve)
+    lines = [f"{escape(data['title'].replace('$', '').replace(chr(92), ''))}.", "",
+             f"| curves | how many | {escape(data['axis'])} | {escape(data['second_axis'])} |",
+             "| --- | ---: | --- | --- |"]
+    for name, curves in sorted(kinds.items()):
+        spans = [[x / unit for curve in curves for x in curve[key]] for key, unit in zip(("value", "second"), units)]
+        lines.append(f"| {escape(name)} | {len(curves)} | " + " | ".join(
+            f"{min(span):.4f} to {max(span):.4f}" for span in spans) + " |")
+    ends = Counter(ENDINGS.get(reason, LOST) for curve in data["curves"] for reason in curve["reasons"])
+    special = Counter(point["kind"].replace("_", " ") for curve in data["curves"] for point in curve.get("special", []))
+    lines += ["", "Ends: " + ", ".join(f"{n} {words}" for words, n in ends.most_common()) + "."]
+    if special:
+        lines.append("Points of codimension two: " + ", ".join(f"{n} {kind}" for kind, n in special.most_common())
+                     + ".")
     return lines
 
 

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.basins.compute import Axis, Basins
+from tcc_sim.basins.compute import Basins
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.views import style
+from tcc_sim.views.sweeps import draw_cells
 
 TINTS = ("#BFD9EC", "#F6D9A8", "#BFE3D4", "#F0C6AE", "#EBD2E0", "#D3ECF8", "#D0D0D0")
 """Light versions of the colours of `style.CYCLE`, in their order, so that attractors stand out on their basins."""
 MARKERS = "os^Dvp*"
-EXTRAS = {RUNAWAY: ("#444444", "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
+EXTRAS = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
 
 
 def draw(path: Path, found: Basins | Sequence[Basins], title: str = "", width: float = style.PAGE) -> Path:
@@ -53,17 +54,13 @@ def _map(axes: Any, found: Basins) -> list[Any]:
     """Cells coloured by their attractor, the attractors' section points on them where they lie in the plane; what
     stands in the legend.
     """
-    from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
     first, second = found.plane
     count = len(found.attractors)
     colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
-    norm = BoundaryNorm(np.arange(-2.5, max(count, 1)), len(colours))
-    axes.grid(False)
-    axes.imshow(found.labels, origin="lower", aspect="auto", interpolation="nearest", cmap=ListedColormap(colours),
-                norm=norm,
-                extent=(*_edges(first), *_edges(second)))
+    draw_cells(axes, np.array(first.values), np.array(second.values), np.asarray(found.labels - RUNAWAY, np.float64),
+               colours)
     axes.set(xlabel=_label(first.key), ylabel=_label(second.key))
     columns = [("initial.slip_speed", "initial.plate_angle", "initial.plate_speed").index(a.key) for a in found.plane]
     handles = []
@@ -101,12 +98,6 @@ def _fractions(axes: Any, found: Sequence[Basins], key: str, values: Sequence[fl
     axes.set(xlabel=_label(key), ylabel="fraction of the plane", ylim=(0.0, 1.0),
              xlim=(min(values), max(values)))
     style.legend_above(axes)
-
-
-def _edges(axis: Axis) -> tuple[float, float]:
-    """Where the cells of an axis begin and end."""
-    half = 0.5 * (axis.values[-1] - axis.values[0]) / max(len(axis.values) - 1, 1) or 0.5
-    return axis.values[0] - half, axis.values[-1] + half
 
 
 def _label(key: str) -> str:

@@ -107,7 +107,7 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
         draw_largest(maxima, values)
-        x, y = edges(numbers(values["values"])), edges(numbers(values["second_values"]))
+        x, y = numbers(values["values"]), numbers(values["second_values"])
         _period_map(drawn, periods, x, y, values)
         _over_two(periods, values)
         (periods.set_ylabel if wide else maxima.set_xlabel)("")
@@ -117,18 +117,15 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
 
 def draw_largest(axis: Any, found: Any) -> None:
     """The largest slip speed over two keys as a map, a runaway in a colour of its own."""
-    from matplotlib.colors import ListedColormap
-
     values = style.values_of(found)
-    x, y = edges(numbers(values["values"])), edges(numbers(values["second_values"]))
+    x, y = numbers(values["values"]), numbers(values["second_values"])
     largest = np.array([numbers(row) for row in values["max_slip_speed"]])
     away = runaways(values)
-    shade = axis.pcolormesh(x, y, np.ma.masked_where(away | ~np.isfinite(largest), largest), cmap="viridis",
-                            vmin=0.0, rasterized=True)
+    shade = axis.pcolormesh(edges(x), edges(y), np.ma.masked_where(away | ~np.isfinite(largest), largest),
+                            cmap="viridis", vmin=0.0, rasterized=True)
     axis.figure.colorbar(shade, ax=axis, label="max |slip speed| (rad/s)")
     if away.any():
-        axis.pcolormesh(x, y, np.ma.masked_where(~away, largest), cmap=ListedColormap([style.RUNAWAY]),
-                        rasterized=True)
+        draw_cells(axis, x, y, np.where(away, 0.0, np.nan), [style.RUNAWAY])
     _over_two(axis, values)
 
 
@@ -141,8 +138,6 @@ def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
 
 def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
     """Colours for the periods that occur, dark for none, light for pure stick."""
-    from matplotlib.colors import BoundaryNorm, ListedColormap
-
     period = np.array([numbers(row) for row in values["period"]])
     period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
     period[runaways(values)] = RUNAWAY
@@ -152,8 +147,7 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
     place = np.full(period.shape, np.nan)
     for number, p in enumerate(found):
         place[period == p] = number
-    norm = BoundaryNorm(np.arange(len(found) + 1) - 0.5, len(found))
-    shade = axis.pcolormesh(x, y, np.ma.masked_invalid(place), cmap=ListedColormap(colours), rasterized=True, norm=norm)
+    shade = draw_cells(axis, x, y, place, colours)
     bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (engine cycles)")
     bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
     bar.ax.minorticks_off()
@@ -202,6 +196,26 @@ def label_of(key: str) -> str:
 def numbers(values: Sequence[Any]) -> Floats:
     """Values with NaN for those that are missing."""
     return np.array([np.nan if v is None else float(v) for v in values], dtype=np.float64)
+
+
+def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[str]) -> Any:
+    """A map: the cell about every x and y has the colour of its class.
+
+    Parameters
+    ----------
+    x, y : (n,) and (m,) centres of the cells
+    classes : (m, n) numbers into `colours`; NaN leaves a cell as it is
+
+    Returns
+    -------
+    The mesh, for a colour bar.
+    """
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    norm = BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours))
+    axis.grid(False)
+    return axis.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(classes), cmap=ListedColormap(colours),
+                           rasterized=True, norm=norm)
 
 
 def edges(centres: Floats) -> Floats:

@@ -122,7 +122,8 @@ def given_curve(**more: Any) -> dict[str, Any]:
     branch = {"period": 1, "origin": "start", "value": [20.0, 120.0, 150.0, 120.0], "slip_speed": [0.0] * 4,
               "plate_angle": [0.1] * 4, "plate_speed": [0.0] * 4, "max_slip_speed": [10.0, 20.0, 30.0, 40.0],
               "stick_fraction": [0.5] * 4, "stable": [True, True, False, False], "events": ["S+S"] * 4,
-              "multipliers": [[[0.5, 0.0]] * 3] * 4, "ended": ["reached the end", "stopped"], "closed": False,
+              "multipliers": [[[0.5, 0.0]] * 3] * 4, "ended": ["reached the end", "stopped"],
+              "reasons": ["range", "canard"], "closed": False,
               "residual": [1e-12] * 4}
     fold = {"kind": "fold", "value": 150.0, "slip_speed": 0.0, "plate_angle": 0.1, "plate_speed": 0.0,
             "max_slip_speed": 30.0, "multipliers": [[1.0, 0.0]] * 3, "residual": 1e-11, "branch": 0, "period": 1}
@@ -208,21 +209,26 @@ def test_the_page_says_what_was_found() -> None:
     branches = given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])
     page = motions_page(branches, {19: given_chart(), 20: given_chart()}, found)
     assert page.startswith("# Periodic motions\n")
-    for words in ("| fold | 0 | 1 | 0.38729833 | 30.0000 | 1e-11 |",
-                  "continued upward, at 0.387298: 29.00 to 50.00 rad/s, fold",
+    low, middle, share = (x / OMEGA_N for x in (20.0, 120.0, 150.0))
+    for words in (f"| 1 | {low:.4f} to {share:.4f} | 2 of 4 | at the end of a range, {low:.6f}; in a canard, "
+                  f"{middle:.6f} | fold {share:.6f} |", "is within 1e-11 of where it has it",
+                  f"- fold: {share:.6f} (from (13), upward)", "Of 2 jumps in three sweeps 2 are bifurcations",
                   "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %",
-                  "fold, period 2 (smoothed end of stick) | 2"):
+                  "- Chart 20 has 2 curves; 1 of 4 ends",
+                  "| fold, period 2 (smoothed end of stick) | 1 | 0.1549 to 0.1807 | 0.6667 to 0.8333 |",
+                  "Ends: 1 at the end of a range, 1 without a further point, 1 closed, 1 in a point of codimension",
+                  "lead: 75.0 % to period 2 of 49.2 rad/s."):
         assert words in page, words
+    assert len(page.split()) < 1500
 
 
 def test_the_page_joins_jumps_that_nothing_is_known_of() -> None:
     unknown = [{"value": x, "between": [x, x], "max_slip_speed": [size, size - 10.0], "cause": "aperiodic",
                 "bifurcation": None} for x, size in ((0.1, 90.0), (0.15, 80.0), (0.2, 70.0))]
     figure = given_figure(6, "orbit", [given_curve(jumps=unknown)])
-    lines = [line for line in motions_page(figure, {}, given_basins()).splitlines() if line.startswith("- ")]
+    lines = [line for line in motions_page(figure, {}, given_basins()).splitlines() if line.startswith("- a motion")]
     unit = figure["unit"]
-    assert lines == [f"- from the initial state (13), at {0.1 / unit:.6f} to {0.2 / unit:.6f}: 90.00 to 60.00 rad/s "
-                     "in 3 jumps, a motion without a period beside it"]
+    assert lines == [f"- a motion without a period beside it: 3 places from {0.1 / unit:.6f} to {0.2 / unit:.6f}"]
 
 
 def test_labels_are_said_without_their_typesetting() -> None:

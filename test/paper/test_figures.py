@@ -196,6 +196,27 @@ def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
     assert len({mark for mark in shown.values() if mark is not None}) >= 4
 
 
+def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
+    """One function draws the maps of sweeps, basins and charts; a runaway is dark red in all of them."""
+    from matplotlib.colors import to_hex
+
+    from tcc_sim.paper.branch_panels import GRID, TINTS, _shade
+    from tcc_sim.views import basin_map, style
+    from tcc_sim.views.sweeps import draw_cells
+
+    with style.figure() as drawn:
+        axis = drawn.subplots()
+        mesh = draw_cells(axis, np.array([1.0, 2.0, 3.0]), np.array([0.0, 1.0]),
+                          np.array([[0.0, 1.0, 2.0], [2.0, np.nan, 0.0]]), [style.BLUE, style.RUNAWAY, style.GREEN])
+        drawn.draw_without_rendering()
+        shown = [to_hex(c).upper() for c in mesh.get_facecolors().reshape(-1, 4)]
+        assert [shown[k] for k in (0, 1, 2, 3, 5)] == [style.BLUE, style.RUNAWAY, style.GREEN, style.GREEN, style.BLUE]
+        assert mesh.get_facecolors().reshape(-1, 4)[4, 3] == 0.0
+    assert [GRID[_shade(*cell)] for cell in ((1, "stick"), (0, "runaway"), (0, "slip"), (7, "slip"), (None, None))] == [
+        "pure stick", "slip grows without end", "no period up to 16", "period 3 to 16", "not solved"]
+    assert TINTS[_shade(0, "runaway")] == basin_map.EXTRAS[basin_map.RUNAWAY][0] == style.RUNAWAY
+
+
 def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:
     from tcc_sim.paper import histories
     from tcc_sim.views import style
