@@ -15,6 +15,7 @@ from tcc_sim.output.files import replaceable
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
+from tcc_sim.views.manoeuvre import manoeuvre
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
 
 
@@ -159,13 +160,16 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,
              title: str = "") -> Path:
-    """Draw a solved run; its last cycles are solved again with dense samples.
+    """Draw a solved run; its last cycles are solved again with dense samples. One whose excitation varies in time is
+    drawn from its beginning to its end.
 
     Parameters
     ----------
     solved : with per-cycle results, or shorter than a cycle and with samples
     summary : of its steady state; worked out by default
     """
+    if solved.system is not None and solved.system.course is not None:
+        return manoeuvre(path, solved, style.width_of(width), title)
     whole = solved.cycles is not None and len(solved.cycles) > 0
     if not whole and len(solved.t) > 2 and solved.t[-1] - solved.t[0] >= solved.cycle:
         solved = replace(solved, cycles=cycles_of(solved))

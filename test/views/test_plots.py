@@ -18,6 +18,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.sweeps.sweep import Plan, sweep, sweep_grid
 from tcc_sim.views import plots, style, sweeps
 from tcc_sim.views.overview import overview
@@ -245,6 +246,26 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> No
     grid = sweep_grid(chaos, kinetic, [0.15, 0.2, 0.24], "pressure.mean", [225e3, 250e3])
     for name, result in (("a", one), ("b", grid)):
         assert plots.plot(result, tmp_path / f"{name}.svg").read_text().count("runaway") >= 1
+
+
+def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(monkeypatch, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    from tcc_sim.views import manoeuvre
+
+    seen = []
+
+    def save(drawn, path):  # type: ignore[no-untyped-def]
+        seen.append(drawn.axes)
+        return path
+
+    monkeypatch.setattr(manoeuvre.style, "save", save)
+    found = simulate("apply")
+    plots.plot(found, tmp_path / "it.png")
+    _, slip, shaft, heat = seen[0]
+    t, warm = heat.lines[0].get_data()
+    assert (t[0], t[-1]) == (0.0, 1.0)
+    assert 1e3 * warm[-1] == pytest.approx(found.summary.clutch_energy, rel=0.01)
+    assert max(shaft.lines[0].get_ydata()) == pytest.approx(found.summary.max_shaft_torque, rel=0.01)
+    assert max(slip.lines[0].get_ydata()) == pytest.approx(found.summary.max_slip_speed, rel=1e-3)
 
 
 def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(tmp_path) -> None:  # type: ignore[no-untyped-def]
