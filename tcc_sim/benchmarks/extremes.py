@@ -24,6 +24,8 @@ Keys = dict[str, Any]
 Record = dict[str, Any]
 ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None), "fixed_step": ("smoothed", 1e-3)}
 """Each engine with the friction law that it solves and its step, s."""
+MANY = 300
+"""Engine cycles of the long cases."""
 BASE: Keys = {"initial.slip_speed": 5.0}
 """What every case starts from beside the defaults: stick begins within the horizon."""
 CYCLES, RADIANS = 2, 30.0
@@ -41,35 +43,42 @@ about 1/sigma.
 SLACK = 1e-3
 """How far a run may pass its energy bound, for the error of the method."""
 
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+CRITICAL = 2.0 * math.sqrt(3000.0 * 0.02)
+"""C23 of an aperiodic plate, N m s/rad."""
 RANGES: dict[str, tuple[Any, ...]] = {
     "friction.kinetic_coefficient": (0.3, 0.285, 0.24, 0.2, 0.15, 0.1, 0.075),
-    "friction.smoothing": (50.0, 1e3, 1e4, 1e5, 1e6, 1e9),
+    "friction.decay": (2.0, 0.0, 50.0, 1000.0),
+    "friction.smoothing": (50.0, 1.0, 10.0, 1e3, 1e4, 1e5, 1e6, 1e9),
     "pressure.mean": (0.0, 1e2, 1e4, 225e3, 1e6, 1e7),
     "share": (0.0, 0.2, 0.9, 0.999, 1.0, 1.5),
     "engine.frequency": (1.0, 20.0, 116.77, 150.0, 387.3, 1000.0, 5000.0),
-    "driveline.damping": (0.0, 0.6, 15.4919333848),
-    "driveline.plate_inertia": (0.02, 1e-3, 1e-4, 1e-6),
+    "driveline.damping": (0.0, 0.6, CRITICAL, 50.0, 1e3),
+    "driveline.flywheel_inertia": (0.2, 1e-4, 1e-2, 10.0, 1e3),
+    "driveline.stiffness": (3000.0, 1.0, 1e5, 1e8),
+    "driveline.plate_inertia": (0.02, 1e-3, 1e-4, 1e-6, 1.0, 100.0),
     "initial.slip_speed": (0.0, 1e-9, 5.0, -5.0, 1e4),
     "engine.mean_torque": (300.0, 0.0, -300.0),
     "engine.torque_amplitude": (250.0, 0.0, 1000.0),
-    "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0),
+    "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0, GOLDEN, math.sqrt(2.0), 1e-3, 0.01,
+                                 100.0),
     "pressure.phase": (0.0, math.pi / 2.0, math.pi)}
 """What each key goes through, alone and in combinations; `share` is Tsp/Tsm."""
 PAIRS = (("friction.kinetic_coefficient", "friction.smoothing"), ("friction.kinetic_coefficient", "share"),
          ("friction.kinetic_coefficient", "pressure.mean"), ("friction.smoothing", "initial.slip_speed"))
-SLOW, LIGHT = 100.0, 1e-3
-"""A plate lighter than this, kg m^2, is not combined with an engine slower than this, rad/s: a cycle would last for
-ever.
-"""
+LONGEST = 3000.0
+"""Phase of the natural frequency in a cycle, rad, beyond which values are not combined: a cycle would last for ever."""
+RUN = ("cycles", "tick")
+"""What a case may say beside scene keys: engine cycles, and the step of fixed_step, s."""
 
 
 def cases(count: int, seed: int = 1) -> list[Keys]:
-    """`count` different scenes as changes of the defaults: every value alone, pairs, near-grazing ones, then random
-    draws.
+    """`count` different cases as changes of the defaults: every value alone, near-grazing ones, steps of the commands,
+    many cycles, coarse ticks, pairs, then random draws.
     """
     found: list[Keys] = [{}]
     found += [{key: value} for key, values in RANGES.items() for value in values]
-    found += grazing()
+    found += [*grazing(), *command_steps(), *long_and_coarse()]
     found += [{one: a, two: b} for one, two in PAIRS for a in RANGES[one] for b in RANGES[two]]
     draw = np.random.default_rng(seed)
     if count < len(found):
@@ -79,10 +88,37 @@ def cases(count: int, seed: int = 1) -> list[Keys]:
         keys = found.pop(0) if found else {k: v[int(draw.integers(len(v)))] for k,
                                            v in RANGES.items() if draw.random() < 0.5}
         merged = plain(keys)
-        if merged.get("driveline.plate_inertia", 1.0) < LIGHT and merged.get("engine.frequency", SLOW) < SLOW:
+        system = replace(System(), scene_keys(merged))
+        if system.natural_frequency * system.cycle > LONGEST:
             continue
         out.setdefault(repr(sorted(merged.items())), merged)
     return list(out.values())
+
+
+def scene_keys(keys: Keys) -> Keys:
+    """Those of a case that a scene has."""
+    return {key: value for key, value in keys.items() if key not in RUN}
+
+
+def command_steps() -> list[Keys]:
+    """The motion after a step of pressure or engine torque, from stick and from slip at the static twist before it."""
+    twist = {"stick": 300.0 / 3000.0, "slip": 500.0 / 3000.0}
+    states = [{"initial.slip_speed": 0.0, "initial.plate_angle": twist["stick"]},
+              {"initial.slip_speed": 80.0, "initial.plate_angle": twist["slip"]}]
+    commands: list[Keys] = [
+        {"pressure.mean": 0.0}, {"pressure.mean": 1e4}, {"pressure.mean": 1e7}, {"engine.mean_torque": -1000.0},
+        {"engine.mean_torque": 5000.0}, {"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.0}]
+    return [{**state, **command} for state in states for command in commands]
+
+
+def long_and_coarse() -> list[Keys]:
+    """Many cycles, and ticks of a tenth of a cycle to a whole one."""
+    many = [{}, {"friction.kinetic_coefficient": 0.15}, {"friction.kinetic_coefficient": 0.3, "share": 0.0},
+            {"share": 1.5}, {"friction.smoothing": 1e6}, {"pressure.frequency_ratio": GOLDEN}]
+    coarse = [{"tick": 5e-3}, {"tick": 1e-2}, {"tick": 1e-2, "friction.kinetic_coefficient": 0.15},
+              {"tick": 5e-2, "engine.frequency": 20.0}, {"tick": 0.1, "engine.frequency": 1.0},
+              {"tick": 1.0, "engine.frequency": 1.0, "pressure.mean": 1e3}]
+    return [*({**keys, "cycles": MANY} for keys in many), *coarse]
 
 
 def plain(keys: Keys) -> Keys:
@@ -109,12 +145,14 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
 
     Parameters
     ----------
-    keys : scene keys that differ from the defaults
+    keys : scene keys that differ from the defaults, and those of RUN
     truth : the reference for these keys and the law of the engine
     """
     law, step = ENGINES[engine]
-    record: Record = {**keys, "friction.law": law, "solver": engine, "step": step, "status": "REFUSED", "why": "",
-                      "finite": None, "bounded": None, "error": None,
+    step = keys.get("tick", step) if step is not None else None
+    keys, cycles = scene_keys(keys), keys.get("cycles", CYCLES)
+    record: Record = {**keys, "cycles": cycles, "friction.law": law, "solver": engine, "step": step, "status": "REFUSED",
+                      "why": "", "finite": None, "bounded": None, "error": None,
                       "iterations_max": None, "iterations_bound": None, "power_residual": None,
                       "seconds": 0.0}
     try:
@@ -123,7 +161,8 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
         samples = max(radians / PHASE, SAMPLES_PER_STOP * system.cycle / _stopping_time(system), 64.0)
         if step is not None:
             step = record["step"] = system.cycle / math.ceil(system.cycle / step)
-        run = solve(system, cycles=max(CYCLES, math.ceil(RADIANS / radians)), solver=engine, step=step,
+        cycles = record["cycles"] = max(cycles, math.ceil(RADIANS / radians))
+        run = solve(system, cycles=cycles, solver=engine, step=step,
                     samples_per_cycle=int(min(samples, 200_000.0)))
         if truth.why == "":
             short = solve(system, duration=truth.duration, solver=engine, step=step)
@@ -211,7 +250,7 @@ class Truth:
         sharp = law == "smoothed" and keys.get("friction.smoothing", 50.0) > SHARPEST
         self.why, self.state, self.scale, self.duration = "", np.zeros(3), np.ones(3), 0.0
         try:
-            system = replace(System(), {**keys, "friction.law": "set_valued" if sharp else law})
+            system = replace(System(), {**scene_keys(keys), "friction.law": "set_valued" if sharp else law})
             self.duration = min(CYCLES * system.cycle, REFERENCE_RADIANS / system.natural_frequency)
             method, rtol = ("LSODA", 1e-11) if system.friction.law == "smoothed" else ("DOP853", 1e-12)
             self.state, largest = final_state(system, self.duration, method, rtol)

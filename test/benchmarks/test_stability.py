@@ -21,9 +21,9 @@ FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.
 
 
 def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
-    found = extremes.cases(330)
-    assert len({repr(sorted(keys.items())) for keys in found}) == 330
-    systems = [replace(System(), keys) for keys in found]
+    found = extremes.cases(420)
+    assert len({repr(sorted(keys.items())) for keys in found}) == 420
+    systems = [replace(System(), extremes.scene_keys(keys)) for keys in found]
     assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
     assert max(s.friction.smoothing for s in systems) == 1e9
     assert {0.0, 1e7} <= {s.pressure.mean for s in systems}
@@ -32,6 +32,17 @@ def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
     assert {1.0, 5000.0} <= {s.engine.frequency for s in systems}
     assert {0.0, 1e4} <= {s.initial.slip_speed for s in systems}
     assert any(s.driveline.damping == 0.0 for s in systems)
+    assert max(s.driveline.damping for s in systems) == 1e3 > 2.0 * math.sqrt(3000.0 * 0.02)
+    assert {0.0, 1000.0} <= {s.friction.decay for s in systems}
+    assert {1e-4, 1e3} <= {s.driveline.flywheel_inertia for s in systems}
+    assert {1.0, 1e8} <= {s.driveline.stiffness for s in systems}
+    assert max(s.driveline.plate_inertia for s in systems) == 100.0
+    assert min(s.friction.smoothing for s in systems) == 1.0
+    assert {1e-3, 100.0, math.sqrt(2.0)} <= {s.pressure.frequency_ratio for s in systems}
+    assert max(keys.get("cycles", 0) for keys in found) == extremes.MANY
+    assert max(keys.get("tick", 0.0) for keys in found) == 1.0
+    assert all(any(extremes.plain(keys).items() <= case.items() for case in found)
+               for keys in extremes.command_steps())
 
 
 def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
@@ -48,7 +59,10 @@ def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
 CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
          {"share": 1.5, "pressure.phase": math.pi},
          {"pressure.mean": 0.0}, {"pressure.mean": 1e7}, {"driveline.plate_inertia": 1e-4, "initial.slip_speed": 0.0},
-         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2]]
+         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2], extremes.command_steps()[3],
+         {"driveline.damping": 50.0, "friction.decay": 50.0, "friction.smoothing": 10.0},
+         {"driveline.stiffness": 1e5, "driveline.flywheel_inertia": 10.0, "pressure.frequency_ratio": math.sqrt(2.0)},
+         {"tick": 5e-3}]
 
 
 @pytest.mark.parametrize("keys", CASES, ids=lambda keys: ",".join(keys) or "base")
@@ -82,6 +96,18 @@ def test_the_limits_are_the_theoretical_ones():
     assert charts.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
 
 
+def test_a_bad_end_is_listed_with_its_exact_scene():
+    keys = extremes.plain({"tick": 5e-3, "friction.decay": 0.1 + 0.2})
+    good = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
+    assert not stability.ended_badly(good)
+    for change in ({"status": "STEP_LIMIT"}, {"finite": False}, {"bounded": False}, {"iterations_max": 1000}):
+        bad = {**good, **change}
+        assert stability.ended_badly(bad)
+        line, = stability._listed([bad])
+        assert "friction.decay 0.30000000000000004" in line
+        assert "tick 0.00465" in line
+
+
 @pytest.fixture
 def tiny(monkeypatch):
     """A report of three scenes and charts of four cells."""
@@ -104,7 +130,10 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert (folder / "stability.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "stability.svg").exists()
     text = (folder / "stability.md").read_text()
-    assert "## Refused or stopped" in text
+    assert text.splitlines()[2] == "This page is generated: `tcc-sim stability --quick` writes it."
+    assert text.count("ended badly and") == 3
+    assert "## Ended badly" in text
+    assert "## Refused" in text
     assert "## Largest errors" in text
     assert "not finite" in capsys.readouterr().out
 
