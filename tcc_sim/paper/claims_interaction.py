@@ -20,6 +20,7 @@ from tcc_sim.paper.claims_varying_load import (
     by_law,
     exceptions,
     maxima,
+    off_period,
     pure_stick_below,
     rows,
     stick_interval,
@@ -240,8 +241,7 @@ def half_frequency_aperiodic(evidence: StableMotions) -> Measured:
              "one of the two is so"))
 def mismatch_with_falling_law(evidence: StableMotions) -> Measured:
     """Fig. 17: both effects together, against Fig. 11, which has only the mismatch."""
-    shares = {str(n): [share_where(evidence.periods(s) != p, ~sticks(s))
-                       for s, p in zip(evidence.curves(rows(n), AXIS), (3, 1, 3))] for n in (11, 17)}
+    shares = {str(n): off_period(evidence, n) for n in (11, 17)}
     lowest = best(maxima(evidence, 17), 1, LOWER)
     beaten = exceptions(maxima(evidence, 17), 1, LOWER)
     more = all(b > a for a, b in zip(shares["11"], shares["17"]))
@@ -258,21 +258,11 @@ def mismatch_with_falling_law(evidence: StableMotions) -> Measured:
              "that part is larger on every curve of these than on any of those"))
 def slope_is_the_cause(evidence: Evidence) -> Measured:
     """The part of the slipping ratios off the period of (35), with and without a falling friction law."""
-    parts: dict[str, list[float]] = {}
-    for number in (8, 10, 11, 13, 14, 15, 16, 17, 18):
-        denominators = [_denominator(row) for row in rows(number)]
-        parts[str(number)] = [share_where(evidence.periods(s) != n, ~sticks(s))
-                              for s, n in zip(evidence.curves(rows(number), AXIS), denominators)]
+    parts = {str(number): off_period(evidence, number) for number in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
     equal = [x for n, row in parts.items() for x in row if float(rows(int(n))[0][KINETIC]) == STATIC]  # type: ignore
     falling = [x for n, row in parts.items() for x in row if float(rows(int(n))[0][KINETIC]) < STATIC]  # type: ignore
     return Measured((max(equal) == 0.0 and min(falling) >= 0.1, max(equal) < min(falling)),
                     {"part off the period of (35), by figure and curve": parts})
-
-
-def _denominator(row: Any) -> int:
-    """N of omega_f = (M/N) omega for the ratios of the paper."""
-    ratio = float(row["pressure.frequency_ratio"])
-    return next(n for n in (1, 2, 3) if abs(ratio * n - round(ratio * n)) < 1e-9)
 
 
 @claim("18", "6.2, Fig. 18", "larger Tsp: quasi-periodic or chaotic motions at low frequency become pure stick", Holds(

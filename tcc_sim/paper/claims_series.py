@@ -11,12 +11,12 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.claims_model import ALIKE
-from tcc_sim.paper.claims_varying_load import AXIS, actuated, rows, slipping_periods
+from tcc_sim.paper.claims_varying_load import MISMATCHED, actuated, denominator, slipping_periods
 from tcc_sim.paper.criteria import Equal, Holds, Measured, claim
-from tcc_sim.paper.evidence import FREQUENCY, Evidence, sticks
+from tcc_sim.paper.evidence import FREQUENCY, Evidence
 
-SERIES: dict[str, tuple[float, int]] = {"1/2": (0.5, 2), "2/1": (2.0, 1), "2/3": (2.0 / 3.0, 3), "4/3": (4.0 / 3.0, 3)}
-"""M/N of Figs. 10 to 12: omega_f/omega and N."""
+SERIES = dict(zip(("1/2", "2/1", "2/3", "4/3"), MISMATCHED))
+"""M/N of Figs. 10 to 12: omega_f/omega."""
 HARMONICS = 40
 """Harmonics of omega in the series."""
 
@@ -28,8 +28,9 @@ def series_balance(evidence: Evidence) -> Measured:
     """(30) to (34): with their mean terms the series are the motion; as printed they cannot carry Tm."""
     values: dict[str, Any] = {}
     close, short = [], []
-    for name, (ratio, period) in SERIES.items():
+    for name, ratio in SERIES.items():
         row = actuated(ratio)
+        period = denominator(row)
         try:
             found = harmonic_balance(paper_system(row), period, HARMONICS * period)
         except NumericalFailure as failure:
@@ -69,8 +70,8 @@ def period_is_denominator(evidence: Evidence) -> Measured:
 def as_dual_excitation(evidence: Evidence) -> Measured:
     """After (35): periods under a torque of two frequencies and constant load."""
     pairs, values = [], {}
-    for name, (ratio, n) in SERIES.items():
-        varying = evidence.motion(actuated(ratio)).period
+    for name, ratio in SERIES.items():
+        varying, n = evidence.motion(actuated(ratio)).period, denominator(actuated(ratio))
         # omega is the N-th harmonic of omega/N, and omega_f the M-th.
         amplitudes = np.zeros(max(round(ratio * n), n))
         amplitudes[n - 1] += 250.0
@@ -88,7 +89,7 @@ def as_dual_excitation(evidence: Evidence) -> Measured:
     "only period N at the slipping ratios of Figs. 16 and 17 (0.05 to 0.5, 0.75 mu_s), for N = 2, 1, 1, 3, 3"))
 def period_for_any(evidence: Evidence) -> Measured:
     """(35) for mu_k < mu_s, for which Section 6.2 has it."""
-    found = falling_periods(evidence)
+    found = slipping_periods(evidence, (16, 17))
     return Measured([(periods, [n]) for n, periods in found.values()],
                     {"periods for omega_f/omega, 0 for none": {name: periods for name, (_, periods) in found.items()}},
                     "a falling friction law brings doublings and aperiodic motions of its own")
@@ -100,22 +101,10 @@ def period_for_any(evidence: Evidence) -> Measured:
              "none in Figs. 10 and 11 (mu_k = mu_s)"))
 def proof_is_whole(evidence: Evidence) -> Measured:
     """The proof's case v = KN: met where the friction law falls."""
-    falling = {name: [p for p in periods if p > n and p % n == 0] for name, (n, periods)
-               in falling_periods(evidence).items()}
-    equal = {name: sorted({int(p) for p in periods} - {1, 2, 3})
-             for name, periods in slipping_periods(evidence).items()}
+    falling, equal = ({name: [p for p in periods if p > n and p % n == 0]
+                       for name, (n, periods) in slipping_periods(evidence, numbers).items()}
+                      for numbers in ((16, 17), (10, 11)))
     return Measured((not any(falling.values()), not any(equal.values())),
                     {"multiples of N met at 0.75 mu_s": falling, "at mu_k = mu_s": equal},
                     "a minimal period is a multiple of N where the motion doubles; (34) then has its harmonics, and "
                     "the first two cases do not show v = N for it")
-
-
-def falling_periods(evidence: Evidence) -> dict[str, tuple[int, list[int]]]:
-    """By omega_f/omega N of (35) and the periods where the clutch slips along the curves of Figs. 16 and 17."""
-    denominators = {0.5: 2, 1.0: 1, 2.0: 1, 2.0 / 3.0: 3, 4.0 / 3.0: 3}
-    out: dict[str, tuple[int, list[int]]] = {}
-    for number in (16, 17):
-        for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS)):
-            ratio = float(row["pressure.frequency_ratio"])  # type: ignore[arg-type]
-            out[f"{ratio:.3f}"] = denominators[ratio], sorted({int(p) for p in evidence.periods(sweep)[~sticks(sweep)]})
-    return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 
@@ -141,33 +142,46 @@ def actuated(ratio: float) -> dict[str, float]:
     return {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": ratio, FREQUENCY: 150.0}
 
 
-PERIODS = {0.5: 2, 2.0: 1, 2.0 / 3.0: 3, 4.0 / 3.0: 3}
-"""Period by (35) for every omega_f/omega of Figs. 10 and 11 but 1."""
+MISMATCHED = (0.5, 2.0, 2.0 / 3.0, 4.0 / 3.0)
+"""omega_f/omega of Figs. 10 and 11 but 1."""
+
+
+def denominator(row: Values) -> int:
+    """N of omega_f = (M/N) omega in lowest terms, the period by (35)."""
+    return Fraction(float(row["pressure.frequency_ratio"])).limit_denominator(12).denominator  # type: ignore[arg-type]
 
 
 @claim("10, 11, 12", "6.1, after (29)", "omega_f/omega = 1/2, 2, 2/3, 4/3 give period 2, 1, 3, 3", Equal(
     "these periods from (13) at 150 rad/s, and no others at the slipping ratios from 0.05 to 0.5 of Figs. 10 and 11"))
 def actuation_periods(evidence: Evidence) -> Measured:
     """Figs. 10 to 12: periods."""
-    single = {f"{r:.3f}": evidence.motion(actuated(r)).period for r in PERIODS}
-    along = {name: sorted({int(p) for p in found}) for name, found in slipping_periods(evidence).items()}
-    pairs = [(single[f"{r:.3f}"], p) for r, p in PERIODS.items()]
-    return Measured([*pairs, *((along[f"{r:.3f}"], [p]) for r, p in PERIODS.items())],
-                    {"at 150 rad/s": single, "at the slipping ratios": along})
+    single = {f"{r:.3f}": evidence.motion(actuated(r)).period for r in MISMATCHED}
+    along = slipping_periods(evidence)
+    pairs = [(single[f"{r:.3f}"], denominator(actuated(r))) for r in MISMATCHED]
+    return Measured([*pairs, *((along[f"{r:.3f}"][1], [n]) for (_, n), r in zip(pairs, MISMATCHED))],
+                    {"at 150 rad/s": single, "at the slipping ratios": {name: found for name, (_, found)
+                                                                        in along.items()}})
 
 
 @claim("10, 11", "6.1, after (29)", "no bifurcations for mu_k = mu_s and any omega_f",
        Holds("one period along every curve from 0.05 to 0.5, wherever the clutch slips"))
 def actuation_bifurcations(evidence: Evidence) -> Measured:
     """Figs. 10 and 11: no bifurcations."""
-    found = {name: sorted({int(p) for p in periods}) for name, periods in slipping_periods(evidence).items()}
+    found = {name: periods for name, (_, periods) in slipping_periods(evidence).items()}
     return Measured((all(len(p) <= 1 for p in found.values()),), {"periods": found})
 
 
-def slipping_periods(evidence: Evidence) -> dict[str, np.ndarray]:
-    """The periods where the clutch slips by omega_f/omega, for every curve of Figs. 10 and 11."""
-    return {f"{row['pressure.frequency_ratio']:.3f}": evidence.periods(sweep)[~sticks(sweep)]
-            for number in (10, 11) for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS))}
+def slipping_periods(evidence: Evidence, numbers: Sequence[int] = (10, 11)) -> dict[str, tuple[int, list[int]]]:
+    """By omega_f/omega N of (35), and the periods met where the clutch slips along the curves of figures."""
+    return {f"{row['pressure.frequency_ratio']:.3f}":
+            (denominator(row), sorted({int(p) for p in evidence.periods(sweep)[~sticks(sweep)]}))
+            for number in numbers for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS))}
+
+
+def off_period(evidence: Evidence, number: int) -> list[float]:
+    """The part of the slipping ratios at which the period is not that of (35), for every curve of a figure."""
+    return [share_where(evidence.periods(sweep) != denominator(row), ~sticks(sweep))
+            for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS))]
 
 
 def constant(evidence: Evidence) -> Floats:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tcc_sim.cli import main
+from tcc_sim.output.markdown import escape, markdown_table
 from tcc_sim.paper import claims, claims_model, errata, errata_numbers, mean_pressure, pages
 from tcc_sim.paper.evidence import Evidence
 
@@ -25,6 +27,21 @@ def test_every_erratum_is_whole_and_its_module_is_there() -> None:
     for equation in ("(8b)", "(9)", "(10)", "(16)", "(17a)", "(18)", "(23)", "(25b)", "(27)", "(29b)", "(30)", "(31)",
                      "(34)", "(35)"):
         assert equation in listed
+
+
+def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
+    """The table, the reasons, and the numbers of those that closed forms give, as the code has them."""
+    page = (Path(__file__).resolve().parents[2] / ".github" / "errata.md").read_text()
+    assert f"{len(errata.ERRATA)} places of the paper where another form is right, and {len(errata.OPEN)} that" in page
+    for row in errata.ERRATA:
+        cells = [escape(row.where), escape(row.printed), escape(row.right), f"`{row.code}`" if row.code else ""]
+        assert markdown_table(cells, [])[0] in page
+        assert f"{escape(row.why[0].upper() + row.why[1:])}." in page
+    for what, taken in errata.OPEN:
+        assert markdown_table([escape(what), escape(taken)], [])[0] in page
+    for numbers in (errata_numbers.phases, errata_numbers.amplitude, errata_numbers.slip_condition,
+                    errata_numbers.roots, errata_numbers.stuck_frequency, errata_numbers.phase_order):
+        assert "\n".join(pages.numbers_of(numbers())) in page
 
 
 def test_16_17_and_27_by_hand() -> None:
