@@ -16,7 +16,6 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.smoothed.stroboscopic import slope_integrals
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
@@ -83,6 +82,7 @@ def damping_as_json(found: Damping) -> dict[str, float | None]:
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:
     """Add the integrals over one cycle of dT/dv v^2, v^2 and min(dT/dv, 0); False where it cannot be solved."""
     if system.friction.law == "smoothed":
+        from tcc_sim.solvers.smoothed.stroboscopic import slope_integrals
         try:
             integrals += slope_integrals(system, section, number, TOLERANCE)
         except NumericalFailure:

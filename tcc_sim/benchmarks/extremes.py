@@ -16,8 +16,7 @@ from tcc_sim.benchmarks.references import Floats, Unfinished, final_state
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.fixed_step import substeps
-from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.terms import substeps, terms_of
 from tcc_sim.trajectory import Trajectory
 
 Keys = dict[str, Any]

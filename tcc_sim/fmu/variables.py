@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import RESOLUTION, SUBSTEP_LIMIT
+from tcc_sim.solvers.terms import RESOLUTION, SUBSTEP_LIMIT
 from tcc_sim.topics import topic
 
 

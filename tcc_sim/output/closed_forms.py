@@ -10,7 +10,6 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.closed_form import plate_angle, pure_slip, stick_margin
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.fixed_step import Stepper
 
 TICK, TICKS = 1e-3, 500
 """Ticks of the real-time solver that are held against the closed form, s and number."""
@@ -49,6 +48,7 @@ def _difference(system: System, slip_speed: Any) -> float | None:
     """The largest difference of the real-time solver from v(t), rad/s; None for a law that it does not take."""
     if system.friction.law != "smoothed":
         return None
+    from tcc_sim.solvers.fixed_step import Stepper
     stepper = Stepper(system, TICK)
     found = np.empty(TICKS)
     for k in range(TICKS):

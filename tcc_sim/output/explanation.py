@@ -16,8 +16,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.output.closed_forms import closed_forms
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
-from tcc_sim.solvers.fixed_step import Stepper, advance
-from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, terms_of
+from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, substeps, terms_of
 from tcc_sim.topics import TOPICS, Topic
 
 OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distributed")
@@ -60,7 +59,7 @@ def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
         "topics": {"held": needed, "left_out": [row.name for row in TOPICS
                                                 if row.name not in needed and row.direction != "beside"]},
         "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
-        "step": {"tick_s": TICK, "sub_steps": Stepper(scene.system, TICK).substeps, **(_cost(scene) if cost else {}),
+        "step": {"tick_s": TICK, "sub_steps": substeps(terms_of(scene.system), TICK), **(_cost(scene) if cost else {}),
                  **looked["calls"]} if real_time else None,
         "closed_forms": closed_forms(scene.system),
     }
@@ -101,6 +100,7 @@ def _look(scene: Scene, real_time: bool) -> dict[str, Any]:
 
 def count_calls(system: System) -> dict[str, dict[str, float]]:
     """Calls per sub-step of the first tick, where the kernels are not compiled: `own_calls`, `general_calls`."""
+    from tcc_sim.solvers.fixed_step import Stepper, advance
     found: dict[str, dict[str, float]] = {}
     kept = {name: getattr(np, name) for name in FUNCTIONS}
     for which, terms in (("own_calls", terms_of(system)), ("general_calls", general_terms(system))):
@@ -129,6 +129,7 @@ def _cost(scene: Scene) -> dict[str, Any]:
     """Seconds of a tick of the node's solver with this scene's kernel, with every term on and with each term that can
     be left out left out, in turn, fastest of several.
     """
+    from tcc_sim.solvers.fixed_step import Stepper, advance
     stepper = Stepper(scene.system, TICK)
     n = stepper.substeps
     own = stepper.terms

@@ -12,8 +12,8 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.course import START, Origin, along, moved
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import Stepper, advance, substeps
-from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, terms_from, terms_of
+from tcc_sim.solvers.fixed_step import Stepper, advance
+from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
 
 SHARE = 0.5
 """Part of a tick's real time that the sub-steps of what arrives while running may need, by their cost at warm-up.

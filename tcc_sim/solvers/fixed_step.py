@@ -25,22 +25,10 @@ from tcc_sim.solvers.compiling.compiled import compiled, smoothed
 from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import (
-    Terms,
-    excitation_frequency,
-    natural_frequency,
-    peak_load,
-    stick_speed_of,
-    terms_of,
-    torques_at,
-)
+from tcc_sim.solvers.terms import Terms, stick_speed_of, substeps, terms_of, torques_at
 from tcc_sim.solvers.torques import break_after, piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
-RESOLUTION = 0.04
-"""Largest phase of the fastest oscillation in one sub-step, rad."""
-SUBSTEP_LIMIT = 20_000
-"""A tick that needs more sub-steps is refused."""
 BATCH = 400_000
 """Sub-steps kept in memory at a time by an offline solve."""
 
@@ -50,25 +38,6 @@ B1 = -0.25 * (6.0 * GAMMA * GAMMA - 16.0 * GAMMA + 1.0)
 B2 = 0.25 * (6.0 * GAMMA * GAMMA - 20.0 * GAMMA + 5.0)
 C2 = 0.5 * (1.0 + GAMMA)
 A21 = 0.5 * (1.0 - GAMMA)
-
-
-def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
-    """How many sub-steps a tick of `step` seconds needs; `held` is saturation torque beside that of `terms`, N m.
-
-    Raises
-    ------
-    InputError
-        More than SUBSTEP_LIMIT.
-    """
-    fastest = max(natural_frequency(terms), excitation_frequency(terms))
-    needed = step * fastest / RESOLUTION
-    if terms.stribeck is not None:
-        beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
-        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * terms.stribeck[0] * terms.stribeck[1])
-    if not needed <= SUBSTEP_LIMIT:
-        raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
-                         f"fixed_step allows at most {SUBSTEP_LIMIT}")
-    return max(1, math.ceil(needed - 1e-9))
 
 
 @compiled

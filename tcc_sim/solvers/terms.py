@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
 from tcc_sim.model.course import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floats, Origin, along, course_of, pieces
 from tcc_sim.model.equations import Linear
@@ -21,6 +22,10 @@ from tcc_sim.solvers.per_system import per_system
 
 SWINGS = 40.0
 """Natural periods in an engine cycle beyond which a cycle is allowed more steps."""
+RESOLUTION = 0.04
+"""Largest phase of the fastest oscillation in one sub-step, rad."""
+SUBSTEP_LIMIT = 20_000
+"""A tick that needs more sub-steps is refused."""
 
 
 class Terms(NamedTuple):
@@ -205,3 +210,22 @@ def steps_allowed(terms: Terms, period: float) -> int:
 def stick_speed_of(terms: Terms) -> float:
     """The slip speed at or below which this package says stick; 0 for the set-valued law."""
     return friction.stick_speed(terms.smoothing, terms.stribeck) if terms.smoothing is not None else 0.0
+
+
+def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
+    """How many sub-steps a tick of `step` seconds needs; `held` is saturation torque beside that of `terms`, N m.
+
+    Raises
+    ------
+    InputError
+        More than SUBSTEP_LIMIT.
+    """
+    fastest = max(natural_frequency(terms), excitation_frequency(terms))
+    needed = step * fastest / RESOLUTION
+    if terms.stribeck is not None:
+        beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
+        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * terms.stribeck[0] * terms.stribeck[1])
+    if not needed <= SUBSTEP_LIMIT:
+        raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
+                         f"fixed_step allows at most {SUBSTEP_LIMIT}")
+    return max(1, math.ceil(needed - 1e-9))

@@ -10,9 +10,9 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.fixed_step import advance, substeps
+from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.per_cycle import hermite
-from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of, torques_at
+from tcc_sim.solvers.terms import Terms, stick_speed_of, substeps, terms_of, torques_at
 from tcc_sim.trajectory import Floats, State, Trajectory, modes_of
 
 SAMPLES = 2000

@@ -10,8 +10,7 @@ import pytest
 from tcc_sim.errors import InputError
 from tcc_sim.plant.driveline import SHARE, Plant
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT
-from tcc_sim.solvers.terms import general_terms, holding, terms_of
+from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, holding, terms_of
 
 MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
 

@@ -11,9 +11,9 @@ from tcc_sim.model import pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers import Status, fixed_step, solve
-from tcc_sim.solvers.fixed_step import SUBSTEP_LIMIT, Stepper, advance, advance_ticks, substeps
+from tcc_sim.solvers.fixed_step import Stepper, advance, advance_ticks
 from tcc_sim.solvers.scalar import ITERATION_BOUND
-from tcc_sim.solvers.terms import general_terms, terms_of
+from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, substeps, terms_of
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}
 

@@ -9,10 +9,10 @@ import pytest
 
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers.fixed_step import advance, advance_ticks, substeps
+from tcc_sim.solvers.fixed_step import advance, advance_ticks
 from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
 from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
-from tcc_sim.solvers.terms import Terms, holding, terms_of
+from tcc_sim.solvers.terms import Terms, holding, substeps, terms_of
 
 KEYS = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
         "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia",
