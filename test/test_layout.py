@@ -33,9 +33,12 @@ ROOMS = {
     "yaml": ["parameter_file", "scene", "recording", "messages", "output.provenance"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,
     "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
-    "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli"],
+    "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli", "benchmarks.motions"],
 }
 """Where a package that not everyone has, or that is slow to load, may be imported."""
+
+MEASURING = ["cli.precision", "cli.stability", "cli.realtime", "cli.soak"]
+"""Who may import `benchmarks`; the rest of it is run as `python -m tcc_sim.benchmarks.NAME`."""
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
@@ -93,6 +96,13 @@ def test_what_is_heavy_or_optional_is_imported_in_its_room_only(path: Path) -> N
 def test_orbits_and_basins_know_the_solvers_through_one_adapter_each(path: Path) -> None:
     if path.name != "driveline.py":
         assert not [imported for _, imported in imports_of(path) if imported.startswith("tcc_sim.solvers")]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_what_is_measured_is_for_four_verbs_only(path: Path) -> None:
+    own = name_of(path)
+    if not own.startswith("benchmarks") and own not in MEASURING:
+        assert not [imported for _, imported in imports_of(path) if imported.startswith("tcc_sim.benchmarks")]
 
 
 def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:

@@ -150,8 +150,8 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
     law, step = ENGINES[engine]
     step = keys.get("tick", step) if step is not None else None
     keys, cycles = scene_keys(keys), keys.get("cycles", CYCLES)
-    record: Record = {**keys, "cycles": cycles, "friction.law": law, "solver": engine, "step": step, "status": "REFUSED",
-                      "why": "", "finite": None, "bounded": None, "error": None,
+    record: Record = {**keys, "cycles": cycles, "friction.law": law, "solver": engine, "step": step,
+                      "status": "REFUSED", "why": "", "finite": None, "bounded": None, "error": None,
                       "iterations_max": None, "iterations_bound": None, "power_residual": None,
                       "seconds": 0.0}
     try:

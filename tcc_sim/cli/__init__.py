@@ -31,7 +31,6 @@ VERBS: dict[str, str] = {
     "linearise": "give the transfer function from pressure or engine torque about a settled motion",
     "figure": "draw figures of the paper, with their numbers",
     "claims": "judge the claims of the paper",
-    "motions": "write the page on periodic motions: branches, charts of two keys and a basin",
     "watch": "show running nodes live in Rerun",
     "control": "reset, pause, step, set parameters of running nodes and send them commands",
     "fmu": "write the real-time tick of a scene in C, as a co-simulation FMU",
@@ -51,7 +50,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "recordings": ("analyse", "recover", "identify"),
     "running nodes": ("watch", "control"),
     "other programs": ("fmu",),
-    "the paper": ("figure", "claims", "motions"),
+    "the paper": ("figure", "claims"),
     "what is measured": ("precision", "stability", "realtime", "soak"),
 }
 """Verbs by what they are for, as `--help` shows them; those of no group come last."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -60,22 +59,6 @@ def new_file(path: Path, force: bool = False) -> Path:
         raise InputError(f"{path} exists; it is not overwritten")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
-    return path
-
-
-def new_directory(path: Path) -> Path:
-    """`path`, once it is sure that it does not exist and can be created.
-
-    Raises
-    ------
-    InputError
-        It exists, its name is too long, or it has no directory to be in.
-    """
-    check_name(path)
-    if os.path.lexists(path):
-        raise InputError(f"{path} exists; name a directory that does not")
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: there is no directory {path.absolute().parent}")
     return path
 
 

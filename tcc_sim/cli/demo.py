@@ -10,7 +10,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import new_directory, number
+from tcc_sim.cli.arguments import number
+from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from tcc_sim.cli.arguments import new_directory
 from tcc_sim.cli.study import add_report_arguments, study
 from tcc_sim.errors import counted, require
+from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say
 
 

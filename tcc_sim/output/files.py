@@ -61,6 +61,22 @@ def replaceable(path: Path) -> bool:
     return True
 
 
+def new_directory(path: Path) -> Path:
+    """`path`, once it is sure that it does not exist and can be created.
+
+    Raises
+    ------
+    InputError
+        It exists, its name is too long, or it has no directory to be in.
+    """
+    check_name(path)
+    if os.path.lexists(path):
+        raise InputError(f"{path} exists; name a directory that does not")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.absolute().parent}")
+    return path
+
+
 @contextmanager
 def draft(path: Path) -> Iterator[Path]:
     """A path of the same name that takes the place of `path` when the `with` ends well and is removed otherwise.

@@ -16,6 +16,7 @@ from documents import valid
 from tcc_sim.basins import rows as basin_rows
 from tcc_sim.basins.compute import Axis, Basins
 from tcc_sim.basins.proximity import Attractor
+from tcc_sim.benchmarks import motions
 from tcc_sim.cli import main
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.closed_form import constant_load_limits
@@ -176,13 +177,13 @@ def given_basins() -> Basins:
     return Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0)
 
 
-def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     pytest.importorskip("matplotlib")
     data = {6: given_figure(6, "orbit", [given_curve()]), 19: given_chart(), 20: given_chart()}
     monkeypatch.setattr(figures, "figure_data", lambda number, options: data[number])
     monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
     folder = tmp_path / "motions"
-    assert main(["motions", "--quick", "--jobs", "1", "--out", str(folder)]) == 0
+    assert motions.main(["--quick", "--jobs", "1", "--out", str(folder)]) == 0
     page = (folder / "motions.md").read_text()
     pictures = re.findall(r"\((pictures/[a-z_]+\.png)\)", page)
     assert len(pictures) == 4
@@ -191,8 +192,8 @@ def test_the_verb_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) 
     for name in ("motions_branches", "motions_chart_mu_k", "motions_chart_psi"):
         assert valid("figure", json.loads((folder / f"{name}.json").read_text()))["curves"]
     assert valid("basins", json.loads((folder / "motions_basins.json").read_text()))["attractors"]
-    assert main(["motions", "--quick", "--out", str(folder)]) == 2
-    assert main(["motions", "--jobs", "0", "--out", str(tmp_path / "other")]) == 2
+    assert motions.main(["--quick", "--out", str(folder)]) == 2
+    assert motions.main(["--jobs", "0", "--out", str(tmp_path / "other")]) == 2
 
 
 def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
@@ -200,7 +201,7 @@ def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None
         raise KeyboardInterrupt
 
     monkeypatch.setattr(figures, "figure_data", interrupted)
-    assert main(["motions", "--jobs", "1", "--out", str(tmp_path / "motions")]) == 130
+    assert motions.main(["--jobs", "1", "--out", str(tmp_path / "motions")]) == 130
     assert not list(tmp_path.iterdir())
 
 

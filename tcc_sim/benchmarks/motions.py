@@ -1,31 +1,41 @@
-"""`tcc-sim motions`: the page on periodic motions: branches, charts and a basin, with what was found."""
+"""The page on periodic motions: branches, charts and a basin, with what was found.
+
+``python -m tcc_sim.benchmarks.motions`` writes it, its pictures and the JSON behind them; the branches are those of
+`tcc-sim figure --branches`, and AUTO-07p follows two of them beside (`branch_speed`).
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from tcc_sim.cli.arguments import new_directory
 from tcc_sim.errors import BasinsInterrupted, InputError, require
+from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say
 
+CELLS, QUICK_CELLS = 500, 60
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where the page goes, and how much it does."""
-    from pathlib import Path
 
+def main(words: Sequence[str] | None = None) -> int:
+    """Write the page; exit status 2 and one line for wrong input, 130 where it is interrupted."""
+    parser = argparse.ArgumentParser(prog="python -m tcc_sim.benchmarks.motions", description=__doc__)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("motions"),
                         help="new directory for motions.md, its pictures and the JSON behind them (default: motions)")
     parser.add_argument("--quick", action="store_true",
                         help="a quarter of the values, a basin of 60 by 60 cells, and no comparison with AUTO-07p")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+    given = list(sys.argv[1:] if words is None else words)
+    try:
+        return run(parser.parse_args(given), given)
+    except InputError as error:
+        sys.stderr.write(f"motions: {error}\n")
+        return 2
 
 
-CELLS, QUICK_CELLS = 500, 60
-
-
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace, words: list[str]) -> int:
     """Work out branches, charts and basin, and write the page and its pictures; nothing where it is interrupted."""
     folder = new_directory(arguments.out)
     if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
@@ -56,9 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
         found, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
         beside = [] if arguments.quick else page_lines(list(compared()))
     except (KeyboardInterrupt, BasinsInterrupted):
-        print("tcc-sim: interrupted; nothing is written", file=sys.stderr)
+        sys.stderr.write("motions: interrupted; nothing is written\n")
         return 130
-    _write(folder, branches, charts, found, arguments.words)
+    _write(folder, branches, charts, found, words)
     (folder / "motions.md").write_text(motions_page(branches, charts, found, beside), encoding="utf-8")
     say(repr(found))
     say(f"{folder}/motions.md, {folder}/pictures")
@@ -90,3 +100,7 @@ def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, An
         write_json(folder / f"{name}.json", document("figure", data, figure_system(number, FigureOptions()), words))
     draw_basins(pictures / f"{BASINS}.png", found)
     write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
