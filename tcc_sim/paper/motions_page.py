@@ -35,8 +35,8 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, bes
     beside : lines of the comparison with AUTO-07p
     """
     lines = ["# Periodic motions", "", *_summary(branches, charts, basins), "",
-             "This page is generated: `python -m tcc_sim.benchmarks.motions` writes it, its pictures, and all branches and curves by their "
-             "points as",
+             "This page is generated: `python -m tcc_sim.benchmarks.motions` writes it, its pictures, and all branches "
+             "and curves by their points as",
              "JSON. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing else is said. A sweep "
              "shows what one",
              "initial state leads to; branches show which motions there are, stable or not, and where each begins and "
