@@ -59,7 +59,8 @@ class Diagnostics:
             "sub-steps per tick": str(stepper.substeps), "iterations max": str(stepper.iterations_most),
             "iterations bound": str(stepper.iterations_bound)}
         for command in loop.commands:
-            values |= {f"{command.name} received": str(command.received),
+            values |= {f"{command.name} listeners": str(self._node.count_subscribers(command.name)),
+                       f"{command.name} received": str(command.received),
                        f"{command.name} refused": str(command.refused),
                        f"{command.name} last refusal": command.refusal,
                        f"{command.name} time-outs": str(command.timeouts),

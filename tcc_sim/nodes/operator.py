@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.duration import Duration
@@ -27,7 +28,7 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.nodes.context import Spinner
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.process import node_of_command
-from tcc_sim.nodes.qos import COMMANDS
+from tcc_sim.nodes.qos import COMMANDS, DIAGNOSTICS
 from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
@@ -39,6 +40,8 @@ LISTENED_FOR = 0.5
 """Real time, s, in which states are heard where there are any; a driveline that is paused has none."""
 SETTLED = 1.0
 """Real time, s, without a new subscriber, after which they count as complete."""
+MET_WITHIN = 10.0
+"""Real time, s, that those who are known to listen may take to be connected."""
 COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
 
 
@@ -111,8 +114,8 @@ class Operator:
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
-        self._until(settled(lambda: (publisher.get_subscription_count(), self._node.count_subscribers(row.name))),
-                    FOUND_WITHIN)
+        known = self._listeners(row.name)
+        self._until(settled(lambda: (publisher.get_subscription_count(), known())), MET_WITHIN)
         publisher.publish(data)
         self._until(lambda: heard or applied() == value, HEARD_WITHIN)
         # A recorder may be served later than the driveline.
@@ -143,6 +146,21 @@ class Operator:
             return float(np.frombuffer(data, cdr.JOINT_STATE)["engine_torque"][0])
 
         return newest
+
+    def _listeners(self, name: str) -> Callable[[], int]:
+        """Gives how many are known to subscribe to a command: here, and to the driveline, which has been there longer
+        and says it once a second. A recorder that has not met this node is missing here, and not there.
+        """
+        said: list[int] = []
+
+        def take(message: DiagnosticArray) -> None:
+            mine = (status for status in message.status if status.name == f"{self._driveline}: driveline")
+            said.extend(int(pair.value) for status in mine for pair in status.values if pair.key == f"{name} listeners")
+
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", take, DIAGNOSTICS)
+        if self._value("publish_diagnostics"):
+            self._until(lambda: said, FOUND_WITHIN)
+        return lambda: max([self._node.count_subscribers(name), *said[-1:]])
 
     def _is_the_driveline(self, logger: str) -> bool:
         """Whether a logger's name is that of the driveline talked to."""

@@ -16,6 +16,7 @@ from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 
@@ -74,6 +75,20 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
     assert "sub-steps" in said
     assert said.count("\n") == 1
     node.check()
+
+
+def test_single_commands_are_in_the_recording(control: Control, driveline: Callable[..., NodeProcess],
+                                              tmp_path: Path) -> None:
+    recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
+    try:
+        driveline(scene="commands", rate=50.0, wait_for_subscribers=1)
+        assert control("torque", "310")[0] == 0
+        assert control("pressure", "230000")[0] == 0
+    finally:
+        assert recorder.stop() == 0
+    found = tcc_sim.read(tmp_path / "run")
+    assert {name: command.value.tolist() for name, command in found.commands.items()} == {
+        "engine_torque": [310.0], "actuation_pressure": [230000.0]}
 
 
 def test_what_a_scene_does_not_take_is_said(control: Control, driveline: Callable[..., NodeProcess]) -> None:
