@@ -44,6 +44,8 @@ from tcc_sim.trajectory import Floats, event_sequence
 WHY = {LOST: "the state is not finite", DEGENERATE: "slip ends where its rate is 0 too",
        CROWDED: "too many events in one engine cycle"}
 EVENTS_PER_CYCLE = 1000
+FINER = 1e-2
+"""Tolerance of a step per that of a solve: derivatives want more digits than states."""
 SLOWEST = 1e-30
 """Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
 
@@ -56,7 +58,7 @@ class Prepared:
         numbers = key_derivatives(system, keys)
         terms = exact_terms(system, numbers)
         self.period, self.count = system.cycle, 3 + len(keys)
-        bounds, waves = exact_bounds(terms, system, rtol, numbers), waves_of(terms)
+        bounds, waves = exact_bounds(terms, system, FINER * rtol, numbers), waves_of(terms)
         rate, pressure = system.engine.frequency, system.pressure
         self.rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude,
                            bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()))
