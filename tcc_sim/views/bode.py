@@ -22,15 +22,8 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
 
     Parameters
     ----------
-    path : png, svg or pdf file
     found : what `linearise` gives
-    title : name of the scene
-    width : inch
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
+    path, title, width : as `style.figure` and `style.save` take them; the title is the scene's name
     """
     with style.figure(width, 0.62 * width) as drawn:
         gain, phase = drawn.subplots(2, 1, sharex=True)

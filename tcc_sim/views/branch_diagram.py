@@ -26,15 +26,8 @@ def branch_diagram(path: Path, found: Any, title: str = "", width: float = style
 
     Parameters
     ----------
-    path : png, svg or pdf file
     found : what `continuation` gives, or `continue --json`
-    title : name of the scene
-    width : inch
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
+    path, title, width : as `style.figure` and `style.save` take them; the title is the scene's name
     """
     values = style.values_of(found)
     curves = values.get("curves", [])

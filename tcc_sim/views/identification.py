@@ -18,15 +18,8 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
 
     Parameters
     ----------
-    path : png, svg or pdf file
     found : what `identify` gives
-    title : name of the scene
-    width : inch
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
+    path, title, width : as `style.figure` and `style.save` take them; the title is the scene's name
     """
     names = list(found.residuals)
     rows = len(names) + 2 + (found.likelihood is not None)
