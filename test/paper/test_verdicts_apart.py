@@ -155,3 +155,51 @@ def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict, m
         run = SimpleNamespace(t=t, slip_speed=mean + np.cos(t))
         monkeypatch.setattr(given, "last_cycles", lambda row, cycles, samples, run=run: run)
         assert series_claims.series_balance(given).verdict == expected
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(5e-4, CONFIRMED), (2e-3, NOT_CONFIRMED), (None, NOT_CONFIRMED)])
+def test_limits_of_stick_are_held_against_the_simulation(off, verdict, monkeypatch) -> None:  # type: ignore
+    monkeypatch.setattr(model, "end_of_stick", lambda row, low, high: None if off is None else 0.5 * (low + high) + off)
+    assert model.stick_limits(Given()).verdict == verdict
+    assert model.stick_limits_varying(Given()).verdict == verdict
+
+
+def test_a_positive_trend_slips_where_no_motion_sticks(monkeypatch) -> None:  # type: ignore
+    for stick, verdict in (((0.0, 0.0), CONFIRMED), ((0.0, 0.01), NOT_CONFIRMED)):
+        left = iter((0.0, *stick))
+
+        def run(system: Any, *, left=left, **how: Any) -> Any:  # type: ignore
+            one = np.full(50, next(left))
+            cycles = SimpleNamespace(stick_time=one, lowest=one, highest=one)
+            found = SimpleNamespace(final=None, cycles=type("Cycles", (), {"__getitem__": lambda self, k: cycles})())
+            found.raise_for_status = lambda: found
+            return found
+        monkeypatch.setattr(model, "solve", run)
+        assert model.positive_trend_slips(Given()).verdict == verdict
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(1e-3, CONFIRMED), (3e-3, NOT_CONFIRMED)])
+def test_the_critical_frequency_is_where_the_curves_cross(off, verdict) -> None:  # type: ignore
+    """Curves made up to cross beside sqrt(I2/(I1 + I2)), for every pair of inertias."""
+    def largest(row: Any, x: float, direction: str) -> Any:
+        i1, i2 = row.get("driveline.flywheel_inertia", 0.2), row.get("driveline.plate_inertia", 0.02)
+        place = (i2 / (i1 + i2)) ** 0.5 + off
+        ratio = x * OMEGA_N / (3000.0 / i2) ** 0.5
+        return record(50.0 + (1.0 if row["pressure.phase"] == 0.0 else -1.0) * (ratio - place))
+    assert model.critical_frequency(Given(largest)).verdict == verdict
+
+
+@pytest.mark.parametrize(("apart", "verdict"), [(0, CONFIRMED), (1, CONFIRMED), (5, DEPENDS), (40, NOT_CONFIRMED)])
+def test_a_period_shows_in_both_or_in_one(apart, verdict, monkeypatch) -> None:  # type: ignore
+    """Of 51 ratios so many have a maximum that alternates beside a section that does not."""
+    from tcc_sim.paper import claims_figure4
+
+    number = iter(range(1000))
+
+    def run(system: Any, **how: Any) -> Any:
+        turn = np.arange(650) % 2 if next(number) < apart else np.zeros(650)
+        found = SimpleNamespace(cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
+        found.raise_for_status = lambda: found
+        return found
+    monkeypatch.setattr(claims_figure4, "solve", run)
+    assert claims_figure4.shows_in_both(Given()).verdict == verdict
