@@ -111,10 +111,11 @@ class DrivelineMap:
                      state=State(float(x[0]), float(x[1]), float(x[2]))).raise_for_status()
 
     def cycles_from_start(self, values: Values, count: int) -> Cycles:
-        """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map, for
-        what is found from them depends on the side of a border on which they end.
+        """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map,
+        for what is found from them depends on the side of a border on which they end.
         """
-        cycles = solve(self.system_at(values), cycles=count, rtol=RTOL if self.piecewise else None).raise_for_status().cycles
+        rtol = RTOL if self.piecewise else None
+        cycles = solve(self.system_at(values), cycles=count, rtol=rtol).raise_for_status().cycles
         assert cycles is not None
         return cycles
 

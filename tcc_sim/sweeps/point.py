@@ -25,8 +25,8 @@ SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_
 """Keys of `simulate --json` that a sweep has per value."""
 MAY_BE_NAN = ("section_change", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque")
 SWEPT = 1e-6
-"""Relative tolerance of a sweep that is given none: sections are good to that (4e-8, set-valued 2e-7 on fig02), and over the
-curves of Figs. 4 to 18, 57 values each, the period is that at 1e-10 in all but three of 1938 points."""
+"""Relative tolerance of a sweep that is given none: sections are good to that (fig02: 4e-8, set-valued 2e-7), and over
+the curves of Figs. 4 to 18, 57 values each, the period is that at 1e-10 in all but three of 1995 points."""
 PHASES_TRIED = 1000
 """Engine cycles among which one is looked for whose phase of the load is that of the neighbour's end."""
 NONE = np.empty(0)
