@@ -13,6 +13,7 @@ import numpy as np
 from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept, spans_of, varying
 from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
 from tcc_sim.trajectory import Cycles, Floats, Trajectory
 
@@ -183,6 +184,15 @@ def slip_grows(cycles: Cycles) -> bool:
     speed = (cycles.section[1:, 0] + cycles.section[1:, 2])[len(slips) - 3 * width:]
     early, middle, late = (math.copysign(1.0, low[-1]) * speed.reshape(3, width).mean(axis=1)).tolist()
     return bool(middle - early > TOLERANCE * late and late - middle > 0.5 * (middle - early))
+
+
+def runaway_cause(system: System) -> str:
+    """Why slip grows, as far as torques tell; wrong units, such as a pressure of 2.6, show here."""
+    torque, carried = system.engine.mean_torque, system.saturation_mean
+    if abs(torque) <= carried:
+        return f"the clutch carries {carried:.6g} N m in slip, but not at the instants at which the engine asks for it"
+    return (f"mean torque {torque:.6g} N m exceeds what the clutch carries in slip, {carried:.6g} N m at a mean "
+            f"pressure of {system.pressure.mean:.6g} Pa")
 
 
 def summarise_samples(trajectory: Trajectory) -> Summary:

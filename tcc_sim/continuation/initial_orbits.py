@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
-from tcc_sim.analysis.summary import slip_grows
+from tcc_sim.analysis.summary import runaway_cause, slip_grows
 from tcc_sim.continuation.branch import Branch, Origin
 from tcc_sim.continuation.diagram import point_of
 from tcc_sim.continuation.driveline import DrivelineMap
@@ -87,20 +87,24 @@ def _settled(map_: DrivelineMap, value: float, counts: Sequence[int]) -> tuple[C
 def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycles: Cycles, period: int | None,
                    wanted: Sequence[int]) -> str:
     """Why no branch is begun at a value, and where one may begin instead."""
-    if slip_grows(cycles):
-        why = (f"slip grows without end at {span.name} = {value:.9g}: the mean engine torque exceeds what the clutch "
-               "holds")
+    away = slip_grows(cycles)
+    if away:
+        why = f"slip grows without end at {span.name} = {value:.9g}: {runaway_cause(map_.system_at((value,)))}"
     else:
         named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
         why = (f"no motion {named} was found near the settled one, from the {GUESSES} of its section points that come "
                "back closest")
     for other in sorted(np.linspace(span.low, span.high, ELSEWHERE).tolist(), key=lambda x: abs(x - value)):
         try:
-            own = _settled(map_, other, SETTLING[:1])[1]
+            found, own = _settled(map_, other, SETTLING[:1])
         except FAILURES:
             continue
         if own and (period is None or own == period):
             return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {own}"
+        away &= slip_grows(found)
+    if away:
+        return (f"{why}; it grows at {ELSEWHERE} values of the range too: give another pressure.mean or "
+                "engine.mean_torque")
     return (f"{why}; nor does it settle in a period at {ELSEWHERE} values of the range: begin with another --period, "
             "or with --seeds of basins")
 

@@ -7,9 +7,8 @@ import math
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
-from tcc_sim.model.parameters import System
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.simulation import Simulation
 
@@ -77,15 +76,6 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"
     out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
     return out
-
-
-def runaway_cause(system: System) -> str:
-    """Why slip grows, as far as torques tell; wrong units, such as a pressure of 2.6, show here."""
-    torque, carried = system.engine.mean_torque, system.saturation_mean
-    if abs(torque) <= carried:
-        return f"the clutch carries {carried:.6g} N m in slip, but not at the instants at which the engine asks for it"
-    return (f"mean torque {torque:.6g} N m exceeds what the clutch carries in slip, {carried:.6g} N m at a mean "
-            f"pressure of {system.pressure.mean:.6g} Pa")
 
 
 def damping_row(found: Damping) -> tuple[str, str]:

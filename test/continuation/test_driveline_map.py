@@ -196,6 +196,13 @@ def test_where_slip_runs_away_it_is_said_where_to_begin_instead() -> None:
         continue_motions(system, ContinuationPlan(MU_K, 0.19, 0.29))
 
 
+def test_where_slip_runs_away_everywhere_the_torques_are_said() -> None:
+    system = replace(load_scene("fig02").system, {**RUNNING_AWAY, "pressure.mean": 2.6})
+    words = r"mean torque 300 N m exceeds what the clutch carries in slip, 0\.004992 N m .* 9 values of the range too"
+    with pytest.raises(NumericalFailure, match=words):
+        continue_motions(system, ContinuationPlan("engine.frequency", 100.0, 160.0))
+
+
 def test_a_family_of_pure_slip_is_refused() -> None:
     system = replace(load_scene("slip").system, {"friction.kinetic_coefficient": 0.3})
     mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)
