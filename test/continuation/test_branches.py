@@ -53,6 +53,20 @@ def test_fold_and_doubling_of_the_henon_map() -> None:
     assert stable == [-0.35 < s.orbit.section[0] < 0.35 for s in branch.points]
 
 
+def test_a_branch_begins_towards_growing_parameters() -> None:
+    """Whichever way the null vector of the Jacobian points: for one in twelve linear maps of the plane the other way."""
+    random = np.random.default_rng(0)
+    for _ in range(40):
+        slopes = random.normal(size=(2, 3))
+
+        def linear(x, p, slopes=slopes):
+            return x + slopes @ [*x, p[0]], np.eye(2) + slopes[:, :2], slopes[:, 2:]
+
+        shooting = Shooting.single(TextbookMap(linear, 2), 1, ParameterRange(-1.0, 1.0, name="p"))
+        first = first_point(shooting, shooting.unknowns(np.zeros((1, 2)), (0.0,)))
+        assert first.solution.tangent[shooting.size] > 0.0
+
+
 def test_neimark_sacker_of_the_delayed_logistic_map() -> None:
     branch = branch_of(delayed_logistic, 2, 1.1, 2.6, 1.5, [0.3, 0.3])
     assert kinds(branch) == ["neimark_sacker"]

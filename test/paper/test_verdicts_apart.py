@@ -17,7 +17,7 @@ from tcc_sim.paper import claims_series as series_claims
 from tcc_sim.paper import claims_varying_load as varying
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
-from tcc_sim.paper.evidence import KINETIC, Evidence
+from tcc_sim.paper.evidence import FAILED, KINETIC, Evidence
 
 
 def dampings(cf: Callable[[float], float], changes: bool) -> Callable[..., Any]:
@@ -112,6 +112,14 @@ def test_a_transient_of_slip_is_stick_once_it_has_settled():  # type: ignore
         stuck = replace(alone.points[0].summary, settled=settled, regime="stick-slip")
         said = replace(alone, points=[replace(alone.points[0], summary=stuck)])
         assert kept.slips(said).tolist() == [settled]
+
+
+def test_a_point_that_failed_is_none_and_never_slips() -> None:
+    kept = Evidence(1e-9, 1)
+    sweep = Given().curves([FIGURES[14].series[0].values], np.array([0.13, 0.16]))[0]
+    failed = replace(sweep, points=[None, replace(sweep.points[1], summary=None)])
+    assert kept.periods(failed).tolist() == [FAILED, FAILED]
+    assert kept.slips(failed).tolist() == [False, False]
 
 
 def test_damping_falls_where_every_curve_is_below_the_last() -> None:
