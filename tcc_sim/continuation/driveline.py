@@ -50,6 +50,8 @@ class DrivelineMap:
         self._made: tuple[Values, System] | None = None
         self._prepared: tuple[Values, Prepared] | None = None
         self._last: tuple[Any, Stroboscopic] | None = None
+        if self.piecewise:
+            prepared(system, self.keys, RTOL)  # What has no derivatives is refused before it is followed.
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""

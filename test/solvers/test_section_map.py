@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from tcc_sim.continuation.motions import ContinuationPlan, check
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers import solve
@@ -176,3 +177,18 @@ def test_heights_have_the_derivatives_of_their_values(name):
 def test_keys_without_a_derivative():
     with pytest.raises(InputError, match="continuously"):
         stroboscopic_map(BASE, START, 1, parameters=("pressure.frequency_ratio",))
+
+
+def test_a_damper_too_stiff_for_derivatives_is_refused_with_the_reason():
+    """Stiff arcs step over what decays at C23/I2; derivatives do not, and 1e5 of their steps would make a hundredth of
+    a cycle. At a thousandth of that rate they are those of the motion all the same.
+    """
+    light = {"friction.law": "set_valued", "driveline.damping": 1e4, "driveline.plate_inertia": 1e-5}
+    with pytest.raises(InputError, match=r"driveline.damping is 10000 N m s/rad.* more than \d+ steps a cycle"):
+        stroboscopic_map(replace(System(), light), np.array([5.0, 0.1, 0.0]), 1)
+    with pytest.raises(InputError, match="driveline.damping is 10000"):
+        check(replace(System(), light), ContinuationPlan("engine.mean_torque", 299.0, 301.0))
+    system = replace(System(), {**light, "driveline.damping": 10.0})
+    found = stroboscopic_map(system, np.array([5.0, 0.1, 0.0]), 1)
+    run = solve(system, cycles=1, state=State(5.0, 0.1, 0.0))
+    assert found.state[0] == pytest.approx(run.final.slip_speed, rel=1e-9)

@@ -33,7 +33,7 @@ from tcc_sim.solvers.event_driven.step import FALLING_ORDER, SHAPE, Step, monoto
 from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.terms import Terms
 
-ARRIVED, LOST, DEGENERATE, CROWDED = range(4)
+ARRIVED, LOST, DEGENERATE, CROWDED, SLOW = range(5)
 """How the loop ends: at the end; where the state is not finite; where slip ends with v' = 0; after too many events."""
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
@@ -147,8 +147,10 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
         while True:
             step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
             steps += 1
-            if not step.x >= 0.0 or steps > bounds.steps * total:
+            if not step.x >= 0.0:
                 return LOST
+            if steps > bounds.steps * total:
+                return SLOW
             length = step.x * step.unit
             falls = False
             if terms.stribeck is not None:

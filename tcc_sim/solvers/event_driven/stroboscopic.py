@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tcc_sim.errors import NumericalFailure
+from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.event_driven.integrate import UNKNOWN, Setup
 from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
@@ -22,6 +22,7 @@ from tcc_sim.solvers.event_driven.sensitivity_integrate import (
     CROWDED,
     DEGENERATE,
     LOST,
+    SLOW,
     Disturbed,
     integrate_disturbed,
 )
@@ -41,11 +42,14 @@ from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
-WHY = {LOST: "the state is not finite", DEGENERATE: "slip ends where its rate is 0 too",
+WHY = {LOST: "the state is not finite", SLOW: "its derivatives take too many steps in one engine cycle",
+       DEGENERATE: "slip ends where its rate is 0 too",
        CROWDED: "too many events in one engine cycle"}
 EVENTS_PER_CYCLE = 1000
 FINER = 1e-2
 """Tolerance of a step per that of a solve: derivatives want more digits than states."""
+REACH = 10.0
+"""Most that a step with derivatives is long, per time in which the fastest part dies down."""
 SLOWEST = 1e-30
 """Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
 
@@ -59,6 +63,11 @@ class Prepared:
         terms = exact_terms(system, numbers)
         self.period, self.count = system.cycle, 3 + len(keys)
         bounds, waves = exact_bounds(terms, system, FINER * rtol, numbers), waves_of(terms)
+        if bounds.stiff_slip and bounds.slip_rate * bounds.period > REACH * bounds.steps:
+            raise InputError(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over "
+                             f"driveline.plate_inertia it decays at {bounds.slip_rate:.3g} 1/s, and the derivatives of "
+                             f"the set-valued motion, which follow that decay, take more than {bounds.steps} steps a "
+                             "cycle; those of friction.law smoothed step over it")
         rate, pressure = system.engine.frequency, system.pressure
         self.rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude,
                            bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()))
