@@ -126,7 +126,8 @@ def _chart(data: Data) -> list[str]:
         lines.append(f"| {escape(name)} | {len(curves)} | " + " | ".join(
             f"{min(span):.4f} to {max(span):.4f}" for span in spans) + " |")
     ends = Counter(ENDINGS.get(reason, LOST) for curve in data["curves"] for reason in curve["reasons"])
-    special = Counter(point["kind"].replace("_", " ") for curve in data["curves"] for point in curve.get("special", []))
+    special = Counter(point["kind"].replace("_1_", " 1:").replace("_", " ") for curve in data["curves"]
+                      for point in curve.get("special", []))
     lines += ["", "Ends: " + ", ".join(f"{n} {words}" for words, n in ends.most_common()) + "."]
     if special:
         lines.append("Points of codimension two: " + ", ".join(f"{n} {kind}" for kind, n in special.most_common())
