@@ -54,7 +54,7 @@ def test_fold_and_doubling_of_the_henon_map() -> None:
 
 
 def test_a_branch_begins_towards_growing_parameters() -> None:
-    """Whichever way the null vector of the Jacobian points: for one in twelve linear maps of the plane the other way."""
+    """Whichever way the Jacobian's null vector points: for one in twelve linear maps of the plane the other way."""
     random = np.random.default_rng(0)
     for _ in range(40):
         slopes = random.normal(size=(2, 3))
