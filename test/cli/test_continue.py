@@ -21,7 +21,7 @@ def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
     assert (found["over"], found["law"], found["bifurcations"]) == ("engine.mean_torque", "set_valued", [])
     assert found["scene"]["friction.law"] == "set_valued"
     (branch,) = found["branches"]
-    assert {"period", "origin", "ended", "closed", "residual", *ORBIT_KEYS} == set(branch)
+    assert {"period", "origin", "ended", "reasons", "closed", "residual", *ORBIT_KEYS} == set(branch)
     assert (branch["period"], branch["origin"], branch["closed"]) == (1, "start", False)
     assert len({len(branch[k]) for k in ORBIT_KEYS}) == 1
     assert sorted([branch["value"][0], branch["value"][-1]]) == [295.0, 305.0]
