@@ -154,17 +154,17 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
             found = fit(model, levels, values, settings, tick=tick)
         except (NumericalFailure, RuntimeError):   # RuntimeError: SciPy met a singular matrix.
             continue
-        if best is None or found.chi2 < best.chi2:
+        if best is None or (found.gap > gates.gap, found.chi2) < (best.gap > gates.gap, best.chi2):
             best = found
-        if best.chi2 < limit:
+        if found.chi2 < limit and found.gap <= gates.gap:
             break
     if best is None:
         raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
-    if limit == gates.estimated and best.chi2 < limit:   # The residuals tell the noise better than the signal did.
+    if limit == gates.estimated and best.chi2 < limit and best.gap <= gates.gap:   # The residuals tell the noise better than the signal did.
         levels = {name: max(float(np.sqrt(np.mean(column**2))), EXACT * float(np.abs(measured.channels[name]).max()))
                   for name, column in best.residuals.items()}
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
-    accepted = best.chi2 < limit
+    accepted = best.chi2 < limit and best.gap <= gates.gap
     why = "" if accepted else why_not(best, model, begin, levels, limit, gates)
     errors = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     correlations = best.covariance / np.outer(errors, errors)

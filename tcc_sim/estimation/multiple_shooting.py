@@ -64,7 +64,7 @@ class Settings:
 
     stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
                                  Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
-                                 Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 30))
+                                 Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
     layer: float = 0.03
     joined: float = 1e3
     stuck: float = 4.0
@@ -82,6 +82,7 @@ class Fit:
     width : samples of a window
     residuals : by channel (n,), in its unit
     chi2 : sum of squared residuals over the noise, a degree of freedom
+    gap : largest gap between windows, by the root of its weight: above some units the windows are not one motion
     iterations : in all
     """
 
@@ -91,6 +92,7 @@ class Fit:
     width: int
     residuals: dict[str, Floats]
     chi2: float
+    gap: float
     iterations: int
 
 
@@ -279,11 +281,12 @@ class Shooting:
         found = sweep(self.model, starts, self.width, values, self.model.substeps(values))
         rows = self._rows(found.states, starts, weight)
         scale = np.where(self.logarithmic, values, 1.0)
-        covariance = self._normal(rows, found, values, weight, math.inf).solved(0.0)[2] * np.outer(scale, scale)
+        covariance = self._normal(rows, found, values, weight, math.inf).covariance() * np.outer(scale, scale)
         fitted = self._fitted(found.states).reshape(-1, len(self.channels))
         return Fit(values, covariance, starts, self.width,
                    {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
-                   float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1), iterations)
+                   float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1),
+                   float(np.abs(rows[:, -4:-1]).max()), iterations)
 
 
 class Normal(NamedTuple):
@@ -328,3 +331,18 @@ class Normal(NamedTuple):
         by_key = -covariance @ (self.slope_by_key - both[:, size])
         by_start = -found[:, size] - found[:, :size] @ by_key
         return by_start.reshape(m, 3), by_key, 0.5 * (covariance + covariance.T)
+
+    def covariance(self) -> Floats:
+        """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
+
+        Raises
+        ------
+        NumericalFailure
+            The equations are singular.
+        """
+        for damping in (0.0, 1e-13, 1e-11, 1e-9):
+            try:
+                return self.solved(damping)[2]
+            except np.linalg.LinAlgError:
+                continue
+        raise NumericalFailure("the parameters' covariance cannot be worked out")

@@ -23,6 +23,7 @@ class Gates:
     """What a fit must keep to count as one, and a parameter to count as identified.
 
     known, estimated : largest chi-square a degree of freedom, where the noise was given, and where it was estimated
+    gap : largest gap between windows, see `multiple_shooting.Fit`
     relative : largest standard error of an identified parameter, relative to its value
     correlated : largest correlation with another free parameter of an identified one
     starts : fits that are tried, the first from the given values, the others from a Sobol set around them
@@ -32,6 +33,7 @@ class Gates:
 
     known: float = 1.2
     estimated: float = 1.5
+    gap: float = 4.0
     relative: float = 0.15
     correlated: float = 0.99
     starts: int = 5
@@ -105,6 +107,9 @@ def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:
 
 def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float, gates: Gates) -> str:
     """What speaks against a fit, in sentences."""
+    if found.chi2 < limit:
+        return ("the windows fit, but do not join to one motion: a fit that did not converge; try other starts, or a part "
+                "of the measurement.")
     out = (f"chi-square a degree of freedom is {found.chi2:.3g}, above {limit:g}: the scene does not explain the "
            "measurement.")
     rest = model.system.engine.mean_torque / model.system.driveline.stiffness
