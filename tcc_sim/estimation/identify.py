@@ -160,11 +160,12 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
             break
     if best is None:
         raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
-    if limit == gates.estimated and best.chi2 < limit and best.gap <= gates.gap:   # The residuals tell the noise better than the signal did.
+    joined = best.gap <= gates.gap
+    if limit == gates.estimated and best.chi2 < limit and joined:   # Residuals tell the noise better than the signal.
         levels = {name: max(float(np.sqrt(np.mean(column**2))), EXACT * float(np.abs(measured.channels[name]).max()))
                   for name, column in best.residuals.items()}
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
-    accepted = best.chi2 < limit and best.gap <= gates.gap
+    accepted = best.chi2 < limit and joined
     why = "" if accepted else why_not(best, model, begin, levels, limit, gates)
     errors = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     correlations = best.covariance / np.outer(errors, errors)

@@ -108,8 +108,8 @@ def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:
 def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float, gates: Gates) -> str:
     """What speaks against a fit, in sentences."""
     if found.chi2 < limit:
-        return ("the windows fit, but do not join to one motion: a fit that did not converge; try other starts, or a part "
-                "of the measurement.")
+        return ("the windows fit, but do not join to one motion: a fit that did not converge; try other starts, or a "
+                "part of the measurement.")
     out = (f"chi-square a degree of freedom is {found.chi2:.3g}, above {limit:g}: the scene does not explain the "
            "measurement.")
     rest = model.system.engine.mean_torque / model.system.driveline.stiffness
