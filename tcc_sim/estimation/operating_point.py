@@ -60,6 +60,13 @@ class Part(NamedTuple):
     by_input: Floats
 
 
+class Carried(NamedTuple):
+    """Derivatives of the states between the parts from the start of the motion on, (n + 1, 3, 3) and (n + 1, 3, 2)."""
+
+    by_state: Floats
+    by_input: Floats
+
+
 @dataclass(frozen=True)
 class Constant:
     """A motion that does not change: constant slip, or stick.
@@ -81,6 +88,7 @@ class Periodic:
 
     period : engine cycles
     parts : in order, over the whole period
+    carried : derivatives of the states between them
     mean_slip : rad/s
     stick : whether some part of it is in stick
     """
@@ -88,6 +96,7 @@ class Periodic:
     system: System
     period: int
     parts: list[Part]
+    carried: Carried
     mean_slip: float
     stick: bool
 
@@ -205,20 +214,17 @@ def _closed(system: System, period: int, state: Floats, slip: float | None, sett
         try:
             if not 0.0 < load <= 1e7:
                 raise NumericalFailure("the pressure is out of its range")
-            motion = _parts(replace(system, {PRESSURE: load}), period, trial, settings)
-            parts, end, weights = motion
-            carried = _carried(parts)
-            residual = np.append((end - trial) / SCALES, 0.0)
-            if slip is not None:
-                residual[3] = (float(weights @ [p.state[0] for p in parts]) - slip) / SCALES[0]
+            parts, end = _parts(replace(system, {PRESSURE: load}), period, trial, settings)
+            carried, weights = _carried(parts), simpson(len(parts))
+            mean = float(weights @ [*(p.state[0] for p in parts), end[0]])
+            residual = np.append((end - trial) / SCALES, 0.0 if slip is None else (mean - slip) / SCALES[0])
             norm = float(np.abs(residual).max())
         except NumericalFailure:
             norm = math.inf
         if norm < settings.closed:
-            mean = float(weights @ [p.state[0] for p in parts])
             stuck = stick_speed_of(terms_of(system))
             stick = any(abs(p.state[0]) <= stuck for p in parts)
-            return Periodic(replace(system, {PRESSURE: load}), period, parts, mean, stick)
+            return Periodic(replace(system, {PRESSURE: load}), period, parts, carried, mean, stick)
         if norm >= least:
             damping *= 0.5
             if damping < 1e-4:
@@ -229,8 +235,8 @@ def _closed(system: System, period: int, state: Floats, slip: float | None, sett
         jacobian[:3, :3] = (carried.by_state[-1] - np.eye(3)) / SCALES[:, None]
         jacobian[:3, 3] = carried.by_input[-1][:, 0] / SCALES
         if slip is not None:
-            jacobian[3, :3] = weights @ carried.by_state[:-1, 0] / SCALES[0]
-            jacobian[3, 3] = weights @ carried.by_input[:-1, 0, 0] / SCALES[0]
+            jacobian[3, :3] = weights @ carried.by_state[:, 0] / SCALES[0]
+            jacobian[3, 3] = weights @ carried.by_input[:, 0, 0] / SCALES[0]
         sizes = np.append(SCALES, size)
         rows = 4 if slip is not None else 3
         step = np.zeros(4)
@@ -245,13 +251,6 @@ def _pressure_size(system: System) -> float:
     return max(abs(system.engine.mean_torque) / system.torque_per_pressure, 1e3)
 
 
-class Carried(NamedTuple):
-    """Derivatives of the states between the parts from the start of the motion on, (n + 1, 3, 3) and (n + 1, 3, 2)."""
-
-    by_state: Floats
-    by_input: Floats
-
-
 def _carried(parts: list[Part]) -> Carried:
     """Derivatives of every part's start, and of the end, by the start of the motion and by the inputs."""
     by_state, by_input = [np.eye(3)], [np.zeros((3, 2))]
@@ -261,8 +260,8 @@ def _carried(parts: list[Part]) -> Carried:
     return Carried(np.array(by_state), np.array(by_input))
 
 
-def _parts(system: System, period: int, state: Floats, settings: Settings) -> tuple[list[Part], Floats, Floats]:
-    """The parts from `state` on, the state at their end, and Simpson's weights of their starts."""
+def _parts(system: System, period: int, state: Floats, settings: Settings) -> tuple[list[Part], Floats]:
+    """The parts from `state` on, and the state at their end."""
     of = prepared(system, (PRESSURE, TORQUE), settings.rtol)
     parts, count = [], settings.parts
     for cycle in range(period):
@@ -272,8 +271,14 @@ def _parts(system: System, period: int, state: Floats, settings: Settings) -> tu
                 raise NumericalFailure("the state is not finite")
             parts.append(Part(state, found.derivative, found.by_parameter))
             state = found.state
-    weights = np.where(np.arange(len(parts)) % 2 == 1, 4.0, 2.0) / (3.0 * len(parts))
-    return parts, state, weights
+    return parts, state
+
+
+def simpson(parts: int) -> Floats:
+    """(parts + 1,) weights of Simpson's rule for a mean over an even number of parts."""
+    weights = np.where(np.arange(parts + 1) % 2 == 1, 4.0, 2.0)
+    weights[[0, -1]] = 1.0
+    return weights / (3.0 * parts)
 
 
 def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
@@ -281,14 +286,10 @@ def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
 
     Rows: slip speed, plate angle, plate speed.
     """
-    carried = _carried(motion.parts)
-    n = len(motion.parts)
-    weights = np.where(np.arange(n + 1) % 2 == 1, 4.0, 2.0) / (3.0 * n)
-    weights[0] = weights[-1] = 1.0 / (3.0 * n)
+    weights, carried = simpson(len(motion.parts)), motion.carried
     return np.tensordot(weights, carried.by_state, 1), np.tensordot(weights, carried.by_input, 1)
 
 
 def whole(motion: Periodic) -> tuple[Floats, Floats]:
     """Derivative of the state after the period by that before, (3, 3), and by the inputs, (3, 2)."""
-    carried = _carried(motion.parts)
-    return carried.by_state[-1], carried.by_input[-1]
+    return motion.carried.by_state[-1], motion.carried.by_input[-1]

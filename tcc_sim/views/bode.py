@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.views import style
 
-UNITS = {"actuation_pressure": "Pa", "engine_torque": "N m", "slip_speed": "rad/s", "friction_torque": "N m",
-         "shaft_torque": "N m"}
-
+UNITS = INPUTS | OUTPUTS
 SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
                              "markersize": 5.0}
 """The look of points found by simulation."""
