@@ -17,13 +17,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
 from tcc_sim.errors import NumericalFailure
+from tcc_sim.estimation.normal_equations import Normal
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, Swept, states_of, sweep
 from tcc_sim.trajectory import Floats
 
@@ -287,62 +286,3 @@ class Shooting:
                    {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
                    float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1),
                    float(np.abs(rows[:, -4:-1]).max()), iterations)
-
-
-class Normal(NamedTuple):
-    """Normal equations of m windows, each of which knows its own start, the next one's, and the P parameters.
-
-    own : (m, 3, 3) of the starts
-    following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
-    border : (m, 3, P) of the starts and the parameters
-    corner : (P, P) of the parameters
-    slope, slope_by_key : (m, 3), (P,) right-hand sides
-    """
-
-    own: Floats
-    following: Floats
-    border: Floats
-    corner: Floats
-    slope: Floats
-    slope_by_key: Floats
-
-    def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The equations are singular.
-        """
-        m, size = len(self.own), len(self.corner)
-        banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
-        for i in range(3):
-            for j in range(3):
-                if j >= i:
-                    banded[5 + i - j, j::3] = self.own[:, i, j]
-                banded[2 + i - j, 3 + j::3] = self.following[:, i, j]
-        banded[5] *= 1.0 + damping
-        banded[5] += 1e-300
-        right = np.concatenate([self.border.reshape(3 * m, size), self.slope.reshape(3 * m, 1)], axis=1)
-        found = solveh_banded(banded, right)
-        corner = self.corner + damping * np.diag(np.diag(self.corner))
-        both = right[:, :size].T @ found
-        covariance = np.linalg.inv(corner - both[:, :size])
-        by_key = -covariance @ (self.slope_by_key - both[:, size])
-        by_start = -found[:, size] - found[:, :size] @ by_key
-        return by_start.reshape(m, 3), by_key, 0.5 * (covariance + covariance.T)
-
-    def covariance(self) -> Floats:
-        """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
-
-        Raises
-        ------
-        NumericalFailure
-            The equations are singular.
-        """
-        for damping in (0.0, 1e-13, 1e-11, 1e-9):
-            try:
-                return self.solved(damping)[2]
-            except np.linalg.LinAlgError:
-                continue
-        raise NumericalFailure("the parameters' covariance cannot be worked out")
