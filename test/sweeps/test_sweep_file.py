@@ -67,7 +67,7 @@ HOSTILE = {
     "no cycle": lambda x: without(x, "final_cycle"),
     "words for numbers": lambda x: signed(body_of(x).replace('"period": ', '"period": "many", "was": ')),
     "another curve": lambda x: signed(body_of(x).replace('"curve": 0', '"curve": 7')),
-    "below 0": lambda x: signed(body_of(x).replace('"index": ', '"index": -')),
+    "below 0": lambda x: signed(body_of(x).replace('"index": ', '"index": -1')),
     "a flipped digit": lambda x: x.replace(b'"stick_fraction": 0', b'"stick_fraction": 1'),
     "no checksum": lambda x: body_of(x).encode() + b"\n",
     "not utf-8": lambda x: b"\xff\xfe" + x,
