@@ -196,7 +196,7 @@ class Stepper:
         """Compile and run the kernel once for each kind of terms, without touching the state."""
         for terms in (self.terms, *variants):
             advance(self.state.copy(), 0.0, self.step, 1, terms, True, None)
-            self._torques(terms, 0.0, 0.0)
+            engine_and_friction(0.0, 0.0, terms)
 
     def advance(self) -> None:
         """One tick."""
@@ -208,14 +208,14 @@ class Stepper:
 
     def torques(self) -> tuple[float, float]:
         """Engine torque and friction torque now, N m."""
-        return self._torques(self.terms, self.tick * self.step, float(self.state[0]))
+        return engine_and_friction(self.tick * self.step, float(self.state[0]), self.terms)
 
-    @staticmethod
-    def _torques(terms: Terms, t: float, v: float) -> tuple[float, float]:
-        """Engine and friction torque at time t and slip speed v."""
-        assert terms.smoothing is not None
-        engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
-        return float(engine), float(load * smoothed(v, terms.smoothing, terms.stribeck))
+
+@compiled
+def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]:
+    """Engine and friction torque at time t and slip speed v, N m, in one call."""
+    engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
+    return engine, load * smoothed(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
 
 
 @compiled
