@@ -171,6 +171,12 @@ def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) ->
         check(system, plan)
 
 
+@pytest.mark.parametrize("ends", [(0.2, 0.2), (0.3, 0.2)])
+def test_a_plan_goes_from_a_lower_value_to_a_higher_one(ends: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match="the two must differ"):
+        ContinuationPlan(MU_K, *ends)
+
+
 def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> None:
     system = replace(load_scene("fig02").system, {"friction.smoothing": 1e4, "friction.decay": 0.02})
     (branch,) = continue_motions(system, ContinuationPlan("friction.decay", 0.0, 0.03)).branches
