@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,12 +14,12 @@ from scipy.integrate import solve_ivp
 
 import tcc_sim
 from tcc_sim import cli
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_table
-from tcc_sim.estimation.multiple_shooting import Settings, fit
-from tcc_sim.estimation.verdicts import Gates
-from tcc_sim.estimation.windows import Model
+from tcc_sim.estimation.multiple_shooting import Fit, Settings, fit
+from tcc_sim.estimation.verdicts import Gates, judged
+from tcc_sim.estimation.windows import NEAR_ONE, Model
 from tcc_sim.scene import load_scene
 
 KEYS = {"friction.static_coefficient": 0.3, "friction.kinetic_coefficient": 0.24, "driveline.damping": 0.6,
@@ -195,6 +196,56 @@ def test_what_cannot_be_identified_is_said() -> None:
                          ({"driveline.stiffness": -1.0}, "driveline.stiffness is -1"), ({}, "no key is free")):
         with pytest.raises(InputError, match=words):
             identify(data, wrong, scene=FIG02)
+
+
+def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
+    data, noise = measured(1, 0.3)
+    free = {"driveline.stiffness": 3010.0, "driveline.damping": 0.61}
+    found = identify(data, free, scene=FIG02, noise=noise, likelihood="driveline.stiffness", gates=ONCE)
+    assert found.likelihood is not None
+    values, excess = found.likelihood.values, found.likelihood.excess
+    samples = sum(map(len, found.residuals.values()))
+    for k in (1, 8):
+        held = FIG02.with_values({"driveline.stiffness": float(values[k])})
+        by_hand = identify(data, {"driveline.damping": 0.61}, scene=held, noise=noise, gates=replace(ONCE, known=9.0))
+        rise = by_hand.chi2_per_dof * (samples - 4) - found.chi2_per_dof * (samples - 5)
+        assert excess[k] == pytest.approx(rise, abs=0.05)
+        # And that of a parabola: k is (k - 6)/2 standard errors from the best value.
+        assert excess[k] == pytest.approx((0.5 * (k - 6)) ** 2, rel=0.2, abs=0.1)
+
+
+def test_verdicts() -> None:
+    """At a bound, told, and not told because of another parameter, by the numbers of a fit."""
+    keys, none = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"), np.zeros(3)
+    values, errors = np.array([0.24 * NEAR_ONE, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
+    fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), 1, {}, 1.0, 0.0, 1)
+    alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
+    told = [judged(keys, i, none[i], fitted, errors, alone, True, Gates()) for i in range(3)]
+    assert [p.verdict for p in told] == ["at its bound", "at its bound", "identified"]
+    damping = judged(keys, 2, 0.6, fitted, errors, together, True, Gates())
+    assert damping.verdict == "not identifiable"
+    assert "friction.kinetic_coefficient (correlation -0.995)" in damping.why
+    wide = judged(keys, 2, 0.6, fitted, 20.0 * errors, alone, True, Gates())
+    assert (wide.verdict, wide.high - wide.low) == ("not identifiable", pytest.approx(2.0 * 1.96 * 0.2, rel=1e-3))
+
+
+def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first two fits fail; the third one begins elsewhere, within the spread, and is taken."""
+    data, noise = measured(2, 0.3)
+    begun: list[float] = []
+
+    def failing(model: Model, levels: dict[str, float], values: np.ndarray, *rest: object, **named: object) -> Fit:
+        begun.append(float(values[0]))
+        if len(begun) < 3:
+            raise NumericalFailure("nowhere")
+        return fit(model, levels, values, *rest, **named)
+
+    monkeypatch.setattr("tcc_sim.estimation.identify.fit", failing)
+    found = identify(data, {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise)
+    assert (found.accepted, found.starts) == (True, 3)
+    assert begun[0] == 3100.0
+    assert len(set(begun)) == 3
+    assert all(abs(value / 3100.0 - 1.0) <= Gates().spread for value in begun)
 
 
 def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
