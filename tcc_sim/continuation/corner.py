@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tcc_sim.continuation.palc import StepSize, next_solution, null_direction, solution_at, tangent_of
+from tcc_sim.continuation.palc import StepSize, next_solution, null_direction, oriented, solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Linearised, Shooting
 from tcc_sim.continuation.special_points import ContinuationPoint, point_at
@@ -19,14 +19,13 @@ def beyond_corner(here: ContinuationPoint, step_size: StepSize) -> ContinuationP
     for beside in shooting.settings.beside:
         try:
             found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
-            tangent = null_direction(found)
-            sides = [_events_at(shooting, here.solution.z + s * beside * tangent) for s in (1.0, -1.0)]
+            along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
+            events = _events_at(shooting, here.solution.z + beside * along)
         except FAILURES:
             continue
-        for along, events in zip((tangent, -tangent), sides):
-            new = None if events == here.orbit.seen.events else _beyond(here, found, along, beside, step_size)
-            if new is not None:
-                return new
+        new = None if events == here.orbit.seen.events else _beyond(here, found, along, beside, step_size)
+        if new is not None:
+            return new
     return None
 
 

@@ -28,8 +28,10 @@ MOST_BORDERS = 6
 """Changes of the event sequence that are looked for in one step."""
 
 
-def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation]:
-    """The bifurcations between two neighbouring points, in order."""
+def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
+    """The bifurcations between two neighbouring points, in order; None where these lie on pieces of the branch that do
+    not meet at a change of the event sequence between them: the step has left out what lies between.
+    """
     if a.shooting is not b.shooting and a.shooting != b.shooting:
         return []
     bracket = Bracket(a, b, b.by_amplitude)
@@ -38,6 +40,8 @@ def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[B
     out: list[Bifurcation] = []
     for _ in range(MOST_BORDERS):
         left, right, found = sliding_bifurcation(bracket)
+        if float(np.linalg.norm(right.solution.z - left.solution.z)) > a.shooting.settings.same:
+            return None
         out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
         if found is not None:
             out.append(found)

@@ -18,7 +18,7 @@ from tcc_sim.continuation.palc import Solution, StepSize, corrector, next_soluti
 from tcc_sim.continuation.problem import FAILURES
 from tcc_sim.continuation.remeshing import remeshed
 from tcc_sim.continuation.sliding import differ
-from tcc_sim.continuation.special_points import SMOOTH, Bifurcation, ContinuationPoint, point_at, turned
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
 from tcc_sim.continuation.stopping import End, StopReason
 
 
@@ -40,12 +40,14 @@ class State:
     before : solutions behind the last point, from which the next one is predicted
     step_size : its control
     remeshed : number of points when the orbit was last cut anew for want of a step
+    longest : next step, after one that has left the range or left out a piece of the branch
     """
 
     points: list[ContinuationPoint]
     step_size: StepSize
     before: list[Solution] = field(default_factory=list)
     remeshed: int = 0
+    longest: float = np.inf
 
     @property
     def here(self) -> ContinuationPoint:
@@ -67,30 +69,33 @@ def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
         stop = _exhausted(state)
         if stop is not None:
             return stop
+        state.step_size.length = min(state.step_size.length, state.longest)
         edge = _at_the_end_of_the_range(state)
-        length = state.step_size.length
-        new = _onward(state, True) if edge is None else edge
-        turned_at_corner = False
-        if new is None:
-            new, turned_at_corner = _without_amplitudes(state)
+        new = _onward(state) if edge is None else edge
+        turned_at_corner = new is None and (new := beyond_corner(here, state.step_size)) is not None
         if new is None:
             if not _remesh_for_want_of_a_step(state):
                 return _end(StopReason.STEP, here, settings.residual)
             yield BranchStep(state.here, [], True)
             continue
         if edge is None and not turned_at_corner and not 0.0 <= new.solution.z[new.shooting.size] <= 1.0:
-            state.step_size.length = 0.5 * length
+            _shorten(state, new)
             continue
         if not turned_at_corner and not abs(new.orbit.multipliers[0]) <= settings.canard:
             return _end(StopReason.CANARD, here, settings.canard)
         special = special_points_between(here, new) if settings.detect else []
+        if special is None:
+            if not turned_at_corner:
+                _shorten(state, new)
+                continue
+            special = []
+        state.longest = np.inf
         stop = None if edge is None else _end(StopReason.RANGE, edge)
         shorter = period_doubling_end(here, new) if here.solution.sign != new.solution.sign else None
         if shorter is not None:
             # Beyond it the branch is its own shift, and what was found on the way to there is that end itself.
             new, special = shorter, [f for f in special if f.kind not in ("branch_point", "fold")]
             stop = stop or _end(StopReason.DOUBLING, new)
-        new = _away_from(special, new)
         if len(state.points) > 3 and shorter is None and closed.between(here, new):
             new, stop = first, stop or _end(StopReason.CLOSED, first)
         state.points.append(new)
@@ -112,6 +117,12 @@ def _end(reason: StopReason, point: ContinuationPoint, limit: float = 0.0) -> En
     return End(reason, point.shooting.ranges[0].name, point.value, limit)
 
 
+def _shorten(state: State, refused: ContinuationPoint) -> None:
+    """Halve the step that led to a point which is not the next one."""
+    way = float(np.linalg.norm(refused.solution.z - state.here.solution.z))
+    state.longest = 0.5 * min(way, state.longest)
+
+
 def _exhausted(state: State) -> End | None:
     """The end where as many points or tries as are allowed have been made."""
     settings = state.here.shooting.settings
@@ -122,30 +133,21 @@ def _exhausted(state: State) -> End | None:
     return None
 
 
-def _onward(state: State, by_amplitude: bool) -> ContinuationPoint | None:
-    """The next point, with the amplitudes as further coordinates or by the unknowns alone."""
+def _onward(state: State) -> ContinuationPoint | None:
+    """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
     here, step_size = state.here, state.step_size
-    try:
-        moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude)
-    except FAILURES:
-        return None
-    return None if moved is None else point_at(here.shooting, moved, by_amplitude)
-
-
-def _without_amplitudes(state: State) -> tuple[ContinuationPoint | None, bool]:
-    """The next point where steps with the amplitudes as further coordinates fail, and whether it lies beyond a corner.
-
-    A step by the unknowns alone to another event sequence may pass over a fold beside the corner, so that one is tried.
-    """
-    here, new = state.here, None
-    if len(here.solution.found.amplitudes):
-        state.step_size.length = here.shooting.settings.flat_step
-        new = _onward(state, False)
-    if new is None or differ(here.orbit.seen.events, new.orbit.seen.events):
-        corner = beyond_corner(here, state.step_size)
-        if corner is not None:
-            return corner, True
-    return new, False
+    for by_amplitude in (True, False):
+        if not by_amplitude:
+            if not len(here.solution.found.amplitudes):
+                return None
+            step_size.length = min(step_size.settings.flat_step, state.longest)
+        try:
+            moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude)
+            if moved is not None:
+                return point_at(here.shooting, moved, by_amplitude)
+        except FAILURES:
+            continue
+    return None
 
 
 def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
@@ -189,20 +191,6 @@ def _remesh_for_want_of_a_step(state: State) -> bool:
         return False
     state.points[-1], state.step_size.length, state.before = other, here.shooting.settings.flat_step, []
     return True
-
-
-def _away_from(special: list[Bifurcation], new: ContinuationPoint) -> ContinuationPoint:
-    """The point behind a change of the event sequence, with its tangent away from there.
-
-    Where two pieces of a branch meet on one side of a border, tangents that point alike lead back to it.
-    """
-    borders = [f.point.solution.z for f in special if f.kind not in SMOOTH]
-    if not borders or len(borders[-1]) != len(new.solution.z):
-        return new
-    way = new.solution.z - borders[-1]
-    if float(way @ new.solution.tangent) > -0.5 * float(np.linalg.norm(way)):
-        return new
-    return turned(new)
 
 
 def _in_family(points: list[ContinuationPoint]) -> bool:

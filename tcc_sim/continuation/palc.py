@@ -114,14 +114,32 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
     return None
 
 
+def over_border(here: Solution, new: Solution) -> bool:
+    """Whether the event sequence differs between two solutions."""
+    before, after = here.found.seen, new.found.seen
+    return before is not None and after is not None and before.events != after.events
+
+
+def oriented(solution: Solution, sign: float) -> Solution:
+    """The solution with that of its two tangents with which det [Jacobian; tangent] has this sign.
+
+    Where the event sequence changes, the Jacobians of a continuous map differ on both sides by c n^T, with n normal to
+    the border, so det [Jacobian; n] is the same: with tangents of one orientation a branch comes to the border on one
+    side and leaves it on the other, whichever way its parameter goes there. M. di Bernardo, C. J. Budd, A. R.
+    Champneys, P. Kowalczyk, Piecewise-smooth Dynamical Systems, Springer 2008, Section 3.1.
+    """
+    if solution.sign == sign:
+        return solution
+    return solution._replace(tangent=-solution.tangent, sign=-solution.sign)
+
+
 def astray_beyond(equations: Equations, here: Solution, new: Solution) -> bool:
     """Whether a step over a change of the event sequence has come to no solution.
 
     There the curve may have a corner, and Newton's method a cycle of two points on either side of it: the last step
     from a small residual beyond leads back to a large one.
     """
-    before, after = here.found.seen, new.found.seen
-    if before is None or after is None or before.events == after.events:
+    if not over_border(here, new):
         return False
     try:
         left = float(np.abs(equations.linearise(new.z).residual).max())
@@ -204,8 +222,9 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
         found = corrector(equations, guess, here.tangent, AmplitudeRow(slopes, amplitudes))
         if found is not None:
             along = float(found.tangent @ here.tangent + found.slopes @ slopes)
-            tangent = found.tangent if along > 0.0 else -found.tangent
-            new = solution_at(found.z, found.found, tangent)
+            new = solution_at(found.z, found.found, found.tangent if along > 0.0 else -found.tangent)
+            if over_border(here, new):
+                new = oriented(new, here.sign)
             turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
             jumped = new.sign != here.sign and step_size.length > settings.branching
             astray = beside(here, new, len(slopes) > 0) < settings.turn

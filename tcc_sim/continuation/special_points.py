@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import Orbit, orbit_at
-from tcc_sim.continuation.palc import FLAT, AmplitudeRow, Solution, corrector, solution_at
+from tcc_sim.continuation.palc import FLAT, AmplitudeRow, Solution, corrector, oriented, solution_at
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
@@ -56,8 +56,7 @@ class ContinuationPoint(Described):
 
 def turned(point: ContinuationPoint) -> ContinuationPoint:
     """The point with its tangent the other way round."""
-    solution = point.solution
-    return replace(point, solution=solution._replace(tangent=-solution.tangent, sign=-solution.sign))
+    return replace(point, solution=oriented(point.solution, -point.solution.sign))
 
 
 @dataclass(frozen=True, repr=False)

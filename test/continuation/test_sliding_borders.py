@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from piecewise import Piecewise
 
+from tcc_sim.continuation.detection import special_points_between
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.continuation.palc import corrector
@@ -152,7 +153,7 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     assert max(f.residual for f in found.bifurcations) < 1e-8
 
 
-@pytest.mark.parametrize("start", [57.456, 57.42, 57.40])
+@pytest.mark.parametrize("start", [57.456, 57.42, 57.40, 57.46445])
 def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
     """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes
     to and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the
@@ -171,6 +172,14 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
     for point in kept:
         # It closes by SciPy's motion too.
         margin_by_scipy("grazing_sliding", replace(system, {OMEGA: point.value}), point.orbit.section, 3)
+    # A step between the pieces that fold and grazing part is seen to leave out both, wherever it lands.
+    pieces = ([s for s in branch.points if s.value < 57.4655 and s.orbit.multipliers[0].real * m > 0.0 and
+               abs(s.orbit.multipliers[0]) > least] for m, least in ((-1.0, 100.0), (1.0, 0.3)))
+    beyond, before = (min(piece, key=lambda s: abs(s.orbit.multipliers[0])) for piece in pieces)
+    for one, two in ((beyond, before), (before, beyond)):
+        assert differ(one.orbit.seen.events, two.orbit.seen.events)
+        assert one.shooting == two.shooting
+        assert special_points_between(one, two) is None
 
 
 PULSED = replace(System(), {"friction.law": "set_valued", "pressure.mean": 225e3, "pressure.amplitude": 112.5e3,
