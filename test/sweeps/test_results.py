@@ -35,7 +35,8 @@ def test_the_examples_of_the_docstrings_run(name: str) -> None:
 
 
 def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.3:3", "--over", "pressure.mean=2e5:3e5:2", "--cycles", "20"]
+    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.3:3", "--over", "pressure.mean=2e5:3e5:2", "--cycles", "20",
+             "--rtol", "1e-8"]
     assert main([*words, "--json", str(tmp_path / "grid.json"), "--out", str(tmp_path / "grid.jsonl")]) == 0
     assert "6 of 6 values" in capsys.readouterr().out
     found = json.loads((tmp_path / "grid.json").read_text())
