@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import number
+from tcc_sim.cli.study import seconds_bar
 from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say
 
@@ -55,8 +56,6 @@ def _record(scene: Scene, name: str, recording: Path, duration: float, *, comman
     """Driveline and recorder as processes of their own, and what commands them, for `duration` seconds of real time;
     Ctrl-C ends it sooner.
     """
-    from tqdm import tqdm
-
     from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 
     say(f"scene {scene.name}: {scene.description}")
@@ -70,11 +69,10 @@ def _record(scene: Scene, name: str, recording: Path, duration: float, *, comman
         if sender is not None:
             sender.await_line(SENDING)
             say("commander: publishes engine_torque and actuation_pressure at the driveline's rate")
-        with tqdm(total=duration, desc="recording", unit="s", disable=None, leave=False,
-                  bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
+        with seconds_bar("recording", duration) as done:
             began = time.monotonic()
             while (elapsed := time.monotonic() - began) < duration:
-                bar.update(elapsed - bar.n)
+                done(elapsed)
                 session.watch(min(STEP, duration - elapsed))
                 if sender is not None:
                     sender.check()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tcc_sim.cli.arguments import add_measurement, check_measurement, whole_number, write_measurement
+from tcc_sim.cli.study import seconds_bar
 from tcc_sim.output.terminal import say
 
 
@@ -22,16 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print a table, write JSON."""
-    from tqdm import tqdm
-
     check_measurement(arguments)
     from tcc_sim.benchmarks.pacing_benchmark import Settings, measure
 
     settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
-    with tqdm(total=1.0, desc="realtime", disable=None, leave=False,
-              bar_format="{desc} {percentage:3.0f}%|{bar}|") as bar:
-        found = measure(arguments.rate, arguments.duration, lambda part: bar.update(part - bar.n), arguments.recorder,
-                        settings)
+    with seconds_bar("realtime", 2.0 * arguments.duration) as done:
+        found = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
+                        arguments.recorder, settings)
     say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
         f"drift {found['drift_s'] * 1e3:.3f} ms")
     say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")

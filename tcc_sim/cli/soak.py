@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_measurement, check_measurement, write_measurement
+from tcc_sim.cli.study import seconds_bar
 from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
@@ -18,15 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run, print the figures, write JSON; the recording is made in a temporary folder."""
-    from tqdm import tqdm
-
     from tcc_sim.benchmarks.endurance import soak
 
     check_measurement(arguments)
-    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, tqdm(
-            total=arguments.duration, unit="s", desc="soak", disable=None, leave=False,
-            bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s") as bar:
-        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, lambda s: bar.update(s - bar.n))
+    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
+        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
     say(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift "
         f"{found['drift_s'] * 1e3:.1f} ms")
     judged = "as many as" if found["count_is_honest"] else "which is not what"

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,16 @@ def study(unit: str) -> Iterator[Study]:
             found.complete = True
         except KeyboardInterrupt:
             print("tcc-sim: interrupted", file=sys.stderr)
+
+
+@contextmanager
+def seconds_bar(name: str, total: float) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal for what runs `total` s; what it gives is called with the seconds done so far."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, desc=name, disable=None, leave=False,
+              bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
+        yield lambda done: bar.update(done - bar.n)
 
 
 def add_report_arguments(parser: argparse.ArgumentParser, name: str, quick: str) -> None:
