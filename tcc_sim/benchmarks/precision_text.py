@@ -57,10 +57,11 @@ def _head(found: Record) -> list[str]:
         if not own:
             continue
         said += ["", f"With all three errors at most {TARGET:g}, {cycles} engine cycles take {_name(engine)} "
-                 f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law. As many times "
-                 "as long take:", ""]
+                 f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
         names = dict.fromkeys(r["solver"] for record in scenes for r in record["results"])
-        for name in (name for name in names if name != engine):
+        others = [name for name in names if name != engine]
+        said += ["", "As many times as long take:", ""] if others else []
+        for name in others:
             ratios = [row[name]["seconds"] / row[engine]["seconds"] for row in best if name in row and engine in row]
             where = f", on {len(ratios)} of {len(scenes)} scenes" if 0 < len(ratios) < len(scenes) else ""
             said.append(f"- {_name(name)}{PAPERS if name == 'rk45' else ''}: " + (
@@ -77,7 +78,7 @@ def _calls(found: Record) -> list[str]:
     shares = [100.0 * min(call["seconds"] / r["seconds"], 1.0) for call, r in rows]
     return ["CVODE is that of SUNDIALS in double precision, through scikit-sundae. The binding takes functions of "
             f"Python only: they call compiled ones, and these calls alone are {_range(shares)} % of its time. XPPAUT's "
-            "CVODE interprets the equations in C, and its results come in single precision.", ""]
+            "CVODE interprets the equations in C, and its results come in single precision."]
 
 
 def _range(values: list[float]) -> str:
