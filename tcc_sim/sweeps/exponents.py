@@ -52,6 +52,8 @@ CLOSED = 1e-9
 """Largest distance of a state from its image after a period, relative to the size of the motion."""
 NEARBY = 0.1
 """Largest way to the periodic motion, relative to the size of the motion."""
+PASSED = 1e-6
+"""Logarithm of a multiplier above which a periodic motion is unstable, so that no motion can have settled on it."""
 LONG_PERIOD = 128
 """Longest period of a motion that is looked for before it is called anything else, engine cycles."""
 CONVERGED = 1e-6
@@ -127,33 +129,38 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     rate = 1.0 / system.cycle
     told = diagnosis(mean, half)
     if told != "chaotic":
-        seen, long = _seen(system, state, start_cycle, cycles)
+        seen, long, end = _seen(system, state, start_cycle, cycles)
         together = math.lcm(long, excitation)
         if 0 < together <= LONGEST_PERIOD:
-            return _periodic(system, start, start_cycle, together)
+            return _periodic(system, end, start_cycle + cycles, together)
         told = seen if told == "quasi-periodic" or seen == "runaway" else told
     return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles, told)
 
 
 def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
-    """The exponent of a motion whose period is known."""
+    """The exponent of a motion whose period is known; none where the orbit beside it is unstable, and so was passed by
+    only.
+    """
     exponent, error = floquet_exponent(system, start, first, period)
+    if (exponent - error) * period * system.cycle > PASSED:
+        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, period, "unresolved")
     return Lyapunov(exponent, exponent - error, exponent + error, CONFIDENCE, period, "periodic")
 
 
-def _seen(system: System, state: State, first: int, cycles: int) -> tuple[str, int]:
+def _seen(system: System, state: State, first: int, cycles: int) -> tuple[str, int, Floats]:
     """What the section of some cycles shows of a motion whose disturbances neither grow nor die out: runaway,
-    quasi-periodic or unresolved, and a long period, 0 for none.
+    quasi-periodic or unresolved, a long period, 0 for none, and the state to which it has come, (3,).
     """
     run = solve(system, cycles=cycles, state=state, start_cycle=first)
     if run.status is not Status.DONE or run.cycles is None:
-        return "unresolved", 0
+        return "unresolved", 0, np.full(3, math.nan)
+    end = run.cycles.section[-1]
     if slip_grows(run.cycles):
-        return "runaway", 0
+        return "runaway", 0, end
     found = periodicity(run.cycles, maximum=LONG_PERIOD)
     if found.settled:
-        return "periodic", found.period
-    return ("quasi-periodic" if change_of_averages(run.cycles.section) <= CONVERGED else "unresolved"), 0
+        return "periodic", found.period, end
+    return ("quasi-periodic" if change_of_averages(run.cycles.section) <= CONVERGED else "unresolved"), 0, end
 
 
 def change_of_averages(points: Floats) -> float:

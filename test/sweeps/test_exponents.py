@@ -137,6 +137,26 @@ def test_a_state_beside_the_motion_gives_the_exponent_of_the_motion() -> None:
     assert beside == pytest.approx(exact, abs=max(error, 1e-5))
 
 
+def test_an_orbit_that_a_motion_only_passes_by_gives_no_exponent() -> None:
+    """Fig. 2 with law (6) is for hundreds of cycles beside an unstable motion of period one, then of period two; in
+    stick at phase 0 the map is one of plate angle and speed.
+    """
+    system = replace(load_scene("fig02").system, {"friction.law": "set_valued"})
+    passing = State(*section_of(system, 60))
+    settled = section_of(system, 2000)
+    assert settled[0] == 0.0
+    ends = [[solve(system, cycles=2, state=State(*(settled + side * h))).raise_for_status().cycles.section[-1]
+             for side in (1.0, -1.0)] for h in (np.array([0.0, 1e-7, 0.0]), np.array([0.0, 0.0, 1e-5]))]
+    matrix = np.array([(up - down)[1:] / (2.0 * h) for (up, down), h in zip(ends, (1e-7, 1e-5))]).T
+    expected = math.log(np.abs(np.linalg.eigvals(matrix)).max()) / (2.0 * system.cycle)
+    found = largest_lyapunov_exponent(system, passing, start_cycle=60)
+    assert (found.diagnosis, found.cycles) == ("periodic", 2)
+    assert found.exponent == pytest.approx(expected, rel=1e-3)
+    beside = largest_lyapunov_exponent(system, passing, start_cycle=60, period=1)
+    assert beside.diagnosis == "unresolved"
+    assert math.isnan(beside.exponent)
+
+
 def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles() -> None:
     system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.3})
     found = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=2)
