@@ -67,6 +67,18 @@ def test_segments_of_one_cycle_give_the_same_orbit() -> None:
     assert again == pytest.approx(fine, abs=1e-10)
 
 
+def test_the_monodromy_of_segments_is_in_the_units_of_the_state() -> None:
+    map_ = TextbookMap(henon, 2)
+    map_.scales = np.array([2.0, 0.25])
+    x = np.array([0.4, 0.1])
+    parts = Shooting(map_, 2, (ParameterRange(0.5, 1.5),), (1, 1))
+    nodes = np.array([x, map_.evaluate(x, (1.0,), 0, 1).value])
+    found = parts.linearise(parts.unknowns(nodes, (1.0,))).monodromy
+    # By hand: x' = a - x^2 + 0.3 y, y' = x, of which the derivative is [[-2 x, 0.3], [1, 0]].
+    first, second = (np.array([[-2.0 * at, 0.3], [1.0, 0.0]]) for at in nodes[:, 0])
+    assert found == pytest.approx(second @ first, rel=1e-12)
+
+
 def test_a_period_that_does_not_fit_the_excitation_is_refused() -> None:
     map_ = TextbookMap(logistic, 1)
     map_.forcing_period = 2

@@ -114,6 +114,32 @@ def test_a_transient_of_slip_is_stick_once_it_has_settled():  # type: ignore
         assert kept.slips(said).tolist() == [settled]
 
 
+def test_where_two_curves_of_maxima_cross_is_found_to_1e_5() -> None:
+    """Two lines that cross at 0.3016, the curves of psi = 0 and of psi = pi."""
+    lagging = FIGURES[8].series[2].values
+
+    def slip(row: Any, x: float, direction: str) -> Any:
+        return record(10.0 + (20.0 * (x - 0.3016) if row["pressure.phase"] == lagging["pressure.phase"] else 0.0))
+
+    assert model.crossing(Given(slip), {}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-4)
+    assert model.crossing(Given(slip), {}, OMEGA_N, 0.40) is None
+
+
+def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not() -> None:
+    class Curve(Given):
+        jumps = Evidence.jumps
+
+        def maximum(self, row: Any, ratio: float) -> float:
+            return self.at(row, ratio, "cold").summary.max_slip_speed
+
+    def slip(row: Any, x: float, direction: str) -> Any:
+        return record(10.0 if x < 0.23 else 25.0 + 500.0 * min(max(x - 0.26, 0.0), 0.04))
+
+    axis = np.arange(0.1, 0.5, 0.04)
+    (found,) = Curve(slip).jumps({}, axis)
+    assert found == pytest.approx((0.23, 15.0), abs=1e-3)
+
+
 def test_a_point_that_failed_is_none_and_never_slips() -> None:
     kept = Evidence(1e-9, 1)
     sweep = Given().curves([FIGURES[14].series[0].values], np.array([0.13, 0.16]))[0]

@@ -10,6 +10,7 @@ from driveline_bags import START, TICK, bag, by_hand, ticked
 from tcc_sim.cli import main
 from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.replay import segments
+from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 
@@ -70,6 +71,14 @@ def test_a_scene_that_a_restart_brings_counts_from_there_on(tmp_path):
     assert (second["began_by"], second["changes"]) == ("restart", {"engine.frequency": 100.0})
     assert (first["period"], second["period"], second["cycles"]) == (1, 1, 31)
     assert second["max_slip_speed"] == pytest.approx(120.0 + 2.0 * 250.0 / 20.0, rel=1e-5)
+
+
+def test_a_run_as_data_has_the_scene_that_was_in_force_in_it(tmp_path):
+    other = SLIP.with_values({"engine.frequency": 100.0})
+    rows = [*steady(2.0, 150.0), *steady(2.0, 120.0, omega=100.0)]
+    path = bag(tmp_path / "run", rows, SLIP, said=[(2001, other.text())], publishers=[(0, "a1"), (2001, "b2")])
+    recorded = read(path)
+    assert [recorded.trajectory(n).system.engine.frequency for n in (0, 1)] == [150.0, 100.0]
 
 
 def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
