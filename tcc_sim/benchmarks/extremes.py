@@ -215,11 +215,12 @@ def energy_excess(run: Trajectory) -> float:
     return float((root / np.maximum(bound, 1e-300)).max()) - 1.0 if bound[-1] > 0.0 else float(root.max())
 
 
-def power_residual(run: Trajectory) -> float:
+def power_residual(run: Trajectory) -> float | None:
     """Engine work less friction and damper losses and stored energy, in each cycle, over the energies that take part.
 
     The integrals are trapezoids over the samples; with PHASE between them they are good to about 1e-5. Samples of
     fixed_step are interpolated between its sub-steps, which the residual shows where slip stops within one of them.
+    None where the run has no whole cycle.
     """
     system = _system(run)
     flywheel = run.slip_speed + run.plate_speed
@@ -230,7 +231,7 @@ def power_residual(run: Trajectory) -> float:
     per_cycle = max(round(system.cycle / float(width[0])), 1)
     marks = np.arange(0, len(run.t), per_cycle)
     if len(marks) < 2:
-        return math.nan
+        return None
 
     def work(power: Floats) -> Floats:
         total = np.concatenate([[0.0], np.cumsum(0.5 * width * (power[1:] + power[:-1]))])
