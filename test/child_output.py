@@ -7,5 +7,5 @@ COMPILING = re.compile(r"^tcc-sim: compiling kernels for this kind of scene, abo
 
 
 def without_compiling(said: str) -> str:
-    """Standard error without the one line that says that kernels are being compiled."""
-    return COMPILING.sub("", said, count=1)
+    """Standard error without the line of each process that says that kernels are being compiled."""
+    return COMPILING.sub("", said)
