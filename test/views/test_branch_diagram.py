@@ -1,8 +1,11 @@
 """Pictures of branches: solid to the very bifurcation at which motions become unstable."""
 
-import numpy as np
+from pathlib import Path
 
-from tcc_sim.views.branch_diagram import stable_and_unstable
+import numpy as np
+import pytest
+
+from tcc_sim.views.branch_diagram import branch_diagram, stable_and_unstable
 
 
 def found(stable: list[bool], **bifurcation: object) -> dict[str, object]:
@@ -31,3 +34,13 @@ def test_a_piece_that_no_bifurcation_parts_is_dashed_where_either_end_is_unstabl
     (x, _), (other, _) = stable_and_unstable(found([True, False, True, True]), 0)
     assert x[1:].tolist() == [2.0, 3.0]
     assert other[1:].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_the_picture_has_its_title_and_its_axes_named(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    values = {**found([True, True, False]), "over": "engine.frequency"}
+    values["branches"][0]["period"] = 1
+    values["bifurcations"] = []
+    drawn = branch_diagram(tmp_path / "branches.svg", values, title="a scene").read_text()
+    # Matplotlib writes each text as outlines, behind a comment that says it.
+    assert all(f"<!-- {words} -->" in drawn for words in ("a scene", "engine.frequency", "max |slip speed| (rad/s)"))
