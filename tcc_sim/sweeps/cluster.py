@@ -30,10 +30,11 @@ class Scheduler:
     ----------
     client : of the scheduler
     address : its address, for the sentence
+    connect : seconds that it has to answer
     """
 
-    def __init__(self, client: Any, address: str) -> None:
-        self._client, self._address = client, address
+    def __init__(self, client: Any, address: str, connect: float) -> None:
+        self._client, self._address, self._connect = client, address, connect
         self._threads = self._ask()
         self._seen = time.monotonic()
 
@@ -53,14 +54,15 @@ class Scheduler:
     def _ask(self) -> int:
         """Threads of all workers; 0 where no answer comes."""
         try:
-            return sum(within(time.monotonic() + 0.25 * CONNECT_TIMEOUT, self._client.nthreads).values())
+            return sum(within(time.monotonic() + 0.25 * self._connect, self._client.nthreads).values())
         except Exception:
             return 0  # Whatever a client raises whose scheduler is gone.
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[tuple[Executor, Scheduler]]:
-    """An executor on the workers of the scheduler at `address`, and who of them is there.
+def cluster(address: str, connect: float = CONNECT_TIMEOUT) -> Iterator[tuple[Executor, Scheduler]]:
+    """An executor on the workers of the scheduler at `address`, which has `connect` seconds to answer, and who of
+    them is there.
 
     The package must be installed on the workers.
 
@@ -75,19 +77,18 @@ def cluster(address: str) -> Iterator[tuple[Executor, Scheduler]]:
     parts = ADDRESS.fullmatch(address)
     if parts is None or not 0 < int(parts[3]) < 65536:
         raise InputError(f"--dask is {address!r}; it must be an address such as tcp://127.0.0.1:8786")
-    deadline = time.monotonic() + CONNECT_TIMEOUT
+    deadline = time.monotonic() + connect
     try:
         # A plain connection says at once that nothing listens; Dask would try again until its time is over.
-        within(deadline, lambda: socket.create_connection((parts[2].strip("[]"), int(parts[3])),
-                                                          CONNECT_TIMEOUT).close())
+        within(deadline, lambda: socket.create_connection((parts[2].strip("[]"), int(parts[3])), connect).close())
         import distributed
 
-        client = within(max(deadline, time.monotonic() + 0.5 * CONNECT_TIMEOUT), lambda: distributed.Client(
-            address, timeout=0.4 * CONNECT_TIMEOUT, set_as_default=False))
+        client = within(max(deadline, time.monotonic() + 0.5 * connect), lambda: distributed.Client(
+            address, timeout=0.4 * connect, set_as_default=False))
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--dask {address}: no Dask scheduler answers ({error or type(error).__name__})") from None
     with client:
-        there = Scheduler(client, address)
+        there = Scheduler(client, address, connect)
         if not there.threads():
             raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
         executor = client.get_executor(pure=False, retries=LOST_WORKERS)

@@ -19,8 +19,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.sweeps import file as sweep_file
-from tcc_sim.sweeps.cluster import within
+from tcc_sim.sweeps.cluster import cluster, within
 from tcc_sim.sweeps.sweep import Plan, sweep
 
 distributed = pytest.importorskip("distributed")
@@ -54,22 +53,13 @@ def workers(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
             process.wait()
 
 
-def test_a_killed_worker_loses_nothing(workers, tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_a_killed_worker_loses_nothing(workers, tmp_path, on_point) -> None:  # type: ignore[no-untyped-def]
     address, processes = workers
     system = replace(System(),
                      {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
                                 "pressure.amplitude": 0.0})
     values = [float(x) for x in np.linspace(40.0, 160.0, 96)]
-    append, count = sweep_file.SweepFile.append, 0
-
-    def kill_half_way(self, *words):  # type: ignore[no-untyped-def]
-        nonlocal count
-        append(self, *words)
-        count += 1
-        if count == 24:
-            processes[0].kill()
-
-    monkeypatch.setattr(sweep_file.SweepFile, "append", kill_half_way)
+    on_point(lambda count: processes[0].kill() if count == 24 else None)
     far = sweep(system, "engine.frequency", values, Plan(cycles=400), dask=address, out=tmp_path / "far.jsonl")
     assert processes[0].wait(120) == -signal.SIGKILL
     near = sweep(system, "engine.frequency", values, Plan(cycles=400))
@@ -104,15 +94,14 @@ def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address: st
     assert not out.exists()
 
 
-def test_a_port_that_is_no_scheduler_is_given_up_in_time(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_a_port_that_is_no_scheduler_is_given_up_in_time() -> None:
     """It takes the connection and never says a word."""
-    monkeypatch.setattr("tcc_sim.sweeps.cluster.CONNECT_TIMEOUT", 0.4)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
-        with pytest.raises(InputError, match="no Dask scheduler"):
-            sweep(System(), "engine.frequency", [100.0], Plan(cycles=5),
-                  dask=f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        with (pytest.raises(InputError, match="no Dask scheduler"),
+              cluster(f"tcp://127.0.0.1:{silent.getsockname()[1]}", connect=0.4)):
+            pass
 
 
 def test_what_does_not_come_back_is_not_waited_for() -> None:
@@ -124,8 +113,7 @@ def test_what_does_not_come_back_is_not_waited_for() -> None:
 
 
 def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  # type: ignore[no-untyped-def]
-        tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr("tcc_sim.sweeps.workers.LOOK", 0.1)
+        tmp_path, monkeypatch, on_point, capsys) -> None:
     file, out = tmp_path / "scheduler.json", tmp_path / "out.jsonl"
     quiet = ["--no-dashboard", "--scheduler-file", str(file)]
     processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]
@@ -138,14 +126,8 @@ def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  
             processes.append(started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
                                      "--local-directory", str(tmp_path / "w"), *quiet))
             client.wait_for_workers(1, timeout=120)
-        append = sweep_file.SweepFile.append
-
-        def kill_the_scheduler(self, *words):  # type: ignore[no-untyped-def]
-            append(self, *words)
-            processes[0].kill()
-            monkeypatch.setattr("tcc_sim.sweeps.cluster.PATIENCE", 0.5)
-
-        monkeypatch.setattr(sweep_file.SweepFile, "append", kill_the_scheduler)
+        monkeypatch.setattr("tcc_sim.sweeps.cluster.PATIENCE", 0.5)
+        on_point(lambda count: processes[0].kill())
         assert main([*command, "--dask", address]) == 1
         said = capsys.readouterr().err
         assert "goes on from" in said

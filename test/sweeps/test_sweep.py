@@ -14,7 +14,6 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps import file as sweep_file
 from tcc_sim.sweeps.point import SWEPT, solve_points
 from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.sweeps.steady_state import repeats_after
@@ -24,6 +23,11 @@ KINETIC = "friction.kinetic_coefficient"
 PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
          "friction.static_coefficient": 0.3,
          KINETIC: 0.3, "friction.law": "set_valued"}
+
+
+def interrupt(count: int) -> None:
+    """Ctrl-C after a point."""
+    raise KeyboardInterrupt
 
 
 def system(ratio: float, **values: object) -> System:
@@ -126,22 +130,18 @@ def test_auto_stops_when_the_section_has_settled() -> None:
 
 
 @pytest.mark.parametrize("direction", ["cold", "down"])
-def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch,
-                                                    direction: str) -> None:  # type: ignore[no-untyped-def]
+def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, on_point,  # type: ignore[no-untyped-def]
+                                                    direction: str) -> None:
     plan = Plan(cycles=30, direction=direction)
     values = [float(x) for x in np.linspace(0.26, 0.3, 9)]
     whole = sweep(system(0.36), KINETIC, values, plan)
     out = tmp_path / "sweep.jsonl"
-    append, count = sweep_file.SweepFile.append, 0
 
-    def stop(self, *words):  # type: ignore[no-untyped-def]
-        nonlocal count
-        append(self, *words)
-        count += 1
+    def stop(count: int) -> None:
         if count == 4:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
+    on_point(stop)
     with pytest.raises(SweepInterrupted) as interruption:
         sweep(system(0.36), KINETIC, values, plan, out=out)
     assert sum(r is not None for r in interruption.value.sweeps[0].records) == 4
@@ -157,21 +157,16 @@ def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch,
 
 
 def test_the_command_that_was_interrupted_goes_on_by_itself(  # type: ignore[no-untyped-def]
-        tmp_path, monkeypatch, capsys) -> None:
+        tmp_path, on_point, capsys) -> None:
     """Its own picture and JSON are not in its way."""
-    append, words = sweep_file.SweepFile.append, ["sweep", "minimal", "--over", "initial.slip_speed=0:3:3", "--cycles",
+    words = ["sweep", "minimal", "--over", "initial.slip_speed=0:3:3", "--cycles",
                                                   "12", "--discard", "2", "--json", str(tmp_path / "s.json"), "--out",
                                                   str(tmp_path / "s.jsonl"), "--jobs", "1"]
-
-    def stop(self, *row):  # type: ignore[no-untyped-def]
-        append(self, *row)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
+    on_point(interrupt)
     assert main(words) == 130
     assert capsys.readouterr().err.endswith(f"interrupted; the same command goes on from {tmp_path / 's.jsonl'}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["s.jsonl"]
-    monkeypatch.setattr(sweep_file.SweepFile, "append", append)
+    on_point(None)
     assert main(words) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.json", "s.jsonl"]
 
@@ -189,8 +184,8 @@ def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:  # type: 
     assert out.read_text() == "notes\n"
 
 
-def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monkeypatch,
-                                                                  capsys) -> None:  # type: ignore[no-untyped-def]
+def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(  # type: ignore[no-untyped-def]
+        tmp_path, on_point, capsys) -> None:
     words = ["sweep", "slip", "--set", "friction.law=set_valued", "--over", "engine.torque_amplitude=10:40:4",
              "--cycles", "6"]
     assert main([*words, "--json", str(tmp_path / "a.json")]) == 0
@@ -201,11 +196,7 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(tmp_path, monk
     assert found["direction"] == "cold"
     assert main(words) == 0
     assert capsys.readouterr().out.count("slip") >= 4
-
-    def stop(self, *words):  # type: ignore[no-untyped-def]
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sweep_file.SweepFile, "append", stop)
+    on_point(interrupt)
     assert main([*words, "--json", str(tmp_path / "b.json"), "--out", str(tmp_path / "b.jsonl")]) == 130
     assert not (tmp_path / "b.json").exists()
     assert "goes on from" in capsys.readouterr().err
