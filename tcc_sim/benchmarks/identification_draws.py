@@ -30,15 +30,15 @@ from tcc_sim.scene import load_scene
 SCENES = ("fig02", "chaos")
 KEYS = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping", "driveline.stiffness",
         "driveline.plate_inertia")
-BEGUN, SECONDS, RATE = 1.0, 1.0, 1000.0
-"""Time that the motion is left to settle, length of what is measured, s, and samples a second."""
+BEGUN, RATE = 1.0, 1000.0
+"""Time that the motion is left to settle, s, and samples a second."""
 NOISE, OFF, DRAWS = 0.01, 0.1, 200
 OUTSIDE = 4.0
 """Standard errors beyond which a value must be flagged."""
 
 
-def draw(scene: str, seed: int) -> dict[str, Any]:
-    """One draw: what `identify` said, and by how many of its standard errors it missed the truth.
+def draw(scene: str, seed: int, seconds: float = 1.0) -> dict[str, Any]:
+    """One draw: what `identify` said of so many seconds, and by how many of its standard errors it missed the truth.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def draw(scene: str, seed: int) -> dict[str, Any]:
     rng, loaded = np.random.default_rng(seed), load_scene(scene)
     values = dict(values_of(loaded.system))
     truth = {key: float(values[key]) for key in KEYS}  # type: ignore[arg-type]
-    t = BEGUN + np.arange(round(SECONDS * RATE)) / RATE
+    t = BEGUN + np.arange(round(seconds * RATE)) / RATE
     start = [rng.uniform(0.0, 20.0), loaded.system.engine.mean_torque / truth["driveline.stiffness"], 0.0]
     law = Law(loaded.system)
     run = solve_ivp(law.rates, (0.0, t[-1]), start, "LSODA", t, args=(3,), rtol=1e-10, atol=1e-11)

@@ -26,26 +26,37 @@ from tcc_sim.sweeps.workers import cores
 Record = dict[str, Any]
 ERROR = 1e-6
 """The largest section error, relative to each signal's maximum, that a tolerance may leave."""
-HORIZON = 6
-"""Engine cycles over which errors are taken: some motions of Fig. 4 are chaotic, and any error grows."""
-CYCLES = 150
-"""Engine cycles that are timed, those of one point of a sweep."""
 SETTLING = 600
 """Engine cycles after which a motion of Fig. 4 is on its attractor; steady motions and chaotic ones alike."""
 STRETCHES = ("transient", "attractor")
-REPEATS = 5
-LADDER = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8, 3e-9, 1e-9, 1e-10)
 ENGINE, PEER = "smoothed", "XPPAUT cvode"
-FREQUENCIES = (0.12, 0.2, 0.36)
-"""omega/omega_n of the scenes, for each mu_k/mu_s of Fig. 4."""
 
 
-def sweep_speed(quick: bool, done: Callable[[int, int, str], None]) -> Record:
+class SpeedEffort(NamedTuple):
+    """How much is measured.
+
+    frequencies : omega/omega_n of the scenes, for each mu_k/mu_s of Fig. 4
+    values : frequencies of each curve of the whole sweep
+    horizon : engine cycles over which errors are taken: some motions of Fig. 4 are chaotic, and any error grows
+    cycles : engine cycles that are timed, those of one point of a sweep
+    repeats : runs of which the least time counts
+    ladder : tolerances, of which the first that is tight enough is timed
+    """
+
+    frequencies: tuple[float, ...] = (0.12, 0.2, 0.36)
+    values: int = 200
+    horizon: int = 6
+    cycles: int = 150
+    repeats: int = 5
+    ladder: tuple[float, ...] = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8, 3e-9, 1e-9, 1e-10)
+
+
+def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> Record:
     """Measure.
 
     Parameters
     ----------
-    quick : one frequency, and a coarser sweep
+    effort : how much
     done : called with points done, points in all, and what comes next
 
     Returns
@@ -57,25 +68,25 @@ def sweep_speed(quick: bool, done: Callable[[int, int, str], None]) -> Record:
         Fig. 4 at the default tolerance
     """
     points = [(series, ratio, stretch) for series in FIGURES[4].series
-              for ratio in (FREQUENCIES[-1:] if quick else FREQUENCIES) for stretch in STRETCHES]
-    out: Record = {"error": ERROR, "horizon": HORIZON, "cycles": CYCLES, "rows": [], "omitted": []}
+              for ratio in effort.frequencies for stretch in STRETCHES]
+    out: Record = {"error": ERROR, "horizon": effort.horizon, "cycles": effort.cycles, "rows": [], "omitted": []}
     for count, (series, ratio, stretch) in enumerate(points):
         done(count, len(points) + 1, f"Fig. 4 at {ratio:g}, {stretch}")
         system = paper_system({**series.values, "engine.frequency": ratio * OMEGA_N})
         point = {"kinetic_ratio": 1.0 / system.friction_ratio, "frequency_ratio": ratio, "stretch": stretch}
         if stretch == "attractor":
             system = settled(system)
-        truth = reference(system, HORIZON, "LSODA", 1e-12)
+        truth = reference(system, effort.horizon, "LSODA", 1e-12)
         default = SOLVERS[ENGINE].default
-        for solver, ladder in ((ENGINE, LADDER), (ENGINE, (default,)), (PEER, LADDER)):
+        for solver, ladder in ((ENGINE, effort.ladder), (ENGINE, (default,)), (PEER, effort.ladder)):
             try:
                 setting, error = loosest(system, solver, ladder, truth)
                 out["rows"].append({**point, "solver": solver, "setting": setting, "error": error,
-                                    "cycles_per_second": CYCLES / timed(system, solver, setting)})
+                                    "cycles_per_second": effort.cycles / timed(system, solver, setting, effort)})
             except peers.Failed as failed:
                 out["omitted"].append({**point, "solver": solver, "why": str(failed)})
     done(len(points), len(points) + 1, "Fig. 4, whole sweep")
-    out["sweep"] = whole_sweep(40 if quick else 200)
+    out["sweep"] = whole_sweep(effort)
     done(len(points) + 1, len(points) + 1, "")
     return out
 
@@ -97,41 +108,41 @@ def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Refer
     """
     least = math.inf
     for setting in ladder:
-        found = errors(*_run(system, solver, setting), truth)[1]
+        found = errors(*_run(system, solver, setting, len(truth.largest)), truth)[1]
         if found <= ERROR:
             return setting, found
         least = min(least, found)
     raise peers.Failed(f"its error is at least {least:.1e}")
 
 
-def _run(system: System, solver: str, setting: float) -> tuple[Any, Any]:
-    """Section and largest slip speeds over the horizon."""
+def _run(system: System, solver: str, setting: float, cycles: int) -> tuple[Any, Any]:
+    """Section and largest slip speeds over some cycles."""
     if solver == PEER:
-        peer = peers.xppaut(system, "cvode", setting, HORIZON, 0)
+        peer = peers.xppaut(system, "cvode", setting, cycles, 0)
         return peer.section, peer.largest
-    cycles = solve(system, cycles=HORIZON, solver=solver, rtol=setting).raise_for_status().cycles
-    assert cycles is not None
-    return cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest))
+    found = solve(system, cycles=cycles, solver=solver, rtol=setting).raise_for_status().cycles
+    assert found is not None
+    return found.section, np.maximum(np.abs(found.highest), np.abs(found.lowest))
 
 
-def timed(system: System, solver: str, setting: float) -> float:
-    """Least CPU seconds of CYCLES engine cycles."""
+def timed(system: System, solver: str, setting: float, effort: SpeedEffort) -> float:
+    """Least CPU seconds of the cycles that are timed."""
     if solver == PEER:
-        return peers.xppaut(system, "cvode", setting, CYCLES, 2).seconds
-    return least_seconds(lambda: solve(system, cycles=CYCLES, solver=solver, rtol=setting), REPEATS)[0]
+        return peers.xppaut(system, "cvode", setting, effort.cycles, 2).seconds
+    return least_seconds(lambda: solve(system, cycles=effort.cycles, solver=solver, rtol=setting), effort.repeats)[0]
 
 
-def whole_sweep(count: int) -> Record:
-    """A sweep over the four curves of Fig. 4, `count` frequencies each, on all cores."""
-    values = tuple(float(x) for x in np.linspace(*FIGURES[4].span, count) * OMEGA_N)
+def whole_sweep(effort: SpeedEffort) -> Record:
+    """A sweep over the four curves of Fig. 4 on all cores."""
+    values = tuple(float(x) for x in np.linspace(*FIGURES[4].span, effort.values) * OMEGA_N)
     curves = [Curve(paper_system(series.values), "engine.frequency", values) for series in FIGURES[4].series]
     for curve in curves:
         solve(curve.at(0), cycles=1)
     wall, cpu, width = time.perf_counter(), time.process_time(), cores()
-    sweeps = sweep_curves(curves, Plan(cycles=CYCLES), jobs=width)
+    sweeps = sweep_curves(curves, Plan(cycles=effort.cycles), jobs=width)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     cycles = int(sum(sweep.column("cycles").sum() for sweep in sweeps))
-    return {"points": count * len(curves), "cycles": cycles, "cores": width, "seconds": wall,
+    return {"points": effort.values * len(curves), "cycles": cycles, "cores": width, "seconds": wall,
             "busy": cpu / (wall * width),
             "cycles_per_second_and_core": cycles / cpu}
 

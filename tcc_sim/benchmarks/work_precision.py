@@ -17,6 +17,7 @@ import numpy as np
 
 from tcc_sim.benchmarks import peers, steady_state
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
+from tcc_sim.benchmarks.sweep_speed import SpeedEffort
 from tcc_sim.benchmarks.timing import least_seconds
 from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
@@ -73,7 +74,10 @@ class Effort:
     ladders: dict[str, tuple[float, ...]]
     peers: dict[str, tuple[float, ...]]
     long_cycles: int
+    speed: SpeedEffort
     steady_cycles: int = steady_state.CYCLES
+    scenes: tuple[str, ...] = ()
+    """Names of the scenes; all where empty."""
 
 
 FULL = Effort(
@@ -88,7 +92,7 @@ FULL = Effort(
      "CVODE": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
      "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
      "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8),
-     "Siconos theta 1/2": (1e-4, 3e-5, 1e-5), "Siconos theta 1": (1e-4, 3e-5, 1e-5)}, 2000)
+     "Siconos theta 1/2": (1e-4, 3e-5, 1e-5), "Siconos theta 1": (1e-4, 3e-5, 1e-5)}, 2000, SpeedEffort())
 QUICK = Effort(
     4, 0.08, 2.8,
     {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
@@ -97,7 +101,7 @@ QUICK = Effort(
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
     {"solve_ivp LSODA": (1e-6, 1e-8), "CVODE": (1e-8, 1e-10), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10),
      "Siconos theta 1/2": (1e-4, 3e-5)},
-    500, steady_state.QUICK_CYCLES)
+    500, SpeedEffort((0.36,), 40), steady_state.QUICK_CYCLES)
 
 
 def cases(effort: Effort) -> list[Case]:
@@ -110,18 +114,18 @@ def cases(effort: Effort) -> list[Case]:
         Case("minimal", "mu_k = mu_s, constant pressure", fewest, effort.cycles),
         Case("steep", "mu_s/mu_k = 2, Tm = 100 N m, Tp = 400 N m, else fig02", steep, effort.cycles),
         Case("stiff", "sigma = 1e4 s/rad, else fig02", replace(base, {"friction.smoothing": 1e4}), effort.cycles)]
-    return [*smoothed, *(case.set_valued() for case in smoothed[:3])]
+    every = [*smoothed, *(case.set_valued() for case in smoothed[:3])]
+    return [case for case in every if not effort.scenes or case.name in effort.scenes]
 
 
-def study(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record]:
+def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Record]:
     """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more.
 
     Parameters
     ----------
-    quick : shorter horizon and ladders, and no run that takes long
+    effort : how much
     done : called with runs done, runs in all, and what comes next
     """
-    effort = QUICK if quick else FULL
     chosen = cases(effort)
     total = sum(3 + len(list(settings(case, effort))) for case in chosen)
     count = 0

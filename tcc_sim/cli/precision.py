@@ -27,11 +27,12 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene
 
+    effort = precision.QUICK if arguments.quick else precision.FULL
     records, speed = [], None
     with study("run") as running:
-        for record in precision.study(arguments.quick, running.done):
+        for record in precision.study(effort, running.done):
             records += [record]
-        speed = sweep_speed(arguments.quick, running.done)
+        speed = sweep_speed(effort.speed, running.done)
     if not records:
         return 130
     found = precision.as_json(records, speed, arguments.quick, running.complete)

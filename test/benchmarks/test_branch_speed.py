@@ -52,7 +52,7 @@ def test_the_page_has_a_row_for_every_run() -> None:
 
 
 def test_without_auto_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(branch_speed.shutil, "which", lambda name: None)
+    monkeypatch.setenv("PATH", "")
     assert auto(coexistence(), 1, 0.18, 0.3) == ([],
                                                  "period 1  AUTO-07p is not installed: apt install auto-07p gfortran")
 

@@ -12,10 +12,9 @@ from tcc_sim.benchmarks.identification_draws import KEYS, OUTSIDE, draw, main
 
 
 @pytest.mark.parametrize("scene", ["fig02", "chaos"])
-def test_a_draw_converges_from_its_first_start(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_draw_converges_from_its_first_start(scene: str) -> None:
     """Starts 10 % off in random directions; a window that sticks must not lead the fit astray on the way."""
-    monkeypatch.setattr(identification_draws, "SECONDS", 0.6)
-    found = draw(scene, 1)
+    found = draw(scene, 1, 0.6)
     assert found["accepted"]
     assert found["starts"] == 1
     assert max(map(abs, found["missed"].values())) < OUTSIDE

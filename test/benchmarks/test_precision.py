@@ -1,5 +1,6 @@
 """The work-precision report: references against closed forms, failures listed, files as promised."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -56,22 +57,20 @@ def test_two_references_agree_and_errors_are_relative_to_the_signals():
     assert found == pytest.approx((0.0, 1e-3, 0.0))
 
 
+SPEED = sweep_speed.SpeedEffort((0.36,), 2, 2, 10, 1, (1e-6, 1e-9, 1e-10))
+
+
 @pytest.fixture
 def tiny(monkeypatch):
-    """A study of two scenes with few runs, one of them unstable and one too long."""
+    """Makes the quick study one of two scenes with few runs, one of them unstable and one too long."""
     effort = precision.Effort(5, 0.01, 1.0, {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)),
                                              "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
                               {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
                                "lsoda": (1e-6,),
                                "rk4": (3.0,), "rk45": (1e-5,), "dop853": (1e-6,)},
-                              {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20, 400)
-    monkeypatch.setattr(precision, "QUICK", effort)
-    monkeypatch.setattr(sweep_speed, "CYCLES", 10)
-    monkeypatch.setattr(sweep_speed, "HORIZON", 2)
-    monkeypatch.setattr(sweep_speed, "REPEATS", 1)
-    monkeypatch.setattr(sweep_speed, "LADDER", (1e-6, 1e-9, 1e-10))
-    monkeypatch.setattr(sweep_speed, "whole_sweep", lambda _, plain=sweep_speed.whole_sweep: plain(2))
-    monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: [plain(effort)[i] for i in (0, 5)])
+                              {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20,
+                              SPEED, 400, ("fig02", "minimal, set-valued"))
+    return lambda **changes: monkeypatch.setattr(precision, "QUICK", dataclasses.replace(effort, **changes))
 
 
 def test_no_two_series_look_alike():
@@ -83,6 +82,7 @@ def test_no_two_series_look_alike():
 
 
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
+    tiny()
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 0
     found = valid("precision", json.loads((folder / "precision.json").read_text()))
@@ -127,7 +127,7 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert all(row["error"] <= sweep_speed.ERROR and row["cycles_per_second"] > 0.0 for row in speed["rows"])
     peer = [row for row in [*speed["rows"], *speed["omitted"]] if row["solver"] == sweep_speed.PEER]
     assert len(peer) == 8
-    assert all("why" in row or row["setting"] in sweep_speed.LADDER for row in peer)
+    assert all("why" in row or row["setting"] in SPEED.ladder for row in peer)
     assert (speed["sweep"]["points"], speed["sweep"]["cycles"]) == (8, 80)
     assert "cycles a second and core at a section error of at most 1e-06" in said
     assert text.count("| 0.83 | 0.36 |") == 2  # from the initial state, and on the attractor
@@ -164,7 +164,7 @@ def test_the_attractor_is_reached_before_it_is_timed():
 
 def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():
     system = paper_system({"friction.kinetic_coefficient": 0.25, "engine.frequency": 77.0})
-    truth = reference(system, sweep_speed.HORIZON, "LSODA", 1e-12)
+    truth = reference(system, SPEED.horizon, "LSODA", 1e-12)
     with pytest.raises(peers.Failed, match="its error is at least"):
         sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1,), truth)
     setting, error = sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1, 1e-9), truth)
@@ -172,11 +172,12 @@ def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():
     assert error < 1e-7
 
 
-def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
+def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys):
+    def interrupted():
         raise KeyboardInterrupt
-    monkeypatch.setattr(sweep_speed, "sweep_speed", interrupted)
-    monkeypatch.setattr(precision, "cases", lambda effort, plain=precision.cases: plain(effort)[:1])
+        yield
+
+    tiny(scenes=("fig02",), speed=SPEED._replace(frequencies=interrupted()))
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 130
     found = json.loads((folder / "precision.json").read_text())
