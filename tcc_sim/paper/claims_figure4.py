@@ -23,7 +23,6 @@ from tcc_sim.paper.evidence import (
     with_kinetic,
 )
 from tcc_sim.paper.stable_motions import Motion, StableMotions
-from tcc_sim.solvers import solve
 from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
@@ -238,7 +237,7 @@ def shows_in_both(evidence: Evidence) -> Measured:
     same, apart = [], []
     for x in AXIS[::3]:
         system = paper_system(with_kinetic(0.75, {FREQUENCY: float(x) * OMEGA_N}))
-        cycles = solve(system, cycles=650, rtol=evidence.rtol).raise_for_status().cycles
+        cycles = evidence.run(system, 650).cycles
         assert cycles is not None
         last = slice(-64, None)
         periods = [repeats(series) for series in (cycles.section[last, 1], cycles.highest[last])]
@@ -293,6 +292,6 @@ def _diagnosis(evidence: Evidence, row: Values) -> list[Any]:
     found = evidence.motion(row, lyapunov=True).lyapunov
     if found is not None and found.diagnosis == "unresolved":
         system = paper_system(row)
-        late = solve(system, cycles=650, rtol=evidence.rtol).raise_for_status().final
+        late = evidence.run(system, 650).final
         found = largest_lyapunov_exponent(system, late, cycles=LONG, start_cycle=650)
     return ["not solved"] if found is None else [found.diagnosis, found.low, found.high]

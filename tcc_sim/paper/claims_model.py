@@ -222,11 +222,11 @@ def positive_trend_slips(evidence: Evidence) -> Measured:
     """(14): stick-slip that persists where Tsm = 297 N m is below Tm = 300 N m."""
     row = with_kinetic(0.55, {FREQUENCY: 0.36 * OMEGA_N})
     near = paper_system(with_kinetic(0.57, row))
-    handed = solve(near, cycles=600, rtol=evidence.rtol).raise_for_status().final
+    handed = evidence.run(near, 600).final
     values: dict[str, Any] = {"Tm - Tsm (N m)": 300.0 - paper_system(row).saturation_mean}
     slipping = []
     for name, state in (("from (13)", None), ("from the motion of 0.57 mu_s", handed)):
-        run = solve(paper_system(row), cycles=2000, state=state, rtol=evidence.rtol).raise_for_status()
+        run = evidence.run(paper_system(row), 2000, state=state)
         assert run.cycles is not None
         last = run.cycles[-50:]
         slipping.append(float(last.stick_time.sum()) == 0.0)
@@ -244,7 +244,7 @@ def pure_slip_guaranteed(evidence: Evidence) -> Measured:
     """(14) to (18): pure positive slip for Tm = Tsm, against the simulation."""
     system = paper_system(PURE_SLIP)
     found = closed_form.pure_slip(system)
-    run = evidence.first_cycles(PURE_SLIP, 60, 200)
+    run = evidence.run(system, 60, samples=200)
     off = float(np.abs(run.slip_speed - found.slip_speed(run.t)).max()) / float(np.abs(run.slip_speed).max())
     # v is Omega_e plus what does not depend on it, so the slowest engine that keeps slipping is the difference.
     slowest = system.initial.slip_speed - found.least_slip_speed

@@ -21,7 +21,7 @@ from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.point import Plan, Point, solve_point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep, sweep_curves
-from tcc_sim.trajectory import Status, Trajectory
+from tcc_sim.trajectory import State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
 UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
@@ -137,15 +137,15 @@ class Evidence:
         """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
         return SOLVERS["event_driven"].default if system.friction.law == "set_valued" else self.rtol
 
-    def first_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
-        """Some cycles with samples from the initial state (13)."""
-        system = paper_system(row)
-        return solve(system, cycles=cycles, samples_per_cycle=samples, rtol=self._rtol(system)).raise_for_status()
+    def run(self, system: System, cycles: int, *, samples: int = 0, start_cycle: int = 0,
+            state: State | None = None) -> Trajectory:
+        """Some cycles at this tolerance, each with so many samples."""
+        return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=start_cycle, state=state,
+                     rtol=self._rtol(system)).raise_for_status()
 
     def largest_by_cycle(self, row: Values, cycles: int) -> Floats:
         """(cycles,) largest |slip speed| of every cycle from the initial state (13), rad/s."""
-        system = paper_system(row)
-        found = solve(system, cycles=cycles, rtol=self._rtol(system)).raise_for_status().cycles
+        found = self.run(paper_system(row), cycles).cycles
         assert found is not None
         largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))
         return largest
@@ -153,9 +153,8 @@ class Evidence:
     def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
         """Some cycles with samples, after those of the paper's rule."""
         system = paper_system(row)
-        before = solve(system, cycles=CYCLES, rtol=self._rtol(system)).raise_for_status()
-        return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=CYCLES, state=before.final,
-                     rtol=self._rtol(system)).raise_for_status()
+        before = self.run(system, CYCLES)
+        return self.run(system, cycles, samples=samples, start_cycle=CYCLES, state=before.final)
 
     def maximum(self, row: Values, ratio: float) -> float:
         """The largest slip speed at one frequency ratio, NaN where it could not be solved."""

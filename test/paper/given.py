@@ -10,6 +10,7 @@ import numpy as np
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment
+from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.evidence import Settled
 from tcc_sim.paper.stable_motions import StableMotions
@@ -37,8 +38,10 @@ class Given(StableMotions):
                  stretches: Callable[..., list[StableSegment]] = lambda row: [],
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
-                 periodic: Callable[[float], bool] = lambda x: True) -> None:
+                 periodic: Callable[[float], bool] = lambda x: True, runs: Callable[[System], Any] = lambda system: None
+                 ) -> None:
         super().__init__(1e-9, 1)
+        self.runs = runs
         self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
         self.at, self.leaps, self.diagnosis, self.along = at, jumps, lyapunov, along
 
@@ -47,6 +50,9 @@ class Given(StableMotions):
         keys = tuple(min(float(x) * unit, STATIC) if unit == STATIC else float(x) * unit for x in axis)
         return [Sweep(Curve(paper_system(row), over, keys), Plan(direction=direction),
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
+
+    def run(self, system, cycles, **how):  # type: ignore
+        return self.runs(system)
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
         found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary

@@ -6,7 +6,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,26 +69,27 @@ def test_the_page_says_what_the_cheap_claims_come_to_now() -> None:
         assert markdown_table(pages.row_of(verdict), [])[0] in page
 
 
-def test_a_jump_is_told_from_a_steep_curve(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    kept = Evidence(1e-6)
+class Drawn(Evidence):
+    """The maxima of a curve of the test's own."""
+
+    def __init__(self, curve: Callable[[float], float]) -> None:
+        super().__init__(1e-6)
+        self.curve = curve
+
+    def curves(self, rows: Any, axis: Any, **how: Any) -> Any:
+        values = np.array([self.curve(x) for x in axis])
+        return [SimpleNamespace(column=lambda name: values)]
+
+    def maximum(self, row: Any, ratio: float) -> float:
+        return self.curve(ratio)
+
+
+def test_a_jump_is_told_from_a_steep_curve() -> None:
     axis = np.linspace(0.1, 0.5, 21)
-
-    class Swept:
-        """A curve of the test's own."""
-
-        def __init__(self, values: np.ndarray) -> None:
-            self.values = values
-
-        def column(self, name: str) -> np.ndarray:
-            """The values."""
-            return self.values
 
     for curve, expected in ((lambda x: 40.0 if x < 0.313 else 50.0, [0.313]),
                             (lambda x: 50.0 * math.tanh((x - 0.3) / 0.02), [])):
-        swept = [Swept(np.array([curve(x) for x in axis]))]
-        monkeypatch.setattr(kept, "curves", lambda rows, axis, swept=swept: swept)
-        monkeypatch.setattr(kept, "maximum", lambda row, ratio, curve=curve: curve(ratio))
-        assert [x for x, _ in kept.jumps({}, axis)] == pytest.approx(expected, abs=1e-4)
+        assert [x for x, _ in Drawn(curve).jumps({}, axis)] == pytest.approx(expected, abs=1e-4)
 
 
 def test_a_verdict_that_changes_with_the_tolerance_depends() -> None:

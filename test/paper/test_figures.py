@@ -229,23 +229,15 @@ def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:
         assert high - low == pytest.approx(histories.NARROWEST * 30.0)
 
 
-def test_figures_share_the_curves_that_they_have_in_common(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    """Fig. 11 has the curve omega_f = omega of Fig. 10."""
-    swept: list[int] = []
-
-    def counted(curves, plan, **how):  # type: ignore[no-untyped-def]
-        swept.append(len(curves))
-        return sweep_curves([Curve(c.system, c.key, c.values[-1:]) for c in curves], plan, jobs=1)
-
-    def short(curves, plan, **how):  # type: ignore[no-untyped-def]
-        return [replace(s, curve=c) for s, c in zip(counted(curves, plan), curves)]
-
-    monkeypatch.setattr(figures, "sweep_curves", short)
-    monkeypatch.setattr(figures, "coexisting", lambda sweep, jobs: [])
+def test_figures_share_the_curves_that_they_have_in_common() -> None:
+    """Fig. 11 has the curve omega_f = omega of Fig. 10, which is not swept again."""
     options = FigureOptions(quick=True, law="set_valued")
-    data = [figure_data(number, options) for number in (10, 11)]
-    assert swept == [3, 2]
-    assert data[0]["curves"][1]["max_slip_speed"] == data[1]["curves"][1]["max_slip_speed"]
+    first = figure_data(10, options)
+    swept = dict(options.kept)
+    second = figure_data(11, options)
+    assert (len(swept), len(options.kept)) == (3, 5)
+    assert all(options.kept[curve] is found for curve, found in swept.items())
+    assert first["curves"][1]["max_slip_speed"] == second["curves"][1]["max_slip_speed"]
 
 
 def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from given import Given, law_of, record
 
+from tcc_sim.model.parameters import System
 from tcc_sim.paper import claims_figures5to7 as damped
 from tcc_sim.paper import claims_model as model
 from tcc_sim.paper import claims_series as series_claims
@@ -28,19 +29,21 @@ def dampings(cf: Callable[[float], float], changes: bool) -> Callable[..., Any]:
 @pytest.mark.parametrize(("cf", "changes", "verdict"), [
     (lambda x: -1.2 * x / 0.4, True, CONFIRMED), (lambda x: -1.2 * x / 0.4, False, NOT_CONFIRMED),
     (lambda x: 0.0, True, NOT_CONFIRMED)])
-def test_a_crossing_counts_with_a_change_of_period_only(cf, changes, verdict, monkeypatch) -> None:  # type: ignore
-    monkeypatch.setattr(damped, "_other_readings", dict)
+def test_a_crossing_counts_with_a_change_of_period_only(cf, changes, verdict) -> None:  # type: ignore
     assert damped.damping_crosses(Given(dampings(cf, changes))).verdict == verdict
 
 
 @pytest.mark.parametrize(("shares", "verdict"), [
     ((1.0, 0.9, 0.1, 0.0), CONFIRMED), ((1.0, 0.7, 0.1, 0.0), NOT_CONFIRMED), ((1.0, 0.9, 0.3, 0.0), NOT_CONFIRMED)])
-def test_the_delay_is_judged_by_the_half_cycles(shares, verdict, monkeypatch) -> None:  # type: ignore
-    places = {f"{float(s.values['engine.frequency']):.6f}": x for s, x in zip(FIGURES[9].series, shares)}
-    monkeypatch.setattr(varying, "first_half", lambda key: places[key])
-    given = Given()
-    monkeypatch.setattr(given, "last_cycles", lambda row, cycles, samples: f"{row['engine.frequency']:.6f}")
-    assert varying.delay(given).verdict == verdict
+def test_the_delay_is_judged_by_the_half_cycles(shares, verdict) -> None:  # type: ignore
+    """Two samples, one in either half of the cycle."""
+    places = {s.values["engine.frequency"]: x for s, x in zip(FIGURES[9].series, shares)}
+
+    def run(system: System) -> Any:
+        share = places[system.engine.frequency]
+        return SimpleNamespace(t=np.array([0.25, 0.75]), cycle=1.0, state=np.ones(2),
+                               slip_speed=np.array([share, 1.0 - share]), final=None)
+    assert varying.delay(Given(runs=run)).verdict == verdict
 
 
 @pytest.mark.parametrize(("differences", "along", "period", "largest", "verdict"), [
@@ -76,15 +79,13 @@ def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -
     assert set(seen) == {1.0, 0.8, 0.75, 0.677}
 
 
-def test_pure_slip_is_held_against_the_solution(monkeypatch) -> None:  # type: ignore
+def test_pure_slip_is_held_against_the_solution() -> None:
     from tcc_sim.model.closed_form import pure_slip
     t = np.linspace(0.0, 1.0, 1001)
     v = pure_slip(paper_system(model.PURE_SLIP)).slip_speed(t)
     for off, verdict in ((0.0, CONFIRMED), (1e-3, NOT_CONFIRMED)):
-        given = Given()
-        monkeypatch.setattr(given, "first_cycles", lambda row, cycles, samples, off=off: SimpleNamespace(
-            t=t, slip_speed=v * (1.0 + off)))
-        found = model.pure_slip_guaranteed(given)
+        run = SimpleNamespace(t=t, slip_speed=v * (1.0 + off))
+        found = model.pure_slip_guaranteed(Given(runs=lambda system, run=run: run))
         assert found.verdict == verdict
         assert found.values["least Omega_e that slips for ever (rad/s)"] == pytest.approx(35.1, abs=0.1)
 
@@ -184,11 +185,9 @@ def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict, m
     monkeypatch.setattr(series_claims, "harmonic_balance", lambda system, period, count: series)
     monkeypatch.setattr(series_claims, "mean_friction_torque",
                         lambda system, coefficient, period, printed=False, value=printed: value if printed else 300.0)
-    given = Given()
     for mean, expected in ((2.0, verdict), (3.0, NOT_CONFIRMED)):
-        run = SimpleNamespace(t=t, slip_speed=mean + np.cos(t))
-        monkeypatch.setattr(given, "last_cycles", lambda row, cycles, samples, run=run: run)
-        assert series_claims.series_balance(given).verdict == expected
+        run = SimpleNamespace(t=t, slip_speed=mean + np.cos(t), final=None)
+        assert series_claims.series_balance(Given(runs=lambda system, run=run: run)).verdict == expected
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(5e-4, CONFIRMED), (2e-3, NOT_CONFIRMED), (None, NOT_CONFIRMED)])
@@ -198,18 +197,15 @@ def test_limits_of_stick_are_held_against_the_simulation(off, verdict, monkeypat
     assert model.stick_limits_varying(Given()).verdict == verdict
 
 
-def test_a_positive_trend_slips_where_no_motion_sticks(monkeypatch) -> None:  # type: ignore
+def test_a_positive_trend_slips_where_no_motion_sticks() -> None:
     for stick, verdict in (((0.0, 0.0), CONFIRMED), ((0.0, 0.01), NOT_CONFIRMED)):
         left = iter((0.0, *stick))
 
-        def run(system: Any, *, left=left, **how: Any) -> Any:  # type: ignore
+        def run(system: Any, left: Any = left) -> Any:
             one = np.full(50, next(left))
             cycles = SimpleNamespace(stick_time=one, lowest=one, highest=one)
-            found = SimpleNamespace(final=None, cycles=type("Cycles", (), {"__getitem__": lambda self, k: cycles})())
-            found.raise_for_status = lambda: found
-            return found
-        monkeypatch.setattr(model, "solve", run)
-        assert model.positive_trend_slips(Given()).verdict == verdict
+            return SimpleNamespace(final=None, cycles=type("Cycles", (), {"__getitem__": lambda self, k: cycles})())
+        assert model.positive_trend_slips(Given(runs=run)).verdict == verdict
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(1e-3, CONFIRMED), (3e-3, NOT_CONFIRMED)])
@@ -224,16 +220,13 @@ def test_the_critical_frequency_is_where_the_curves_cross(off, verdict) -> None:
 
 
 @pytest.mark.parametrize(("apart", "verdict"), [(0, CONFIRMED), (1, CONFIRMED), (5, DEPENDS), (40, NOT_CONFIRMED)])
-def test_a_period_shows_in_both_or_in_one(apart, verdict, monkeypatch) -> None:  # type: ignore
+def test_a_period_shows_in_both_or_in_one(apart, verdict) -> None:  # type: ignore
     """Of 51 ratios so many have a maximum that alternates beside a section that does not."""
     from tcc_sim.paper import claims_figure4
 
     number = iter(range(1000))
 
-    def run(system: Any, **how: Any) -> Any:
+    def run(system: Any) -> Any:
         turn = np.arange(650) % 2 if next(number) < apart else np.zeros(650)
-        found = SimpleNamespace(cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
-        found.raise_for_status = lambda: found
-        return found
-    monkeypatch.setattr(claims_figure4, "solve", run)
-    assert claims_figure4.shows_in_both(Given()).verdict == verdict
+        return SimpleNamespace(cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
+    assert claims_figure4.shows_in_both(Given(runs=run)).verdict == verdict
