@@ -101,10 +101,8 @@ def test_a_verdict_that_changes_with_the_tolerance_depends() -> None:
     assert claims.Verdict(finding, NOT_CONFIRMED).as_json()["verdict"] == NOT_CONFIRMED
 
 
-def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    chosen = (claims_model.maximum_falls, claims_model.slope_turns_negative)
-    monkeypatch.setattr(claims, "CLAIMS", chosen)
-    monkeypatch.setattr(mean_pressure, "NUMBERS", mean_pressure.NUMBERS[:2])
+def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> None:  # type: ignore[no-untyped-def]
+    judge_only(claims_model.maximum_falls, claims_model.slope_turns_negative)
     assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
     found = valid("claims", json.loads((tmp_path / "c.json").read_text()))
     rows = found["claims"]
@@ -120,14 +118,14 @@ def test_the_command_writes_json_and_a_page(tmp_path, monkeypatch, capsys) -> No
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
 
 
-def test_an_interrupted_command_keeps_the_claims_that_were_judged(tmp_path, monkeypatch,
-                                                                  capsys) -> None:  # type: ignore[no-untyped-def]
+def test_an_interrupted_command_keeps_the_claims_that_were_judged(  # type: ignore[no-untyped-def]
+        tmp_path, judge_only, capsys) -> None:
     def stopped(evidence: Evidence) -> Measured:
         raise KeyboardInterrupt
 
     interrupted = Claim("4", "5", "a claim", Holds("it holds"), stopped)
     for chosen, kept in (((claims_model.maximum_falls, interrupted), 1), ((interrupted,), 0)):
-        monkeypatch.setattr(claims, "CLAIMS", chosen)
+        judge_only(*chosen)
         page, rows = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
         assert main(["claims", "--json", str(rows), "--markdown", str(page)]) == 130
         assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"

@@ -7,7 +7,7 @@ import math
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.closed_form import constant_load_limits
 from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
-from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, paper_system, plain
+from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, PaperFigure, paper_system, plain
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import FigureOptions
@@ -179,8 +179,8 @@ def given_basins() -> Basins:
 
 def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     pytest.importorskip("matplotlib")
-    data = {6: given_figure(6, "orbit", [given_curve()]), 19: given_chart(), 20: given_chart()}
-    monkeypatch.setattr(figures, "figure_data", lambda number, options: data[number])
+    monkeypatch.setitem(figures.KINDS, "orbit", lambda row, options: given_figure(6, "orbit", [given_curve()]))
+    monkeypatch.setitem(figures.KINDS, "chart", lambda row, options: given_chart())
     monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
     folder = tmp_path / "motions"
     assert motions.main(["--quick", "--jobs", "1", "--out", str(folder)]) == 0
@@ -197,10 +197,10 @@ def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypa
 
 
 def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    def interrupted(number: int, options: FigureOptions) -> None:
+    def interrupted(row: PaperFigure, options: FigureOptions) -> NoReturn:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(figures, "figure_data", interrupted)
+    monkeypatch.setitem(figures.KINDS, "chart", interrupted)
     assert motions.main(["--jobs", "1", "--out", str(tmp_path / "motions")]) == 130
     assert not list(tmp_path.iterdir())
 
@@ -237,6 +237,7 @@ def test_labels_are_said_without_their_typesetting() -> None:
 
 
 def test_all_figures_leave_branches_out_where_there_are_none(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(figures, "KINDS", dict.fromkeys(figures.KINDS, lambda row, options: {"curves": []}))
+    for kind in figures.KINDS:
+        monkeypatch.setitem(figures.KINDS, kind, lambda row, options: {"curves": []})
     for number in FIGURES:
         assert figures.figure_data(number, FigureOptions(quick=True, branches=True))["figure"] == number
