@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -32,23 +32,27 @@ class Domain:
     A participant binds ports of its domain, so a domain with a bound port is somebody's. The name keeps those apart who
     choose at the same time and have no participant yet.
 
+    Parameters
+    ----------
+    domains : those of which a choice is made
+
     Raises
     ------
     TccError
         Every domain is taken.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, domains: Sequence[int] = DOMAINS) -> None:
         self._guard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         taken = {(port - _FIRST_PORT) // _PORTS for port in ports_in_use()}
-        for number in secrets.SystemRandom().sample(DOMAINS, len(DOMAINS)):
+        for number in secrets.SystemRandom().sample(domains, len(domains)):
             if number not in taken:
                 with suppress(OSError):
                     self._guard.bind(f"\0tcc_sim_domain_{number}")
                     self.number = number
                     return
         self._guard.close()
-        raise TccError(f"every ROS domain from {DOMAINS[0]} to {DOMAINS[-1]} is in use on this machine; set "
+        raise TccError(f"every ROS domain from {domains[0]} to {domains[-1]} is in use on this machine; set "
                        "ROS_DOMAIN_ID")
 
     def close(self) -> None:

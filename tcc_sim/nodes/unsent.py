@@ -25,9 +25,10 @@ def encoded(name: str, counts: Mapping[str, int]) -> bytes:
 
 
 class UnsentCount:
-    """Adds up what every driveline of a recording says of itself."""
+    """Adds up what every driveline of a recording says of itself; `most` of them are told apart."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST_PUBLISHERS) -> None:
+        self._most = most
         self._by_publisher: dict[bytes, dict[str, int]] = {}
         self._earlier: Counter[str] = Counter()
 
@@ -40,7 +41,7 @@ class UnsentCount:
             return
         counts = {item.key: int(item.value) for item in values[:MOST_TOPICS]
                   if item.value.isdecimal() and len(item.value) < 19}
-        if publisher not in self._by_publisher and len(self._by_publisher) >= MOST_PUBLISHERS:
+        if publisher not in self._by_publisher and len(self._by_publisher) >= self._most:
             self._earlier.update(self._by_publisher.pop(next(iter(self._by_publisher))))
         self._by_publisher[publisher] = counts
 

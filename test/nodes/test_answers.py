@@ -238,22 +238,24 @@ class Refusing:
         return self.publisher.get_subscription_count()
 
 
-def refusing(node: DrivelineNode) -> Refusing:
-    """Put it in the place of the publisher of joint_states."""
-    outputs = node.loop.outputs
-    row, *rest = outputs._every_tick
-    publisher = Refusing(row[0])
-    outputs._every_tick = [(publisher, *row[1:]), *rest]
-    return publisher
+class Unheard(DrivelineNode):
+    """A driveline whose publisher of joint_states refuses when it is told to."""
+
+    def create_publisher(self, kind: Any, name: str, *options: Any, **more: Any) -> Any:
+        found = super().create_publisher(kind, name, *options, **more)
+        if name != "joint_states":
+            return found
+        self.refusing = Refusing(found)
+        return self.refusing
 
 
 @pytest.mark.parametrize("parameters", [{"scene": "minimal", "real_time_factor": 0.0},
                                         {"scene": "commands", "pacing": "lockstep", "command_timeout": 1e-9}])
 def test_where_time_does_not_matter_nothing_is_dropped_and_requests_are_answered_meanwhile(
         bench: Any, parameters: dict[str, Any]) -> None:
-    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+    node = bench.add(Unheard(context=bench.context, parameter_overrides=[
         Parameter(key, value=value) for key, value in parameters.items()]))
-    publisher = refusing(node)
+    publisher = node.refusing
     node.start()
     bench.until(lambda: len(publisher.taken) > 50)
     publisher.open = False
@@ -276,9 +278,9 @@ def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(ben
 
     recorder = Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
         Parameter("output", value=str(tmp_path / "run"))]))
-    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+    node = bench.add(Unheard(context=bench.context, parameter_overrides=[
         Parameter("scene", value="minimal"), Parameter("wait_for_subscribers", value=1)]))
-    publisher = refusing(node)
+    publisher = node.refusing
     node.start()
     bench.until(lambda: len(publisher.taken) > 100)
     publisher.open = False
@@ -287,6 +289,7 @@ def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(ben
     bench.until(lambda: len(publisher.taken) > 300)
     node.housekeeping()
     node.loop.stop()
+    assert node.loop.failure is None
 
     def known() -> bool:
         recorder.drain()

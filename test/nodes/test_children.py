@@ -10,8 +10,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.nodes import children
 
 
-def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[str],
-                                                monkeypatch: pytest.MonkeyPatch) -> None:
+def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[str]) -> None:
     class Driveline:
         """Compiles for three looks."""
 
@@ -25,7 +24,6 @@ def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[st
         def check(self) -> None:
             """It runs."""
 
-    monkeypatch.setattr(children.time, "sleep", lambda _: None)
     session = object.__new__(children.Session)
     session.driveline = session.recorder = Driveline()  # type: ignore[assignment]
     session.beside = []

@@ -8,36 +8,35 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.errors import TccError
-from tcc_sim.nodes import domain
 from tcc_sim.nodes.domain import DOMAINS, Domain, ports_in_use
 
 
-def test_no_two_have_the_same_domain_until_it_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(domain, "DOMAINS", range(90, 98))
+def test_no_two_have_the_same_domain_until_it_is_given_back() -> None:
+    some = range(90, 98)
     mine: list[Domain] = []
     with pytest.raises(TccError, match="every ROS domain from 90 to 97 is in use on this machine"):
-        mine.extend(Domain() for _ in range(9))
+        mine.extend(Domain(some) for _ in range(9))
     assert len({one.number for one in mine}) == len(mine)
     assert mine
-    assert {one.number for one in mine} <= set(range(90, 98))
+    assert {one.number for one in mine} <= set(some)
     mine[0].close()
-    again = Domain()
+    again = Domain(some)
     assert again.number == mine[0].number
     for one in (again, *mine):
         one.close()
 
 
-def test_a_domain_with_a_participant_is_somebodys(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_domain_with_a_participant_is_somebodys() -> None:
     """Whoever takes part in a domain has bound a port of it, whatever program it is."""
     claimed = Domain()
     claimed.close()
-    monkeypatch.setattr(domain, "DOMAINS", range(claimed.number, claimed.number + 1))
+    one = [claimed.number]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
         participant.bind(("127.0.0.1", 7400 + 250 * claimed.number + 11))
         assert participant.getsockname()[1] in ports_in_use()
         with pytest.raises(TccError, match="in use on this machine; set ROS_DOMAIN_ID"):
-            Domain()
-    Domain().close()
+            Domain(one)
+    Domain(one).close()
 
 
 def test_ports_are_those_of_both_tables(tmp_path: Path) -> None:

@@ -265,31 +265,6 @@ def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
     assert not node.loop.running
 
 
-def test_what_the_middleware_refuses_is_counted_and_the_run_goes_on(bench: Any,
-                                                                    monkeypatch: pytest.MonkeyPatch) -> None:
-    node = start(bench, scene="minimal", publish_scalars=False)
-    publisher, *rest = node.loop.outputs._every_tick[0]
-
-    class Refusing:
-        topic_name = "/joint_states"
-
-        def __init__(self) -> None:
-            self.left = 3
-
-        def publish(self, data: bytes) -> None:
-            if self.left:
-                self.left -= 1
-                raise RuntimeError("cannot publish data")
-            publisher.publish(data)
-
-    monkeypatch.setattr(node.loop.outputs, "_every_tick", [(Refusing(), *rest)])
-    heard = listener(bench, JointState, "joint_states")
-    node.start()
-    bench.until(lambda: len(heard) > 5)
-    assert node.loop.outputs.unsent == {"/joint_states": 3}
-    assert node.loop.failure is None
-
-
 @pytest.mark.parametrize(("scene", "stick"), [("slip", False), ("stick", True)])
 def test_every_tick_counts_as_stick_or_slip(bench: Any, scene: str, stick: bool) -> None:
     node = start(bench, scene=scene, initial__slip_speed=0.0 if stick else 150.0)

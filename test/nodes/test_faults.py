@@ -159,8 +159,7 @@ def test_an_output_where_nothing_can_be_written_is_refused_before_the_run(tmp_pa
 def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path,
                                                                  start: Callable[..., NodeProcess]) -> None:
     recorder = start("recorder", output="/proc/none/run")
-    assert recorder._process.wait(timeout=120) == 2
-    recorder._reader.join()
+    assert recorder.wait() == 2
     assert recorder.lines == ["recorder: /proc/none/run cannot be created: No such file or directory"]
 
 

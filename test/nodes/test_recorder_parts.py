@@ -13,8 +13,9 @@ from test_recorder import context as context
 from waiting import until
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import qos, recorder, unsent
+from tcc_sim.nodes import qos, unsent
 from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.nodes.track import MOST_PUBLISHERS, Track
 from tcc_sim.recording.reader import open_run
 
 
@@ -52,14 +53,12 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
 
 
-def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart(monkeypatch):
-    monkeypatch.setattr(unsent, "MOST_PUBLISHERS", 2)
-    count = unsent.UnsentCount()
-    for name in ("a", "b", "a", "c", "d"):
-        before = {"a": 1, "b": 10, "c": 100, "d": 1000}[name]
-        count.add(name.encode(), unsent.encoded(name, {"/joint_states": before}))
-    assert count.by_topic() == {"/joint_states": 1111}
-    assert len(count._by_publisher) == 2
+def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart():
+    """Of those that were forgotten the count stays, and is added to."""
+    count = unsent.UnsentCount(most=2)
+    for name, said in (("a", 1), ("b", 10), ("a", 2), ("c", 100), ("d", 1000), ("a", 3)):
+        count.add(name.encode(), unsent.encoded(name, {"/joint_states": said}))
+    assert count.by_topic() == {"/joint_states": 2 + 10 + 100 + 1000 + 3}
 
 
 def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
@@ -77,25 +76,34 @@ def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
     assert (run.stamps.restarts, run.stamps.resets, run.messages) == (1, 0, {"/joint_states": 100})
 
 
-def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "MOST_PUBLISHERS", 5)
-    monkeypatch.setattr("tcc_sim.nodes.track.MOST_PUBLISHERS", 5)
+def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tmp_path):
+    """Every state is from a publisher of its own."""
     found = start(context, tmp_path / "run", topics=["joint_states", "scene"])
-    track = found.tracks["/joint_states"]
-    for n in range(40):
-        who = {"data": bytes([n]) * 16}
-        found._write(track, [(joint_state(n), {"publication_sequence_number": 1, "publisher_gid": who,
-                                               "received_timestamp": n + 1, "source_timestamp": n + 1})])
-        track.asks_again([bytes([n])])
-        found._describe(cdr.string(SCENE + f"# {n}\n"), n)
-    assert len(track.channels) <= 6
-    assert len(track._next) <= 5
-    assert len(track._offered) <= 7
-    assert found.bag.scene_text == SCENE + "# 39\n"
+    for n in range(MOST_PUBLISHERS + 20):
+        said = {"publication_sequence_number": 1, "publisher_gid": {"data": n.to_bytes(16, "big")},
+                "received_timestamp": n + 1, "source_timestamp": n + 1}
+        found._write(found.tracks["/joint_states"], [(joint_state(n), said)])
+        if n % 25 == 0:
+            found._write(found.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), said)])
+    assert len(found.tracks["/joint_states"].channels) == MOST_PUBLISHERS + 1
+    assert found.bag.scene_text == SCENE + "# 1000\n"
     found.close()
     run = open_run(tmp_path / "run")
-    assert sum(map(len, run.batches())) == 40
-    assert len(run.scenes) == 40
+    assert (sum(map(len, run.batches())), len(run.scenes)) == (MOST_PUBLISHERS + 20, 41)
+
+
+def test_a_publisher_is_forgotten_after_a_thousand_others(context):
+    """What it misses then is no loss that is known of, and it is asked again as one that is new."""
+    for others, lost in ((MOST_PUBLISHERS - 1, 3), (MOST_PUBLISHERS, 0)):
+        track = Track(rclpy.create_node("recorder", context=context), "/scene", "std_msgs/msg/String")
+        for n, number in [(0, 1), *((n, 1) for n in range(1, others + 1)), (0, 5)]:
+            track.count(n.to_bytes(16, "big"), number)
+        assert track.lost == lost
+        track = Track(rclpy.create_node("recorder", context=context), "/scene", "std_msgs/msg/String")
+        assert [track.asks_again([b"silent"]) for _ in range(21)] == [True] * 20 + [False]
+        for n in range(others + 1):
+            track.asks_again([n.to_bytes(16, "big")])
+        assert track.asks_again([b"silent"]) is (lost == 0)
 
 
 class Enough(Exception):
