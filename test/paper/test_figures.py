@@ -23,7 +23,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.output.files import write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, paper_system
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, figure_row, paper_system
 from tcc_sim.paper.coexistence import coexisting, stands_out
 from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figures import figure_data
@@ -39,6 +39,50 @@ def test_every_figure_from_2_to_18_has_a_row() -> None:
             assert isinstance(paper_system(series.values), System)
         if row.kind in ("map", "damping", "orbit"):
             assert row.count >= 200
+
+
+FALLING, THIRDS, HALVES, PHASES = (1.0, 0.83, 0.75, 0.667), (2 / 3, 1.0, 4 / 3), (0.5, 1.0, 2.0), (0.0, 0.5, 1.0)
+
+
+@pytest.mark.parametrize(("number", "of", "expected", "kinetic", "amplitude"), [
+    (2, "omega", [150.0 / OMEGA_N], 0.8, 0.2), (3, "mu_k", [1.0, 0.8, 0.75, 0.677], None, 0.0),
+    (4, "mu_k", FALLING, None, 0.0), (5, "mu_k", [0.667], None, 0.0), (6, "omega", [0.36], 1.0, 0.0),
+    (7, "mu_k", [0.94, 0.74, 0.64], None, 0.0), (8, "psi", PHASES, 1.0, 0.25),
+    (9, "omega", [0.15, 0.18, 0.37, 0.40], 1.0, 0.0), (10, "omega_f", HALVES, 1.0, 0.25),
+    (11, "omega_f", THIRDS, 1.0, 0.25), (12, "omega_f", [0.5, 2 / 3, 4 / 3], 1.0, 0.25),
+    (13, "Tsp", [0.0, 0.125, 0.25, 0.5], 1.0, None), (14, "psi", PHASES, 0.75, 0.25), (15, "psi", PHASES, 0.67, 0.25),
+    (16, "omega_f", HALVES, 0.75, 0.25), (17, "omega_f", THIRDS, 0.75, 0.25),
+    (18, "Tsp", [0.0, 0.125, 0.25, 0.5], 0.75, None), (19, "mu_k", [1.0], None, 0.0), (20, "psi", [0.0], 0.75, 0.25)])
+def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: list[float], kinetic: float | None,
+                                                amplitude: float | None) -> None:
+    """Captions and legends of the paper: what differs between curves, and what all of them have."""
+    row = figure_row(number)
+    systems = [paper_system(series.values) for series in row.series]
+    found = {"mu_k": [1.0 / s.friction_ratio for s in systems], "psi": [s.pressure.phase / math.pi for s in systems],
+             "omega": [s.engine.frequency / OMEGA_N for s in systems], "Tsp": [
+                 s.pressure.amplitude / s.pressure.mean for s in systems],
+             "omega_f": [s.pressure.frequency_ratio for s in systems]}
+    assert found[of] == pytest.approx(list(expected))
+    assert kinetic is None or found["mu_k"] == pytest.approx([kinetic] * len(systems))
+    assert amplitude is None or found["Tsp"] == pytest.approx([amplitude] * len(systems))
+    spans = {5: (0.08, 0.30), 6: (0.55, 1.0), 19: (0.12, 0.5), 20: (0.12, 0.5)}
+    assert row.span == spans.get(number, (0.05, 0.5))
+    assert [0.36 * OMEGA_N] * len(systems) == [s.engine.frequency for s in systems] or number not in (6, 7)
+
+
+def test_the_axes_of_the_claims_are_those_that_they_name() -> None:
+    """First and last value and the distance between two, which the criteria and the page say."""
+    from tcc_sim.paper import claims_figure4, claims_figures5to7, claims_interaction, claims_varying_load
+
+    for axis, low, high, step in (
+            (claims_figure4.AXIS, 0.05, 0.5, 0.003), (claims_figure4.SPREAD, 0.14, 0.36, 0.001),
+            (claims_figure4.around(0.2), 0.16, 0.24, 0.004), (claims_figure4.about(0.35), 0.33, 0.37, 0.04 / 14),
+            (claims_figure4.about(0.2, 0.01), 0.19, 0.21, 0.02 / 14), (claims_figure4.FALLS, 0.56, 0.83, 0.01),
+            (claims_figures5to7.DAMPED, 0.08, 0.30, 0.002), (claims_figures5to7.RATIOS, 0.55, 1.0, 0.005),
+            (claims_varying_load.AXIS, 0.05, 0.5, 0.005), (claims_varying_load.STICKING, 0.05, 0.25, 0.001),
+            (claims_interaction.HIGHER, 0.305, 0.455, 0.005)):
+        assert (axis[0], axis[-1]) == (low, high)
+        np.testing.assert_allclose(np.diff(axis), step, atol=1.1e-6)
 
 
 def test_sections_five_and_six_keep_the_normal_load() -> None:
