@@ -136,7 +136,7 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
 @pytest.mark.parametrize("name", ["driveline_node", "recorder_node", "slip_controller_node"])
 def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch,
                                         capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "rclpy", None)
     monkeypatch.setattr(sys, "argv", [name])
     assert getattr(executables, name)() == 1
     out, err = capsys.readouterr()

@@ -24,8 +24,7 @@ class BagWriter:
 
     The directory is held open, and everything is made relative to it: a recorder that has made another one under the
     same name meanwhile shares nothing with it. Each part can be read by itself: it starts with the scene in force and
-    ends with index and footer. One of more than MOST_CHUNKS chunks ends whatever the limits are, so that the memory for
-    its index stays bounded.
+    ends with index and footer.
 
     Parameters
     ----------
@@ -33,6 +32,7 @@ class BagWriter:
     scene_text, version : the scene (YAML), and who ran it
     max_duration : s of receipt after which a new part begins; 0 never
     max_size : bytes after which a new part begins, once it has messages; 0 never
+    max_chunks : chunks after which a new part begins, so that the memory for its index stays bounded
     sync : wait until files and directory are on the disk wherever a part ends
     result : gives what a part's result record says when it ends
 
@@ -43,12 +43,13 @@ class BagWriter:
     """
 
     def __init__(self, directory: Path, scene_text: str | None = None, version: str = __version__, *,
-                 max_duration: float = 0.0, max_size: int = 0, sync: bool = False,
+                 max_duration: float = 0.0, max_size: int = 0, max_chunks: int = MOST_CHUNKS, sync: bool = False,
                  result: Callable[[], Mapping[str, Any]] | None = None) -> None:
         self.directory = directory
         self._name = directory.resolve().name
         self._duration_ns = round(max_duration * 1e9) if max_duration > 0.0 else math.inf
         self._size = max_size if max_size > 0 else math.inf
+        self._max_chunks = max_chunks
         self._sync, self._result = sync, result
         self._done: list[FileSummary] = []
         self._topics: list[Topic] = []
@@ -110,7 +111,7 @@ class BagWriter:
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one serialised message: when it was received and sent, and its number at the publisher."""
         file = self._file
-        full = file.chunks and (file.size >= self._size or file.chunks >= MOST_CHUNKS)
+        full = file.chunks and (file.size >= self._size or file.chunks >= self._max_chunks)
         if full or log_ns - file.first_ns >= self._duration_ns:
             self._split()
             file = self._file

@@ -94,17 +94,17 @@ class RerunStream:
         self._controlled = controlled
         self._extents: deque[Floats] = deque(maxlen=PORTRAIT_CYCLES)
         self._axes: PhaseAxes | None = None
-        self._recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
-        self._recording.set_log_time_enabled(False)
-        self._recording.set_log_tick_enabled(False)
+        self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
+        self.recording.set_log_time_enabled(False)
+        self.recording.set_log_tick_enabled(False)
         layout = blueprint(cycle, controlled)
         if file is not None:
-            self._recording.save(file, default_blueprint=layout)
+            self.recording.save(file, default_blueprint=layout)
         elif spawn:
-            _open_viewer(self._recording, layout)
+            _open_viewer(self.recording, layout)
         else:
-            self._recording.connect_grpc(url, default_blueprint=layout)
-        self._recording.send_recording_name(name)
+            self.recording.connect_grpc(url, default_blueprint=layout)
+        self.recording.send_recording_name(name)
         self._names()
 
     def __enter__(self) -> RerunStream:
@@ -131,7 +131,7 @@ class RerunStream:
         for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque),
                              ("slip/speed", slip_speed),
                              ("plate/angle", plate_angle), ("plate_speed/speed", plate_speed)):
-            self._recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
+            self.recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
         self._lanes(stamp_ns, state)
         self._orbit(stamp_ns, plate_angle, slip_speed)
         self._last_ns = int(stamp_ns[-1])
@@ -144,9 +144,9 @@ class RerunStream:
         ends = (first + 1 + np.arange(len(cycles))) * self._cycle if cycles.starts is None else cycles.starts[1:]
         index = self._index(np.rint(ends * 1e9).astype(np.int64))
         for path, values in (("cycles/largest", cycles.highest), ("cycles/smallest", cycles.lowest)):
-            self._recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
+            self.recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
         points = self._plane(cycles.section[1:, 1], cycles.section[1:, 0])
-        self._recording.send_columns("phase/section", indexes=index,
+        self.recording.send_columns("phase/section", indexes=index,
                                      columns=self._rr.Points2D.columns(positions=points))
 
     def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
@@ -160,7 +160,7 @@ class RerunStream:
         """
         for name, (stamps, values) in signals.items():
             if len(stamps):
-                self._recording.send_columns(SIGNALS[name], indexes=self._index(stamps),
+                self.recording.send_columns(SIGNALS[name], indexes=self._index(stamps),
                                              columns=self._rr.Scalars.columns(scalars=values))
         if "mean_slip" in signals and len(signals["mean_slip"][1]):
             self._mean = float(signals["mean_slip"][1][-1])
@@ -169,7 +169,7 @@ class RerunStream:
 
     def text(self, markdown: str) -> None:
         """Send the summary of the run."""
-        self._recording.log("summary", self._rr.TextDocument(markdown, media_type="text/markdown"), static=True)
+        self.recording.log("summary", self._rr.TextDocument(markdown, media_type="text/markdown"), static=True)
 
     def close(self, wait: bool = True) -> None:
         """Hand over what was sent.
@@ -185,7 +185,7 @@ class RerunStream:
         """
         try:
             if wait:
-                self._recording.flush(timeout_sec=_TIMEOUT)
+                self.recording.flush(timeout_sec=_TIMEOUT)
         except Exception as error:
             reason = str(error).splitlines()[0]
             if self._file is None:
@@ -193,13 +193,13 @@ class RerunStream:
             _writable(self._file)
             raise TccError(f"the Rerun file was not written: {reason}") from None
         finally:
-            self._recording.disconnect()
+            self.recording.disconnect()
 
     def _mark(self, stamp_ns: int, text: str) -> None:
         """An event in the log and as a mark in the time series."""
         self._at(stamp_ns + self._offset_ns, stamp_ns)
-        self._recording.log("events", self._rr.TextLog(text, level="WARN"))
-        self._recording.log("event/mark", self._rr.Scalars(self._mean))
+        self.recording.log("events", self._rr.TextLog(text, level="WARN"))
+        self.recording.log("event/mark", self._rr.Scalars(self._mean))
 
     def _index(self, stamp_ns: NDArray[np.int64]) -> list[Any]:
         """Both timelines for rows of columns."""
@@ -209,8 +209,8 @@ class RerunStream:
 
     def _at(self, elapsed_ns: int, stamp_ns: int) -> None:
         """Both timelines for what is logged next."""
-        self._recording.set_time(ELAPSED, duration=np.timedelta64(elapsed_ns, "ns"))
-        self._recording.set_time(SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
+        self.recording.set_time(ELAPSED, duration=np.timedelta64(elapsed_ns, "ns"))
+        self.recording.set_time(SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
 
     def _plane(self, plate_angle: Floats, slip_speed: Floats) -> NDArray[np.float32]:
         """Points of the phase portrait; the second axis of a Rerun 2D view points down."""
@@ -222,7 +222,7 @@ class RerunStream:
         changed = np.flatnonzero(state != before)
         self._state = int(state[-1])
         if len(changed):
-            self._recording.send_columns("state", indexes=self._index(stamp_ns[changed]),
+            self.recording.send_columns("state", indexes=self._index(stamp_ns[changed]),
                                          columns=self._rr.StateChange.columns(
                 state=[STATES[s] for s in state[changed].tolist()]))
 
@@ -244,7 +244,7 @@ class RerunStream:
             self._extents.append(np.stack([strip.min(axis=0), strip.max(axis=0)]))
         if strips:
             self._frame()
-            self._recording.send_columns("phase/orbit", indexes=self._index(stamp_ns[ends]),
+            self.recording.send_columns("phase/orbit", indexes=self._index(stamp_ns[ends]),
                                          columns=self._rr.LineStrips2D.columns(strips=strips))
 
     def _frame(self) -> None:
@@ -258,32 +258,32 @@ class RerunStream:
             return
         self._axes = PhaseAxes.around(least, most, scale)
         rr, (places, texts) = self._rr, self._axes.labels()
-        self._recording.log("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=rgb(style.GREY),
+        self.recording.log("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=rgb(style.GREY),
                                                           radii=rr.Radius.ui_points(0.5)), static=True)
-        self._recording.log("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=rgb(style.GREY),
+        self.recording.log("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=rgb(style.GREY),
                                                         radii=rr.Radius.ui_points(0.0)), static=True)
-        self._recording.send_blueprint(blueprint(self._cycle, self._controlled, self._axes))
+        self.recording.send_blueprint(blueprint(self._cycle, self._controlled, self._axes))
 
     def _names(self) -> None:
         """Send names, units and colours once."""
         rr = self._rr
         for path, (name, colour) in LINES.items():
-            self._recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5), static=True)
+            self.recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5), static=True)
         for path, (name, colour) in HELD.items():
             if self._controlled or path.startswith("torque"):
-                self._recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5,
+                self.recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5,
                                                          interpolation_mode="StepAfter"), static=True)
         for path, (name, colour, marker, size) in MARKS.items():
-            self._recording.log(path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker,
+            self.recording.log(path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker,
                                                       marker_sizes=size),
                                 static=True)
-        self._recording.log("state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
+        self.recording.log("state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
                                                            colors=[rgb(c) for c in STATE_COLOURS.values()]),
                             static=True)
-        self._recording.log("phase/orbit",
+        self.recording.log("phase/orbit",
                             rr.LineStrips2D.from_fields(colors=rgb(style.BLUE), radii=rr.Radius.ui_points(0.4)),
                             static=True)
-        self._recording.log("phase/section",
+        self.recording.log("phase/section",
                             rr.Points2D.from_fields(colors=rgb(style.RED), radii=rr.Radius.ui_points(3.0)),
                             static=True)
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 import yaml
 from driveline_bags import START, TICK, bag, ticked
+from full_disk import full_disk
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.recording import bag as bags
-from tcc_sim.recording import mcap_file
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
@@ -90,9 +89,8 @@ def test_parts_by_size(tmp_path):
     assert open_run(path).complete
 
 
-def test_a_part_ends_where_its_index_would_take_too_much_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(bags, "MOST_CHUNKS", 3)
-    path, _ = split(tmp_path)
+def test_a_part_ends_where_its_index_would_take_too_much_memory(tmp_path):
+    path, _ = split(tmp_path, max_chunks=3)
     assert len(list(path.glob("*.mcap"))) == 4  # Ten flushes of a chunk each.
     assert len(np.concatenate([batch.stamp_ns for batch in open_run(path).batches()])) == 1000
 
@@ -155,12 +153,8 @@ def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
     assert [os.path.basename(name)[:5] for name in synced] == ["safe_", synced[1].rsplit("/", 1)[1][:5], "safe"]
 
 
-def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(mcap_file.Writer, "start", full)
-    with pytest.raises(OSError, match="No space"):
+def test_a_start_that_fails_leaves_nothing(tmp_path):
+    with full_disk(), pytest.raises(OSError, match="File too large"):
         BagWriter(tmp_path / "a" / "b" / "run")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("")

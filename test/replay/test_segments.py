@@ -9,9 +9,9 @@ from driveline_bags import START, TICK, bag, by_hand, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.recording.scene_records import holding_from
-from tcc_sim.replay import segments
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
+from tcc_sim.replay.segments import MOST_SEGMENTS
 from tcc_sim.scene import load_scene
 
 SLIP = load_scene("slip")
@@ -141,13 +141,11 @@ def test_a_target_that_is_no_number_is_none(tmp_path):
     assert segment["tracking"]["target"] == 20.0
 
 
-def test_more_segments_than_are_told_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(segments, "MOST_SEGMENTS", 5)
-    monkeypatch.setattr("tcc_sim.replay.replay.MOST_SEGMENTS", 5)
-    rows = [row for _ in range(30) for row in steady(0.06, 150.0)]
+def test_more_segments_than_are_told_are_counted(tmp_path):
+    rows = steady(0.06, 150.0) + [row for _ in range(MOST_SEGMENTS + 29) for row in steady(0.003, 150.0)]
     found = replay(bag(tmp_path / "run", rows, SLIP), discard=0)
-    assert len(found.segments) == 5
-    assert "only the first 5 of 30 segments have figures of their own" in found.warnings
+    assert len(found.segments) == MOST_SEGMENTS
+    assert "only the first 1000 of 1030 segments have figures of their own" in found.warnings
     assert len(found.lines()) < 60
 
 

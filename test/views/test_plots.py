@@ -40,7 +40,7 @@ def drawn(monkeypatch):
             lines = [(line.get_label(), np.asarray(line.get_xdata()), np.asarray(line.get_ydata()))
                      for line in axis.lines]
             found[axis.get_title(loc="left") or axis.get_title()] = {"lines": lines, "axis": axis}
-        found["size"] = tuple(figure.get_size_inches())
+        found["size"], found["axes"] = tuple(figure.get_size_inches()), figure.axes
         return plain(figure, path)
 
     monkeypatch.setattr(style, "save", look)
@@ -248,19 +248,10 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> No
         assert plots.plot(result, tmp_path / f"{name}.svg").read_text().count("runaway") >= 1
 
 
-def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(monkeypatch, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    from tcc_sim.views import manoeuvre
-
-    seen = []
-
-    def save(drawn, path):  # type: ignore[no-untyped-def]
-        seen.append(drawn.axes)
-        return path
-
-    monkeypatch.setattr(manoeuvre.style, "save", save)
+def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> None:  # type: ignore[no-untyped-def]
     found = simulate("apply")
     plots.plot(found, tmp_path / "it.png")
-    _, slip, shaft, heat = seen[0]
+    _, slip, shaft, heat = drawn["axes"]
     t, warm = heat.lines[0].get_data()
     assert (t[0], t[-1]) == (0.0, 1.0)
     assert 1e3 * warm[-1] == pytest.approx(found.summary.clutch_energy, rel=0.01)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, MissingPackage, TccError
@@ -77,7 +78,7 @@ def test_it_streams_while_it_is_fed(tmp_path):
     with RerunStream("by hand", CYCLE, 387.0, file=path) as stream:
         for first in range(0, 200_000, 50_000):
             stream.samples(*batch(first, 50_000))
-        stream._recording.flush(timeout_sec=20.0)
+        stream.recording.flush(timeout_sec=20.0)
         assert path.stat().st_size > 200_000 * 5 * 8
         stream.samples(*batch(200_000, 1000))
 
@@ -210,23 +211,27 @@ def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_li
     assert searched == [["/usr/bin", str(Path(sys.executable).parent)]]
 
 
-def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, monkeypatch):
-    """Rerun says that its writer has ended, and not why."""
-    class Broken:
-        def flush(self, timeout_sec):
-            raise RuntimeError("File-writer thread shut down prematurely")
+@pytest.mark.parametrize(("still", "kind", "said"), [
+    (True, OSError, "File too large"), (False, TccError, "Rerun file was not written: File-writer thread")])
+def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, still, kind, said):
+    """Rerun says that its writer has ended, and not why: whether the disk is full still, or was."""
+    with full_disk(10_000):
+        stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
+        stream.samples(*batch(0, 20_000))
+        with pytest.raises(RuntimeError):
+            stream.recording.flush(timeout_sec=20.0)
+        if still:
+            with pytest.raises(kind, match=said):
+                stream.close()
+    if not still:
+        with pytest.raises(kind, match=said):
+            stream.close()
 
-        def disconnect(self):
-            pass
 
-    stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
-    stream.close()
-    monkeypatch.setattr(stream, "_recording", Broken())
-    with pytest.raises(TccError, match="Rerun file was not written: File-writer thread"):
-        stream.close()
-    monkeypatch.setattr(stream, "_file", Path("/dev/full"))
-    with pytest.raises(OSError, match="No space left on device"):
-        stream.close()
-    monkeypatch.setattr(stream, "_file", None)
-    with pytest.raises(InputError, match="viewer did not take the run"):
-        stream.close()
+def test_a_viewer_that_hangs_up_is_named():
+    with socket.socket() as viewer:
+        viewer.bind(("127.0.0.1", 0))
+        viewer.listen()
+        url = f"rerun+http://127.0.0.1:{viewer.getsockname()[1]}/proxy"
+        with pytest.raises(InputError, match="viewer did not take the run"), RerunStream("run", CYCLE, 3.0, url=url):
+            viewer.shutdown(socket.SHUT_RDWR)

@@ -34,7 +34,8 @@ DAY = 86400.0
 KEPT = 30.0 * DAY
 """Time, s, after which a file that nothing has used is removed; kernels of another version are never used again."""
 _CHECKSUM = hashlib.sha256().digest_size
-_told: set[str] = set()
+told: set[str] = set()
+"""Kinds of sentences that were said."""
 
 
 class UnusableFile(Exception):
@@ -43,11 +44,11 @@ class UnusableFile(Exception):
 
 def tell(kind: str, sentence: str) -> None:
     """Say something on standard error once for each kind, in the first process of a command only."""
-    if kind not in _told and multiprocessing.parent_process() is None and sys.stderr is not None:
+    if kind not in told and multiprocessing.parent_process() is None and sys.stderr is not None:
         with suppress(OSError, ValueError):
             sys.stderr.write(f"tcc-sim: {one_line(sentence)}\n")
             sys.stderr.flush()
-    _told.add(kind)
+    told.add(kind)
 
 
 @cache
