@@ -10,11 +10,12 @@ from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, log
 
 from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.branch_switching import switch
+from tcc_sim.continuation.detection import ClosedBranch
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.palc import predictor
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.special_points import Bifurcation
+from tcc_sim.continuation.special_points import Bifurcation, Bracket
 from tcc_sim.continuation.stopping import StopReason
 
 
@@ -113,6 +114,23 @@ def test_a_closed_branch_is_recognised() -> None:
     assert branch.closed
     assert str(branch.ended[0]).startswith("closed")
     assert sorted(f.value for f in branch.bifurcations) == pytest.approx([-1.0, 1.0], abs=1e-10)
+
+
+def test_a_branch_that_comes_back_some_cycles_later_is_met_in_its_own_direction() -> None:
+    """The tangent at the second point of an orbit of period two is the difference of that point along the branch."""
+    branch = branch_of(henon, 2, 0.37, 0.9, 0.6, [1.0, -0.1], 2)
+    here, there = branch.points[2:4]
+    middle = Bracket(here, there).at(0.5)
+    assert middle is not None
+    shifted, tangent = ClosedBranch(middle).ends[1]
+    z, ways = middle.solution.z, []
+    for point in (here, there):
+        end, _ = ClosedBranch(point).ends[1]
+        ways.append(end - shifted)
+    assert shifted[:2] == pytest.approx(henon(z[:2], (middle.value,))[0])
+    assert np.linalg.norm(tangent) == pytest.approx(1.0)
+    along = ways[1] - ways[0]
+    assert tangent == pytest.approx(along / np.linalg.norm(along), abs=1e-2)
 
 
 def test_a_branch_does_not_jump_to_a_neighbour() -> None:

@@ -85,6 +85,18 @@ def test_uneven_stamps_are_reported(tmp_path):
     assert "uneven" in "\n".join(found.lines())
 
 
+def test_every_run_ends_with_a_reset_and_no_cycle_mean_bridges_a_gap(tmp_path):
+    """The second of three runs is the longest, and lacks 60 ms."""
+    scene = load_scene("fig02")
+    rows = ticked(scene, 1500, resets=(300, 1300))
+    del rows[700:760]
+    control = replay(bag(tmp_path / "run", rows, scene)).control
+    assert [(event.text, event.t) for event in control.events] == [("reset or restart", pytest.approx(0.999, abs=2e-3))]
+    cycle = scene.system.cycle
+    assert not ((control.t > 0.4) & (control.t - cycle < 0.455)).any()
+    assert len(control.t) == pytest.approx((1.0 - 0.06) / cycle, abs=2.0)
+
+
 def test_the_longest_of_several_runs_counts(tmp_path):
     short = by_hand(0.5, lambda t: 7.0 + 0.0 * t, *SLIP[1:])
     found = replay(bag(tmp_path / "run", slip(2.0) + short, "slip"))
