@@ -50,8 +50,6 @@ class MinimallyAugmented:
         self.turning = kind == "neimark_sacker"
         found = shooting.linearise(z)
         self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
-        self.steepness = 0.0
-        """Change of g per natural size at the last point that was linearised."""
         left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
         self.b, self.c = left[:, -1], right[-1]
 
@@ -59,6 +57,17 @@ class MinimallyAugmented:
     def unknowns(self) -> int:
         """Number of nodes' coordinates and parameters, without the angle."""
         return self.shooting.size + len(self.shooting.ranges)
+
+    @property
+    def doubled(self) -> bool:
+        """Whether the orbits may come to be those of half the period: only a fold does, in a generalised doubling."""
+        return self.kind == "fold" and self.shooting.period % (2 * self.shooting.map.forcing_period) == 0
+
+    def between_halves(self, u: Floats) -> Floats:
+        """How far the first half of the orbit goes, in natural sizes."""
+        of, z = self.shooting.map, u[:self.unknowns]
+        x, half = self.shooting.nodes(z)[0], self.shooting.period // 2
+        return (of.evaluate(x, self.shooting.values(z), 0, half).value - x) / of.scales
 
     def multiplier(self, u: Floats) -> complex:
         """The one on the unit circle."""
@@ -93,8 +102,7 @@ class MinimallyAugmented:
         rows = np.array([gradient.real, gradient.imag] if self.turning else [gradient])
         values = np.array([np.real(g), np.imag(g)] if self.turning else [g])
         # On a canard g passes from one sign to the other within rounding of z: how far z is from there counts.
-        self.steepness = float(np.linalg.norm(gradient))
-        size = max(self.steepness, 1.0)
+        size = max(float(np.linalg.norm(gradient)), 1.0)
         orbit = np.pad(found.jacobian, ((0, 0), (0, 1))) if self.turning else found.jacobian
         return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.monodromy,
                           found.blocks, found.seen)
@@ -156,10 +164,13 @@ class MinimallyAugmented:
         q = v / np.linalg.norm(v)
         first, second = np.zeros(blocks.shape, dtype=q.dtype), np.zeros(blocks.shape)
         for factor, part in _parts(q):
-            away = BEND * np.pad(part.ravel(), (0, len(z) - part.size))
+            changed, _ = self._moved(z, part, DIFFERENCE)
+            bend = float(np.abs(changed.blocks - blocks).max()) / DIFFERENCE
+            step = BEND / max(bend, 1.0)
+            away = step * np.pad(part.ravel(), (0, len(z) - part.size))
             ahead, behind = (self.shooting.linearise(z + s * away).blocks for s in (1.0, -1.0))
-            first = first + factor * (ahead - behind) / (2.0 * BEND)
-            second += (ahead - 2.0 * blocks + behind) / BEND**2
+            first = first + factor * (ahead - behind) / (2.0 * step)
+            second += (ahead - 2.0 * blocks + behind) / step**2
 
         def b(x: Vectors, y: Vectors) -> Vectors:
             return (x @ y[:, :, None])[:, :, 0]
@@ -174,7 +185,7 @@ LONGEST = 0.03
 """Longest step along a curve, of which a picture shows every corner."""
 LOOSE = 1e-8
 """Last step and residual with which a point of a curve is one."""
-DIFFERENCE, BEND = 3e-6, 1e-3
+DIFFERENCE, BEND = 1e-8, 1e-3
 """Steps of differences along null vectors of length one, in natural sizes: of first and of second order."""
 
 

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
-from tcc_sim.continuation.follow_curve import STEEP, Bounds, follow_curve
+from tcc_sim.continuation.follow_curve import Bounds, follow_curve
 from tcc_sim.continuation.palc import Equations
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
@@ -142,8 +142,9 @@ def _collected(equations: Equations, u: Floats, forward: bool, bounds: Bounds, r
         points.append(at(step.solution.z))
         special += [Special(kind, *at(z)) for kind, z in step.special]
     which = 0 if reason is StopReason.RANGE and bound == 1 else 1
-    limit = {StopReason.POINTS: len(points) - 1, StopReason.STEP: equations.settings.residual,
-             StopReason.STEEP: 1.0 / STEEP}.get(reason, 0.0)
+    settings = equations.settings
+    limit = {StopReason.POINTS: len(points) - 1, StopReason.STEP: settings.residual,
+             StopReason.CANARD_CURVE: settings.canard}.get(reason, 0.0)
     what = special[-1].kind.replace("_", " ") if reason is StopReason.SPECIAL else ""
     return _Way(points, special, End(reason, ranges[which].name, points[-1][which], limit, what))
 

@@ -6,15 +6,13 @@ resonances 1:1 to 1:4, Chenciner; and changes of the event sequence.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
-from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.palc import (
     Equations,
     Solution,
@@ -33,10 +31,8 @@ from tcc_sim.continuation.stopping import StopReason
 
 ENDING = {"neimark_sacker": ("resonance_1_1", "resonance_1_2")}
 """Special points in which curves of a kind end: the pair of multipliers becomes real there."""
-CANARD_RUN, STANDS_STILL, CANARD_GROWTH = 12, 1e-4, 1.0
-"""Points, changes of the parameters in parts of their ranges, and decades by which a multiplier grows on a canard."""
-STEEP = 1e3
-"""Change of g per natural size above which a curve ends there: over a step of the differences that is its error."""
+ALIKE = 0.8
+"""Cosine above which the halves of two orbits are apart in one direction."""
 Bounds = tuple[tuple[int, float, float], ...]
 """(index of an unknown, low, high) of both parameters."""
 
@@ -79,7 +75,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
     found = equations.linearise(u)
     tangent = null_direction(found)
     first = solution_at(u, found, tangent if (tangent[bounds[0][0]] > 0.0) == forward else -tangent)
-    state, run = CurveState(equations, first, bounds, step_size or StepSize(settings)), deque[Floats](maxlen=CANARD_RUN)
+    state = CurveState(equations, first, bounds, step_size or StepSize(settings))
     remeshed = -1
     tests = _tests(state, first)
     yield CurveStep(first, [], equations)
@@ -94,15 +90,15 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
             if remeshed < count and _remesh(state, anew=True):
                 tests, remeshed = _tests(state, state.here), count
                 continue
-            return _why_no_step(state), 0
+            return StopReason.STEP, 0
         if edge is None and any(not low <= new.z[k] <= high for k, low, high in state.bounds):
             state.step_size.length = 0.5 * length
             continue
-        if _on_a_canard(state, new, run):
+        if _on_a_canard(state, new):
             return StopReason.CANARD_CURVE, 0
         after = _tests(state, new)
         special = _special_between(state, new, tests, after)
-        end = next((s for s in special if state.augmented and s[0] in ENDING.get(state.augmented.kind, ())), None)
+        end = _end_between(state, new, special)
         if end is not None:
             yield CurveStep(new._replace(z=end[1]), special, state.equations)
             return StopReason.SPECIAL, 0
@@ -121,29 +117,19 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
     return StopReason.POINTS, 0
 
 
-def _on_a_canard(state: CurveState, new: Solution, run: deque[Floats]) -> bool:
-    """Whether a multiplier has grown far while both parameters stood still, over the last points; or is beyond double
-    precision.
-    """
-    if state.augmented is None:
-        return False
-    largest = float(abs(multipliers_of(*new.found.blocks)[0]))
-    run.append(np.array([*(new.z[k] for k, _, _ in state.bounds), np.log10(max(largest, 1e-300))]))
-    if not largest <= state.equations.settings.canard:
-        return True
-    moved = np.ptp(np.array(run), axis=0)
-    return len(run) == CANARD_RUN and moved[:-1].max() <= STANDS_STILL and moved[-1] >= CANARD_GROWTH
+def _on_a_canard(state: CurveState, new: Solution) -> bool:
+    """Whether a disturbance grows so far over some part of the orbit that double precision does not resolve it."""
+    return state.augmented is not None and growth_over_parts(new.found.blocks) > state.equations.settings.canard
 
 
-def _why_no_step(state: CurveState) -> StopReason:
-    """Why there is no next point: the motions may bend too sharply, as where an interval of slip begins, and g is then
-    all but a jump.
-    """
-    if state.augmented is not None:
-        state.augmented.linearise(state.here.z)
-        if state.augmented.steepness > STEEP:
-            return StopReason.STEEP
-    return StopReason.STEP
+def growth_over_parts(blocks: Floats) -> float:
+    """The largest growth of a disturbance from any node to any later one, once round at most; blocks (m, n, n)."""
+    count, most = len(blocks), 0.0
+    ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
+    for k in range(count):
+        ahead = np.roll(blocks, -k, axis=0) @ ahead
+        most = max(most, float(np.abs(ahead).max()))
+    return most
 
 
 def _next(state: CurveState) -> Solution | None:
@@ -236,8 +222,28 @@ def _special_between(state: CurveState, new: Solution, before: dict[str, float],
     return sorted(out, key=lambda s: float(way @ s[1]))
 
 
+def _end_between(state: CurveState, new: Solution, special: list[tuple[str, Floats]]) -> tuple[str, Floats] | None:
+    """That special point at which the curve ends; one more where the halves of the orbits meet, which joins them."""
+    equations = state.augmented
+    if equations is None:
+        return None
+    halves = [equations.between_halves(s.z) for s in (state.here, new)] if equations.doubled else []
+    if halves and float(halves[0] @ halves[1]) < -ALIKE * float(np.linalg.norm(halves[0]) * np.linalg.norm(halves[1])):
+        at = _root(equations, state.here, new, lambda z: float(halves[0] @ equations.between_halves(z)))
+        if at is not None:
+            special.append(("generalised_doubling", at))
+            return special[-1]
+    return next((s for s in special if s[0] in ENDING.get(equations.kind, ())), None)
+
+
 def _located(equations: MinimallyAugmented, here: Solution, new: Solution, name: str) -> Floats | None:
     """Unknowns where a test function vanishes between two points; None where it jumps or the curve is lost."""
+    return _root(equations, here, new, lambda z: equations.tests(z, equations.linearise(z))[name]())
+
+
+def _root(equations: MinimallyAugmented, here: Solution, new: Solution,
+          function: Callable[[Floats], float]) -> Floats | None:
+    """Unknowns where a function of them vanishes between two points; None where it jumps or the curve is lost."""
     way, known = new.z - here.z, dict[float, Floats]()
 
     def test(part: float) -> float:
@@ -245,8 +251,7 @@ def _located(equations: MinimallyAugmented, here: Solution, new: Solution, name:
         if found is None:
             raise ValueError("the curve is lost")
         known[part] = found.z
-        at = equations.linearise(found.z)
-        return equations.tests(found.z, at)[name]()
+        return function(found.z)
 
     try:
         part = chandrupatla(test, 0.0, 1.0, 1e-9)

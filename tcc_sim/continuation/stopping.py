@@ -17,8 +17,8 @@ class StopReason(Enum):
     BEGAN = "began in the period doubling at {name} = {value:.9g}"
     CANARD = ("ended at {name} = {value:.9g}: beyond it a multiplier is above {limit:g}, a canard, which double "
               "precision does not resolve")
-    CANARD_CURVE = ("ended at {name} = {value:.9g} in a canard, along which a multiplier grows without bound and the "
-                    "parameters stand still")
+    CANARD_CURVE = ("ended at {name} = {value:.9g}: beyond it a disturbance grows by more than {limit:g} along a part of "
+                    "the motion, a canard, which double precision does not resolve")
     FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value:.9g}: no branch can be "
               "followed through it")
     POINTS = "stopped after {limit:g} points at {name} = {value:.9g}"
@@ -26,8 +26,6 @@ class StopReason(Enum):
     STEP = ("no further point was found beyond {name} = {value:.9g}: no step, however short, met a residual of "
             "{limit:g}")
     SPECIAL = "ended in a {what} at {name} = {value:.9g}"
-    STEEP = ("ended at {name} = {value:.9g}: there a multiplier changes by one within {limit:.1g} of the natural "
-             "sizes, as where slip begins, which differences do not resolve")
     INTERRUPTED = "interrupted at {name} = {value:.9g}"
 
 

@@ -221,8 +221,7 @@ def paint_chart(drawn: Any, data: Data) -> None:
 EDGES = ("range", "closed")
 """Reasons for which a curve ends that the edge of the chart, or its own beginning, shows."""
 ENDS = {"special": ("D", "point of codimension two"), "canard": ("*", "canard: not resolved beyond"),
-        "canard_curve": ("*", "canard: not resolved beyond"), "points": ("|", "longest curve followed"),
-        "steep": ("1", "slip begins: not resolved")}
+        "canard_curve": ("*", "canard: not resolved beyond"), "points": ("|", "longest curve followed")}
 LOST = ("x", "no further point found")
 
 

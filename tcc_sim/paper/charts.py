@@ -35,7 +35,7 @@ FEW = replace(SWEPT, longest_period=LONGEST)
 """Longest period, in those of the excitation, whose bifurcations are followed."""
 ENDING = 1.001
 """Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
-CHARTED = Settings(smallest_step=1e-6, max_points=1000)
+CHARTED = Settings(max_points=1000)
 """Curves are followed until something ends them."""
 PASSED = 4e-3
 """Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""

@@ -19,7 +19,7 @@ BRANCHES, BASINS = "motions_branches", "motions_basins"
 LOST = "without a further point"
 ENDINGS = {"range": "at the end of a range", "closed": "closed", "doubling": "in a doubling", "began": "in a doubling",
            "canard": "in a canard", "canard_curve": "in a canard", "special": "in a point of codimension two",
-           "points": "after the most points", "family": "at a family of motions", "steep": "where slip begins"}
+           "points": "after the most points", "family": "at a family of motions"}
 """What a branch or a curve ends at; the other reasons are `LOST`."""
 WAYS = {"cold": "from (13)", "up": "upward", "down": "downward"}
 

@@ -8,10 +8,11 @@ from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
+from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.settings import Settings
-from tcc_sim.continuation.shooting import ParameterRange
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.smoothing_limit import limit_of
-from tcc_sim.continuation.special_points import Bifurcation
+from tcc_sim.continuation.special_points import Bifurcation, point_at
 from tcc_sim.continuation.stopping import StopReason
 
 P, Q = ParameterRange(-1.0, 5.0, name="p"), ParameterRange(-1.5, 1.5, name="q")
@@ -67,16 +68,69 @@ def test_a_cusp_is_where_two_folds_meet() -> None:
     assert curve.values[0] * curve.values[-1] < 0.0
 
 
-def test_a_generalised_doubling_is_where_the_doubled_motion_changes_its_side() -> None:
-    def quintic(x, p):  # Period two at p - q x^2 + x^4 = 0.
-        return (-(1.0 + p[0]) * x + p[1] * x**3 - x**5,
-                np.array([[-(1.0 + p[0]) + 3.0 * p[1] * x[0] ** 2 - 5.0 * x[0] ** 4]]),
-                np.array([[-x[0], x[0] ** 3]]))
+def quintic(x, p):
+    """Doubles at p = 0; period two at p - q x^2 + x^4 = 0, with folds at p = q^2/4, q = 2 x^2."""
+    return (-(1.0 + p[0]) * x + p[1] * x**3 - x**5,
+            np.array([[-(1.0 + p[0]) + 3.0 * p[1] * x[0] ** 2 - 5.0 * x[0] ** 4]]),
+            np.array([[-x[0], x[0] ** 3]]))
 
-    first = ParameterRange(-0.5, 0.5)
-    curve, _ = curve_of(quintic, 1, "period_doubling", (-0.2, 0.6), [0.0], first=first)
+
+def test_a_generalised_doubling_is_where_the_doubled_motion_changes_its_side() -> None:
+    curve, _ = curve_of(quintic, 1, "period_doubling", (-0.2, 0.6), [0.0], first=ParameterRange(-0.5, 0.5))
     assert special(curve) == {"generalised_doubling": pytest.approx((0.0, 0.0), abs=1e-5)}
     assert curve.values == pytest.approx([0.0] * len(curve.values), abs=1e-9)
+
+
+def test_the_folds_of_doubled_motions_end_in_a_generalised_doubling() -> None:
+    # The halves of the orbit are one motion there, and the doublings of that one are folds of period two as well.
+    curve, _ = curve_of(quintic, 1, "fold", (0.05, 0.6), [0.7], first=ParameterRange(-0.5, 0.5), period=2)
+    assert curve.values == pytest.approx([0.25 * q * q for q in curve.second], abs=1e-8)
+    assert {(end.reason, end.what) for end in curve.ended} == {(StopReason.SPECIAL, "generalised doubling"),
+                                                               (StopReason.RANGE, "")}
+    assert special(curve) == {"generalised_doubling": pytest.approx((0.0, 0.0), abs=1e-5)}
+
+
+SHORT = 1e-4
+
+
+def waving(x, p):
+    """Bends within SHORT: -(1 + p) u + u^2/2 + q u^3 + ... of u = x/SHORT, so that the cubic coefficient is 1/4 + q."""
+    u = x / SHORT
+    jacobian = -(1.0 + p[0]) + np.sin(u) + 6.0 * p[1] * (1.0 - np.cos(u))
+    return (SHORT * (-(1.0 + p[0]) * u + 1.0 - np.cos(u) + 6.0 * p[1] * (u - np.sin(u))), jacobian[:, None],
+            SHORT * np.array([[-u[0], 6.0 * (u[0] - np.sin(u[0]))]]))
+
+
+def test_a_generalised_doubling_of_motions_that_bend_within_a_short_length() -> None:
+    curve, _ = curve_of(waving, 1, "period_doubling", (-0.2, 0.6), [0.0], first=ParameterRange(-0.5, 0.5))
+    assert special(curve) == {"generalised_doubling": pytest.approx((0.0, -0.25), abs=1e-5)}
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-4, 1e-6])
+def test_a_curve_of_folds_that_lie_in_a_sharp_bend(width: float) -> None:
+    def bent(x, p):  # p + q x = sqrt(x^2 + width^2) has its fold where q = x/sqrt(...), that is p = width sqrt(1 - q^2).
+        root = math.hypot(x[0], width)
+        return (x + 0.2 * (p[0] + p[1] * x - root), np.array([[1.0 + 0.2 * (p[1] - x[0] / root)]]),
+                np.array([[0.2, 0.2 * x[0]]]))
+
+    span, second = ParameterRange(-1.0, 1.0), ParameterRange(-0.9, 0.9)
+    of = TextbookMap(bent, 1)
+    shooting = Shooting.single(TextbookMap(at_second(bent, 0.5), 1), 1, span)
+    at = width * math.sqrt(0.75)
+    point = point_at(shooting, solution_at(z := np.array([width * 0.5 / math.sqrt(0.75), span.scaled(at)]),
+                                           shooting.linearise(z), np.array([1.0, 0.0])))
+    curve = bifurcation_curve(Bifurcation("fold", point, 0.0), of, (span, second), 0.5)
+    assert curve is not None
+    assert {end.reason for end in curve.ended} == {StopReason.RANGE}
+    assert sorted((curve.second[0], curve.second[-1])) == pytest.approx([-0.9, 0.9])
+    assert curve.values == pytest.approx([width * math.sqrt(1.0 - q * q) for q in curve.second], abs=1e-9)
+
+
+def test_a_curve_ends_where_a_disturbance_grows_beyond_what_is_resolved() -> None:
+    # The derivative [[-2 x, 1], [b, 0]] has 2 |x| = 1 - b on the folds, whose multipliers are 1 and -b.
+    curve, _ = curve_of(henon, 2, "fold", (0.1, 0.3), [0.1, 0.1], settings=Settings(canard=2.0))
+    assert {end.reason for end in curve.ended} == {StopReason.CANARD_CURVE, StopReason.RANGE}
+    assert -1.0 < min(curve.second) < -1.0 + 0.03 * (Q.high - Q.low)
 
 
 def turning(x, p):
