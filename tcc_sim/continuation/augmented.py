@@ -45,8 +45,9 @@ class MinimallyAugmented:
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting
         # Differences, and what a canard makes of rounding, leave more of g than of the orbit's own equations.
-        self.settings = replace(shooting.settings, correct_tolerance=LOOSE, residual=LOOSE, regrowth=2.0,
-                                largest_step=min(shooting.settings.largest_step, LONGEST))
+        given = shooting.settings
+        self.settings = replace(given, correct_tolerance=given.curve_tolerance, residual=given.curve_tolerance,
+                                regrowth=given.curve_regrowth, largest_step=min(given.largest_step, given.curve_step))
         self.turning = kind == "neimark_sacker"
         found = shooting.linearise(z)
         self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
@@ -67,7 +68,8 @@ class MinimallyAugmented:
         """How far the first half of the orbit goes, in natural sizes."""
         of, z = self.shooting.map, u[:self.unknowns]
         x, half = self.shooting.nodes(z)[0], self.shooting.period // 2
-        return (of.evaluate(x, self.shooting.values(z), 0, half).value - x) / of.scales
+        out: Floats = (of.evaluate(x, self.shooting.values(z), 0, half).value - x) / of.scales
+        return out
 
     def multiplier(self, u: Floats) -> complex:
         """The one on the unit circle."""
@@ -109,17 +111,17 @@ class MinimallyAugmented:
 
     def _along(self, z: Floats, found: Linearised, direction: Floats, w: Vectors) -> Vectors:
         """w . (derivative of the Jacobian along nodes' changes): by the nodes and the parameters."""
-        changed, sign = self._moved(z, direction, DIFFERENCE)
-        step = sign * DIFFERENCE
+        changed, sign = self._moved(z, direction)
+        step = sign * self.settings.difference
         blocks = (changed.blocks - found.blocks) / step
         size = self.shooting.size
         by = (changed.jacobian[:, size:] - found.jacobian[:, size:]) / step
         return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ by])
 
-    def _moved(self, z: Floats, direction: Floats, step: float) -> tuple[Linearised, float]:
+    def _moved(self, z: Floats, direction: Floats) -> tuple[Linearised, float]:
         """The orbit's equations a step along nodes' changes, or against them where the map ends, and its sign."""
         away = np.zeros(len(z))
-        away[:self.shooting.size] = step * direction.ravel()
+        away[:self.shooting.size] = self.settings.difference * direction.ravel()
         try:
             return self.shooting.linearise(z + away), 1.0
         except FAILURES:
@@ -164,9 +166,9 @@ class MinimallyAugmented:
         q = v / np.linalg.norm(v)
         first, second = np.zeros(blocks.shape, dtype=q.dtype), np.zeros(blocks.shape)
         for factor, part in _parts(q):
-            changed, _ = self._moved(z, part, DIFFERENCE)
-            bend = float(np.abs(changed.blocks - blocks).max()) / DIFFERENCE
-            step = BEND / max(bend, 1.0)
+            changed, _ = self._moved(z, part)
+            bend = float(np.abs(changed.blocks - blocks).max()) / self.settings.difference
+            step = self.settings.bend / max(bend, 1.0)
             away = step * np.pad(part.ravel(), (0, len(z) - part.size))
             ahead, behind = (self.shooting.linearise(z + s * away).blocks for s in (1.0, -1.0))
             first = first + factor * (ahead - behind) / (2.0 * step)
@@ -179,14 +181,6 @@ class MinimallyAugmented:
         k = np.linalg.solve(cyclic(blocks, mu**2), -b(first, q).ravel()).reshape(q.shape)
         cubic = 0.5 * b(second, q) + b(first, h) + 0.5 * b(first.conj(), k)
         return float(np.real(np.conj(mu) * np.sum(w * cubic) / (w[-1] @ q[0])))
-
-
-LONGEST = 0.03
-"""Longest step along a curve, of which a picture shows every corner."""
-LOOSE = 1e-8
-"""Last step and residual with which a point of a curve is one."""
-DIFFERENCE, BEND = 1e-8, 1e-3
-"""Steps of differences along null vectors of length one, in natural sizes: of first and of second order."""
 
 
 def _parts(v: Vectors) -> list[tuple[complex, Floats]]:
@@ -208,7 +202,7 @@ def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
     try:
         equations = MinimallyAugmented(kind, shooting, z)
         u = equations.start
-        for _ in range(15):
+        for _ in range(shooting.settings.locate_iterations):
             found = equations.linearise(u)
             step = np.linalg.solve(found.jacobian, -found.residual)
             u = u + step

@@ -71,7 +71,7 @@ class Border:
         def at(p: Floats) -> float:
             return self.margin(self.ranges[0].value(float(p[0])), self.ranges[1].value(float(p[1])))
 
-        gradient, step = np.empty((1, 2)), 1e-6
+        gradient, step = np.empty((1, 2)), self.settings.margin_step
         for k, away in enumerate(step * np.eye(2)):
             try:
                 gradient[0, k] = (at(z + away) - at(z - away)) / (2.0 * step)

@@ -37,7 +37,7 @@ def _beyond(here: ContinuationPoint, found: Linearised, along: Floats, beside: f
     """
     shooting, z = here.shooting, here.solution.z
     for known in (found, None):
-        short = StepSize(shooting.settings, length=beside, smallest=1e-10)
+        short = StepSize(shooting.settings, length=beside, smallest=shooting.settings.corner_step)
         try:
             start = known or shooting.linearise(z + beside * along)
             moved = next_solution(shooting, solution_at(z, start, tangent_of(start, along)), [], short, False)

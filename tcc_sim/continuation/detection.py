@@ -22,10 +22,8 @@ from tcc_sim.continuation.special_points import (
     ContinuationPoint,
     point_at,
     smooth_bifurcations,
+    turned_round,
 )
-
-MOST_BORDERS = 6
-"""Changes of the event sequence that are looked for in one step."""
 
 
 def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
@@ -38,7 +36,7 @@ def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[B
     if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(bracket)
     out: list[Bifurcation] = []
-    for _ in range(MOST_BORDERS):
+    for _ in range(a.shooting.settings.most_borders):
         left, right, found = sliding_bifurcation(bracket)
         if float(np.linalg.norm(right.solution.z - left.solution.z)) > a.shooting.settings.same:
             return None
@@ -64,11 +62,11 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
             continue
         one, two = ((of.evaluate(p.orbit.section, p.orbit.values, 0, shorter).value - p.orbit.section) / of.scales
                     for p in (here, new))
-        if float(one @ two) < -0.8 * float(np.linalg.norm(one) * np.linalg.norm(two)):
+        if turned_round(one, two, shooting.settings.opposite):
             simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
             near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
             z = locate("period_doubling", simple, near)
-            if z is None or not np.abs(z - near).max() < 0.1:
+            if z is None or not np.abs(z - near).max() < shooting.settings.halves_reach:
                 return here
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
             tangent = _of_single_shooting(here, here.solution.tangent)
@@ -107,15 +105,16 @@ class ClosedBranch:
     def between(self, here: ContinuationPoint, new: ContinuationPoint) -> bool:
         """Whether the step from `here` to `new` passes the first point."""
         p, q = (_of_single_shooting(s, s.solution.z) for s in (here, new))
+        settings = self.first.shooting.settings
         for z, tangent in self.ends:
             ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
             step, part = q - p, -behind / max(ahead - behind, 1e-300)
             length = float(np.linalg.norm(step))
             if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0
-                    and np.linalg.norm(p + part * step - z) <= 0.2 * length):
+                    and np.linalg.norm(p + part * step - z) <= settings.passing * length):
                 continue
             middle = Bracket(here, new).at(part)
             if middle is not None and np.linalg.norm(_of_single_shooting(middle, middle.solution.z) - z) <= max(
-                    0.02 * length, self.first.shooting.settings.same):
+                    settings.passed * length, settings.same):
                 return True
         return False

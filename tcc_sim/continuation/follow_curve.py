@@ -23,16 +23,13 @@ from tcc_sim.continuation.palc import (
     solution_at,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.sliding import differ, kind_of_change
 from tcc_sim.continuation.sliding_location import nearest
-from tcc_sim.continuation.special_points import chandrupatla
+from tcc_sim.continuation.special_points import chandrupatla, turned_round
 from tcc_sim.continuation.stopping import StopReason
 
 ENDING = {"neimark_sacker": ("resonance_1_1", "resonance_1_2")}
 """Special points in which curves of a kind end: the pair of multipliers becomes real there."""
-ALIKE = 0.8
-"""Cosine above which the halves of two orbits are apart in one direction."""
 Bounds = tuple[tuple[int, float, float], ...]
 """(index of an unknown, low, high) of both parameters."""
 
@@ -102,7 +99,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         if end is not None:
             yield CurveStep(new._replace(z=end[1]), special, state.equations)
             return StopReason.SPECIAL, 0
-        if count > 3 and _comes_back(first, state.here, new):
+        if count > 3 and _comes_back(first, state.here, new, settings.passing):
             yield CurveStep(first, special, equations)
             return StopReason.CLOSED, 0
         count += 1
@@ -212,8 +209,9 @@ def _special_between(state: CurveState, new: Solution, before: dict[str, float],
     if augmented.shooting.map.piecewise and one is not None and two is not None and differ(one.events, two.events):
         near = [nearest(augmented.shooting, u[:augmented.unknowns]).margins for u in (here.z, new.z)]
         return [(kind_of_change(one.events, two.events, (near[0], near[1])), new.z)]
+    neutral = augmented.settings.neutral
     for name in before.keys() & after.keys():
-        if not before[name] * after[name] < 0.0 or max(abs(before[name]), abs(after[name])) < DEFAULTS.neutral:
+        if not before[name] * after[name] < 0.0 or max(abs(before[name]), abs(after[name])) < neutral:
             continue
         at = _located(augmented, here, new, name)
         if at is not None:
@@ -228,7 +226,7 @@ def _end_between(state: CurveState, new: Solution, special: list[tuple[str, Floa
     if equations is None:
         return None
     halves = [equations.between_halves(s.z) for s in (state.here, new)] if equations.doubled else []
-    if halves and float(halves[0] @ halves[1]) < -ALIKE * float(np.linalg.norm(halves[0]) * np.linalg.norm(halves[1])):
+    if halves and turned_round(halves[0], halves[1], equations.settings.opposite):
         at = _root(equations, state.here, new, lambda z: float(halves[0] @ equations.between_halves(z)))
         if at is not None:
             special.append(("generalised_doubling", at))
@@ -254,19 +252,19 @@ def _root(equations: MinimallyAugmented, here: Solution, new: Solution,
         return function(found.z)
 
     try:
-        part = chandrupatla(test, 0.0, 1.0, 1e-9)
+        part = chandrupatla(test, 0.0, 1.0, equations.settings.curve_root)
         ends = [abs(test(k)) for k in (0.0, 1.0)]
-        return known[part] if abs(test(part)) <= 1e-2 * max(ends) else None
+        return known[part] if abs(test(part)) <= equations.settings.curve_jump * max(ends) else None
     except FAILURES:
         return None
 
 
-def _comes_back(first: Solution, here: Solution, new: Solution) -> bool:
+def _comes_back(first: Solution, here: Solution, new: Solution, passing: float) -> bool:
     """Whether the step from `here` to `new` passes the first point of the curve."""
     if len(first.z) != len(new.z) or len(here.z) != len(new.z):
         return False
     ahead, behind = (float(first.tangent @ (s.z - first.z)) for s in (new, here))
     step = new.z - here.z
     part = -behind / max(ahead - behind, 1e-300)
-    return behind < 0.0 <= ahead and float(np.linalg.norm(here.z + part * step - first.z)) <= 0.2 * float(
+    return behind < 0.0 <= ahead and float(np.linalg.norm(here.z + part * step - first.z)) <= passing * float(
         np.linalg.norm(step))

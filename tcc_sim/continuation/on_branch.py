@@ -108,6 +108,6 @@ def passes_through(branch: Branch, found: ContinuationPoint) -> bool:
     for piece in pieces_at(branch, found.value):
         chord = piece.b.orbit.section - piece.a.orbit.section
         away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
-        if away.min() <= 1e-3 + DEFAULTS.off_chord * np.abs(chord / of.scales).max():
+        if away.min() <= DEFAULTS.on_chord + DEFAULTS.off_chord * np.abs(chord / of.scales).max():
             return True
     return False

@@ -51,7 +51,21 @@ class Settings:
     spurious : residual above which a change of sign is one of rounding, not of a bifurcation
     merged : distance, relative to the range, at which a branch ends in a doubling, or two begin in one
     same_end : distance, relative to the range, at which a fold is the end where a branch passes into its own shift
-    located : last Newton step at which a bifurcation counts as found
+    located, locate_iterations : last Newton step at which a bifurcation counts as found, and most steps
+    noise, idle : part of the larger end value below which a test may be rounding, and evaluations in a row that then
+        may fail to halve the least one before the root counts as found: to narrow the bracket further would be to ask
+        the rounding
+    forward : least cosine between tangent and chord with which the tangents at its ends tell where the branch runs
+    complex_pair : argument above which a pair of multipliers is complex and not real
+    branch_point_step, branch_point_tolerance, branch_point_iterations : of Newton's method on the system of a branch
+        point: the difference by which it takes derivatives, its last step, and most steps
+    branch_point_reach, branch_point_defect : how far it may go, and what may be left of the defect that it carries
+    opposite : cosine, but for its sign, beyond which what tells the halves of two orbits apart has turned round
+    halves_reach : how far a doubling in which such a branch ends may be from where its halves look the same
+    passing, passed : distance from its first point, relative to the step, within which a chord is looked at for a
+        closed branch, and within which the branch is at that point
+    most_borders : changes of the event sequence that are looked for in one step
+    corner_step : smallest step beyond a corner
     beside : how far beyond a change of the event sequence its other side is looked at
     border : margin, relative to its natural size, at which a sliding bifurcation counts as found
     amplitudes : distances from a doubling at which its branch is looked for; next to a canard, where the map bends
@@ -60,6 +74,17 @@ class Settings:
     longest_period : followed in it, in periods of the excitation
     alike : difference of two amplitudes, relative to the largest of a sweep, up to which they are those of one motion
     off_chord : how far a motion may be off the chord between two points, relative to how much that chord climbs
+    on_chord : the same where the chord does not climb
+    curve_step, curve_regrowth : longest step along a curve of bifurcations, of which a picture shows every corner, and
+        `regrowth` there
+    curve_tolerance : last step and residual with which a point of a curve is one
+    curve_root, curve_jump : width of the bracket of a point of codimension two, relative to the step, and part of the
+        larger end value above which its test function jumps there
+    difference : step along null vectors of length one for first derivatives of the Jacobian. Beside canards motions
+        bend within 1e-7, and the Jacobian's own noise is some 1e-14: measured by halving, the derivative is good to
+        four digits in both cases
+    bend : the same for second derivatives, relative to the length within which the Jacobian changes by one
+    margin_step : of differences of a margin by the two parameters
     """
 
     growth: float = 1e2
@@ -101,6 +126,22 @@ class Settings:
     merged: float = 1e-5
     same_end: float = 1e-6
     located: float = 1e-8
+    locate_iterations: int = 15
+    noise: float = 1e-6
+    idle: int = 2
+    forward: float = 0.1
+    complex_pair: float = 1e-6
+    branch_point_step: float = 1e-6
+    branch_point_tolerance: float = 1e-9
+    branch_point_iterations: int = 12
+    branch_point_reach: float = 1e-2
+    branch_point_defect: float = 1e-6
+    opposite: float = 0.8
+    halves_reach: float = 0.1
+    passing: float = 0.2
+    passed: float = 0.02
+    most_borders: int = 6
+    corner_step: float = 1e-10
     beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)
     border: float = 1e-12
     amplitudes: tuple[float, ...] = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
@@ -108,6 +149,15 @@ class Settings:
     longest_period: int = 12
     alike: float = 0.01
     off_chord: float = 0.3
+    on_chord: float = 1e-3
+    curve_step: float = 0.03
+    curve_regrowth: float = 2.0
+    curve_tolerance: float = 1e-8
+    curve_root: float = 1e-9
+    curve_jump: float = 1e-2
+    difference: float = 1e-8
+    bend: float = 1e-3
+    margin_step: float = 1e-6
 
     @property
     def finest(self) -> float:

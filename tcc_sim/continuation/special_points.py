@@ -24,13 +24,6 @@ from tcc_sim.result import Described
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Kinds that are no change of the event sequence."""
-FORWARD = 0.1
-"""Least cosine between tangent and chord with which the tangents at its ends tell where the branch runs."""
-NOISE, IDLE = 1e-6, 2
-"""Part of the larger end value below which a test may be rounding, and evaluations in a row that then may fail to halve
-the least one before the root counts as found: to narrow the bracket further would be to ask the rounding."""
-COMPLEX = 1e-6
-"""Argument above which a pair of multipliers is complex and not real."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,7 +134,7 @@ class Bracket:
         for point in (known[low], known[high]):
             tangent = point.solution.tangent
             along = float(row @ tangent + weights @ (point.solution.found.amplitude_gradient @ tangent))
-            if not along > FORWARD * float(np.sqrt(1.0 + weights @ weights)):
+            if not along > self.a.shooting.settings.forward * float(np.sqrt(1.0 + weights @ weights)):
                 return None
             slopes.append(tangent * (whole / along * (high - low)))
         return _hermite(known[low].solution.z, known[high].solution.z, slopes[0], slopes[1],
@@ -190,7 +183,7 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
     if (fa > 0.0) == (fb > 0.0):
         raise ValueError("no change of sign")
     c, fc, part = a, fa, 0.5
-    noise, idle = NOISE * max(abs(fa), abs(fb)), 0
+    noise, idle = DEFAULTS.noise * max(abs(fa), abs(fb)), 0
     best, least = (a, abs(fa)) if abs(fa) < abs(fb) else (b, abs(fb))
     for _ in range(100):
         t = a + part * (b - a)
@@ -204,7 +197,7 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
             c, b, fc, fb = b, a, fb, fa
         a, fa = t, ft
         width = tolerance / max(abs(b - c), 1e-300)
-        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance or idle >= IDLE:
+        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance or idle >= DEFAULTS.idle:
             return best
         xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
         if phi**2 < xi and (1.0 - phi) ** 2 < 1.0 - xi:
@@ -213,6 +206,11 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
             part = 0.5
         part = min(max(part, width), 1.0 - width)
     return best
+
+
+def turned_round(one: Floats, two: Floats, opposite: float) -> bool:
+    """Whether two vectors point in opposite directions, to a cosine of `opposite`."""
+    return float(one @ two) < -opposite * float(np.linalg.norm(one) * np.linalg.norm(two))
 
 
 def doubling(m: NDArray[np.complex128]) -> float:
@@ -267,23 +265,25 @@ def branch_point(bracket: Bracket) -> ContinuationPoint | None:
     near = bracket.b
     shooting, z, found = near.shooting, near.solution.z, near.solution.found
     w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.solution.z) - 1
+    settings, away = shooting.settings, shooting.settings.branch_point_step
     try:
-        for _ in range(12):
+        for _ in range(settings.branch_point_iterations):
             matrix, side = np.zeros((2 * d + 2, 2 * d + 2)), np.zeros(2 * d + 2)
             matrix[:d, :d + 1], matrix[:d, -1] = found.jacobian, w
             matrix[:d, d + 1:-1] = beta * np.eye(d)
             matrix[d:-1, d + 1:-1], matrix[-1, d + 1:-1] = found.jacobian.T, 2.0 * w
             for k in range(d + 1):
                 step = np.zeros(d + 1)
-                step[k] = 1e-6
-                matrix[d:-1, k] = (shooting.linearise(z + step).jacobian - found.jacobian).T @ w / 1e-6
+                step[k] = away
+                matrix[d:-1, k] = (shooting.linearise(z + step).jacobian - found.jacobian).T @ w / away
             side[:d], side[d:-1], side[-1] = found.residual + beta * w, found.jacobian.T @ w, w @ w - 1.0
             change = np.linalg.solve(matrix, -side)
             z, w, beta = z + change[:d + 1], w + change[d + 1:-1], beta + float(change[-1])
             found = shooting.linearise(z)
-            if np.abs(change).max() < 1e-9:
+            if np.abs(change).max() < settings.branch_point_tolerance:
                 break
-        if np.linalg.norm(z - near.solution.z) > 1e-2 or abs(beta) > 1e-6:
+        if (np.linalg.norm(z - near.solution.z) > settings.branch_point_reach
+                or abs(beta) > settings.branch_point_defect):
             return None
         return point_at(shooting, solution_at(z, found, near.solution.tangent))
     except FAILURES:
@@ -292,6 +292,7 @@ def branch_point(bracket: Bracket) -> ContinuationPoint | None:
 
 def _from_circle(point: ContinuationPoint) -> float:
     """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
-    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > COMPLEX
-             and abs(np.angle(x)) < np.pi - COMPLEX]
+    settings = point.shooting.settings
+    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > settings.complex_pair
+             and abs(np.angle(x)) < np.pi - settings.complex_pair]
     return float(min(pairs, default=np.inf))

@@ -17,8 +17,8 @@ class StopReason(Enum):
     BEGAN = "began in the period doubling at {name} = {value:.9g}"
     CANARD = ("ended at {name} = {value:.9g}: beyond it a multiplier is above {limit:g}, a canard, which double "
               "precision does not resolve")
-    CANARD_CURVE = ("ended at {name} = {value:.9g}: beyond it a disturbance grows by more than {limit:g} along a part of "
-                    "the motion, a canard, which double precision does not resolve")
+    CANARD_CURVE = ("ended at {name} = {value:.9g}: beyond it a disturbance grows by more than {limit:g} along a part "
+                    "of the motion, a canard, which double precision does not resolve")
     FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value:.9g}: no branch can be "
               "followed through it")
     POINTS = "stopped after {limit:g} points at {name} = {value:.9g}"

@@ -108,7 +108,7 @@ def test_a_generalised_doubling_of_motions_that_bend_within_a_short_length() -> 
 
 @pytest.mark.parametrize("width", [1e-2, 1e-4, 1e-6])
 def test_a_curve_of_folds_that_lie_in_a_sharp_bend(width: float) -> None:
-    def bent(x, p):  # p + q x = sqrt(x^2 + width^2) has its fold where q = x/sqrt(...), that is p = width sqrt(1 - q^2).
+    def bent(x, p):  # p + q x = sqrt(x^2 + width^2): folds at q = x/sqrt(x^2 + width^2), p = width sqrt(1 - q^2).
         root = math.hypot(x[0], width)
         return (x + 0.2 * (p[0] + p[1] * x - root), np.array([[1.0 + 0.2 * (p[1] - x[0] / root)]]),
                 np.array([[0.2, 0.2 * x[0]]]))
