@@ -54,6 +54,13 @@ def test_fold_and_doubling_of_the_henon_map() -> None:
     assert stable == [-0.35 < s.orbit.section[0] < 0.35 for s in branch.points]
 
 
+@pytest.mark.parametrize("value", [0.1, 0.1001, 0.2, 0.2999, 0.3])
+def test_a_branch_reaches_both_ends_of_its_range_from_beside_them(value: float) -> None:
+    branch = branch_of(henon, 2, 0.1, 0.3, value, [0.3, 0.3])
+    assert sorted({branch.points[0].value, branch.points[-1].value}) == [0.1, 0.3]
+    assert {end.reason for end in branch.ended} == {StopReason.RANGE}
+
+
 def test_a_branch_begins_towards_growing_parameters() -> None:
     """Whichever way the Jacobian's null vector points: for one in twelve linear maps of the plane the other way."""
     random = np.random.default_rng(0)

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from textbook_maps import Step, TextbookMap, logistic
 
 from tcc_sim.continuation.branch import Branch
 from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, left_out
-from tcc_sim.continuation.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of
+from tcc_sim.continuation.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of, nearest_bifurcation
 from tcc_sim.continuation.on_branch import SettledMotion, place_of
 from tcc_sim.continuation.shooting import ParameterRange
 
@@ -93,14 +95,16 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
     assert jump.low <= -0.05 + 0.05**3 <= jump.high  # the unstable motion is at the start: p + x - x^3 = 0
 
 
-@pytest.mark.parametrize(("direction", "side"), [("up", 1.0), ("down", -1.0)])
-def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str, side: float) -> None:
+@pytest.mark.parametrize(("direction", "side", "fold"), [
+    ("up", 1.0, 1.0), ("down", -1.0, -1.0), ("cold", 1.0, -1.0), ("cold", -1.0, 1.0)])
+def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str, side: float, fold: float) -> None:
+    """Of cold starts, which follow none, that which ends nearest to the middle of the jump."""
     # p + x - x^3 = 0: the lower motion ends at p = 2/3^1.5, the upper one at -2/3^1.5.
     seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
             for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in swept(hysteresis, np.array([p]), p, cycles=400)]
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.6, 0.6, name="p"), seen)
     jump, = jumps_of(seen, branches, 0.2, direction=direction)
-    assert (jump.cause, jump.value) == ("fold", pytest.approx(side * 2.0 / 3.0**1.5, abs=1e-9))
+    assert (jump.cause, jump.value) == ("fold", pytest.approx(fold * 2.0 / 3.0**1.5, abs=1e-9))
 
 
 def test_a_jump_at_a_doubling_names_it_and_its_unstable_branch_is_followed() -> None:
@@ -169,3 +173,20 @@ def test_the_doublings_of_the_logistic_map_are_one_branch_each() -> None:
     for s in seen:
         place = place_of(s, branches, 1.0)
         assert place is None or branches[place.branch].period == s.period
+
+
+@pytest.mark.parametrize(("value", "largest", "near"), [
+    (2.0, 5.0, True), (6.9, 5.0, True), (7.1, 5.0, False), (-4.9, 3.0, True), (-5.1, 3.0, False),
+    (2.0, 5.4, True), (2.0, 5.6, False), (2.0, 2.6, True), (2.0, 2.4, False), (5.0, 5.3, False), (4.0, 5.2, True)])
+def test_a_bifurcation_is_near_by_its_value_and_its_size_together(value: float, largest: float, near: bool) -> None:
+    """Beyond values 0 to 2 and sizes 3 to 5 at most 0.05 of the range (100) and of the size (10) together."""
+    def at(value: float, largest: float) -> SimpleNamespace:
+        return SimpleNamespace(value=value, orbit=SimpleNamespace(seen=SimpleNamespace(largest=largest)))
+
+    def bifurcation(value: float, largest: float) -> SimpleNamespace:
+        return SimpleNamespace(value=value, point=at(value, largest))
+
+    far, here = bifurcation(50.0, 4.0), bifurcation(value, largest)
+    branch: Any = SimpleNamespace(points=[at(9.0, 9.0), at(0.0, 3.0), at(1.0, 5.0), at(2.0, 4.0), at(8.0, 9.0)],
+                                  bifurcations=[far, here])
+    assert nearest_bifurcation(branch, 2, 10.0, 100.0) is (here if near else None)
