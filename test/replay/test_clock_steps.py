@@ -115,7 +115,7 @@ def test_places_of_scenes():
 
 @pytest.mark.parametrize(("said", "runs", "row"), [(1005, 1, 2), (1035, 1, 2), (1005, 2, 2), (1035, 2, 7)])
 def test_a_scene_that_was_said_at_another_time_holds_from_its_stamp_on(said, runs, row):
-    """Said before the state ahead of it was sent, or after its own: rather in a run whose state came later than that."""
+    """Said before the state ahead of it was sent, or after its own: rather in a run whose state came later."""
     found = Places([record(None, 5), record(2 * TICK, said)])
     for run in range(runs):
         found.feed(states(run, range(5), [1000 * (run + 1) + 10 * k for k in range(5)], 5 * run))
