@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from given import Given, law_of, record
 
+from tcc_sim.analysis.damping import slope_of_friction
 from tcc_sim.model.parameters import System
 from tcc_sim.paper import claims_figures5to7 as damped
 from tcc_sim.paper import claims_model as model
@@ -18,7 +19,8 @@ from tcc_sim.paper import claims_series as series_claims
 from tcc_sim.paper import claims_varying_load as varying
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
-from tcc_sim.paper.evidence import FAILED, KINETIC, Evidence
+from tcc_sim.paper.evidence import FAILED, FREQUENCY, KINETIC, Evidence, with_kinetic
+from tcc_sim.solvers import solve
 
 
 def dampings(cf: Callable[[float], float], changes: bool) -> Callable[..., Any]:
@@ -230,3 +232,39 @@ def test_a_period_shows_in_both_or_in_one(apart, verdict) -> None:  # type: igno
         turn = np.arange(650) % 2 if next(number) < apart else np.zeros(650)
         return SimpleNamespace(cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
     assert claims_figure4.shows_in_both(Given(runs=run)).verdict == verdict
+
+
+def test_a_difference_over_a_cycle_is_its_root_mean_square() -> None:
+    """Of RK4 beyond its limit of stability, by the Euclidean norm of samples at the same times."""
+    found = model.cycle_differences((("rk4, step 5e-05 s", "smoothed", 5e-5), ("smoothed", "smoothed", None)))
+    system = paper_system(model.FIG02)
+    start = solve(system, cycles=1000).final
+    one, other = (solve(system, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start, solver=name, step=step)
+                  for name, step in (("smoothed", None), ("rk4", 5e-5)))
+    apart = np.linalg.norm(other.slip_speed - one.slip_speed) / len(one.t) ** 0.5
+    assert found["rk4, step 5e-05 s"] == pytest.approx(apart / np.abs(one.slip_speed).max(), rel=1e-3)
+    assert found["smoothed"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
+    """Against half as many samples, later cycles and NumPy's weighted mean, at the ratio with a short period."""
+    row = with_kinetic(0.667, {FREQUENCY: 0.12 * OMEGA_N})
+    run = Evidence(1e-9, 1).last_cycles(row, 16, 4096)
+    slope, v = slope_of_friction(run), run.slip_speed
+    found = damped._other_readings()
+    for name, weights in (("no weight", None), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - np.mean(v)) ** 2),
+                          ("v^2 outside stick", v**2 * (run.state != 0))):
+        assert len(found[name]) == 3
+        assert found[name][0] == pytest.approx(np.average(slope, weights=weights), rel=0.02), name
+
+
+def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() -> None:
+    """Of M/N = 2/3: 250 N m at 150 rad/s, and a quarter of mu_k N R = 540 N m at 100 rad/s."""
+    rows: list[Any] = []
+    series_claims.as_dual_excitation(Given(lambda row, x, direction: rows.append(row) or record()))
+    torques = [{row["engine.frequency"] * (k + 1): float(x) for k, x in enumerate(
+        (row["engine.torque_amplitude"], *row["engine.harmonic_amplitudes"])) if x}
+        for row in rows if "engine.harmonic_amplitudes" in row]
+    assert torques == [pytest.approx({150.0: 250.0, 150.0 * ratio: 135.0}) for ratio in (0.5, 2.0, 2 / 3, 4 / 3)]
+    assert all(len(row["engine.harmonic_phases"]) == len(row["engine.harmonic_amplitudes"])
+               for row in rows if "engine.harmonic_phases" in row)
