@@ -85,6 +85,15 @@ class Settings:
         four digits in both cases
     bend : the same for second derivatives, relative to the length within which the Jacobian changes by one
     margin_step : of differences of a margin by the two parameters
+    limit_landings : smoothing of the scene over those at which a trace over the smoothing has points, the last one its
+        end
+    limit_steps : first and smallest step of that trace
+    limit_least : smoothing of the scene over that which a trace must have reached to be extrapolated
+    limit_farthest : how far the parameter may go on it, in widths of its range: a limit may lie outside
+    limit_gain, limit_safety : part of what an extrapolation adds to a straight line that its error is at least; and
+        times an error that is taken. Of 48 limits that the set-valued law has too, the farthest was 2.7 away without
+    limit_stuck : slip speed on the section at which a smoothed motion is one in stick
+    limit_solved : error, relative to the range, of a bifurcation of the set-valued law
     """
 
     growth: float = 1e2
@@ -158,6 +167,14 @@ class Settings:
     difference: float = 1e-8
     bend: float = 1e-3
     margin_step: float = 1e-6
+    limit_landings: tuple[float, ...] = (8e-3, 4e-3, 2e-3, 1e-3)
+    limit_steps: tuple[float, float] = (0.02, 1e-7)
+    limit_least: float = 0.3
+    limit_farthest: float = 100.0
+    limit_gain: float = 0.1
+    limit_safety: float = 4.0
+    limit_stuck: float = 1e-3
+    limit_solved: float = 1e-9
 
     @property
     def finest(self) -> float:

@@ -1,38 +1,31 @@
 """What becomes of a bifurcation of the smoothed law as the smoothing factor grows: one that stays, or one of the
 smoothing.
 
-It is followed in 1/sigma, about which everything is smooth, from the scene's sigma towards 0. What reaches the end is
-solved with the set-valued law where that has the same bifurcation there, and extrapolated along the curve elsewhere.
+It is traced in 1/sigma, from the scene's sigma towards 0: that is the evidence of where it goes, and its extrapolation
+says how near to that it must be. The value is the set-valued law's own: a branch of that law through the motion there,
+on which its own detection finds a bifurcation of the same kind within the error of the extrapolation; the extrapolated
+value stands where it finds none.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.continuation.augmented import MinimallyAugmented, locate
-from tcc_sim.continuation.follow_curve import CurveStep, follow_curve
-from tcc_sim.continuation.palc import StepSize, corrector
+from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.branch import branch_through, first_point
+from tcc_sim.continuation.follow_curve import follow_curve
+from tcc_sim.continuation.palc import Solution, StepSize, corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.continuation.stopping import StopReason
 
-SMOOTHEST = 1e-3
-"""Smoothing of the scene over that at which the curve ends; the limit is extrapolated from there, and from two and four
-times as much."""
-FARTHEST = 100.0
-"""How far the parameter may go, in widths of its range: the limit of a bifurcation within it may lie outside."""
-STUCK = 1e-3
-"""Slip speed, in natural sizes, at which a smoothed motion on the section is one in stick."""
-SOLVED = 1e-9
-"""Error, relative to the range, of what Newton's method has solved."""
-SAME_ONE = 20.0
-"""Errors of an extrapolation within which a bifurcation of the set-valued law is its limit."""
-LEAST_GAIN = 0.1
-"""Part of what an extrapolation adds that its error is at least: terms in log(sigma)/sigma make them slow."""
+TRACED = ("fold", "period_doubling", "neimark_sacker")
+"""Kinds that have a minimally augmented system."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +52,22 @@ class Limit:
         return f"limit {self.value:.{digits}f} +- {self.error:.1g}"
 
 
+class Trace(NamedTuple):
+    """A curve of a bifurcation over the smoothing.
+
+    smoothness : (K,) smoothing factor of the scene over that of each point
+    places : (K, 1 + n) parameter, and state at phase 0 in natural sizes
+    last : the last point, and the equations that it solves
+    """
+
+    smoothness: Floats
+    places: Floats
+    last: Solution
+    shooting: Shooting
+    reason: StopReason
+    bound: int
+
+
 def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMap, span: ParameterRange,
              sigma: float) -> Limit:
     """The limit of a bifurcation of the smoothed law.
@@ -70,64 +79,105 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
     span : range of the parameter
     sigma : the scene's smoothing factor, s/rad
     """
+    if found.kind not in TRACED:
+        return Limit(None, why=f"not found: the smoothing is not followed for a {found.kind}")
+    settings = found.point.shooting.settings
+    trace = _traced(found, smoothed, span, sigma)
+    if trace is None:
+        return Limit(None, why="not found: the curve of the bifurcation over the smoothing cannot be set up")
+    reached = float(trace.smoothness.min())
+    most = f"sigma = {sigma / reached:.6g}"
+    if trace.reason is StopReason.SPECIAL or (trace.reason is StopReason.RANGE and trace.smoothness[-1] > 0.5
+                                              and trace.bound == 0):
+        return Limit(None, why=f"of the smoothing: there is none beyond {most}")
+    if trace.reason is StopReason.RANGE and trace.bound == 1:
+        return Limit(None, why=f"not found: it is {settings.limit_farthest:g} ranges away at {most}")
+    extrapolated = _extrapolated(trace.smoothness, trace.places, settings)
+    if extrapolated is None:
+        return Limit(None, why=f"not found: the curve of the bifurcation was lost at {most}")
+    limits, errors = extrapolated
+    width = span.high - span.low
+    limit, error = float(limits[0]), max(float(errors[0]), settings.limit_solved * width)
+    own = _set_valued(found.kind, trace, limits, error, set_valued, width)
+    return Limit(limit, error) if own is None else Limit(own, settings.limit_solved * width)
+
+
+def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, sigma: float) -> Trace | None:
+    """The curve of a bifurcation towards a smoothing of none; None where it cannot be set up."""
     ranges = span, ParameterRange(sigma, np.inf, inverse=True, name="friction.smoothing")
     shooting, orbit = replace(found.point.shooting, map=smoothed, ranges=ranges), found.point.orbit
-    steps: list[CurveStep] = []
+    settings, rows, last = shooting.settings, list[Floats](), None
+    reason, bound = StopReason.STEP, 0
     try:
         shooting, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], sigma)))
-        equations, n = MinimallyAugmented(found.kind, shooting, z), shooting.size
-        extra = len(equations.start) - n - 1
-        bounds = (n + 1, SMOOTHEST, 1.0), (n, -FARTHEST, FARTHEST)
-        stream = follow_curve(equations, equations.start, False, bounds, StepSize(shooting.settings, 0.02, 1e-7))
-        while True:
-            steps.append(next(stream))
-    except StopIteration as stopped:
-        reason, bound = stopped.value
+        equations = MinimallyAugmented(found.kind, shooting, z)
+        u = equations.start
+        for smallest in settings.limit_landings:
+            n = equations.shooting.size
+            bounds = (n + 1, smallest, 1.0), (n, -settings.limit_farthest, settings.limit_farthest)
+            stream = follow_curve(equations, u, False, bounds, StepSize(settings, *settings.limit_steps))
+            try:
+                while True:
+                    last, _, on_the_curve = next(stream)
+                    assert isinstance(on_the_curve, MinimallyAugmented)
+                    equations, n, u = on_the_curve, on_the_curve.shooting.size, last.z
+                    rows.append(np.array([u[n + 1], span.value(float(u[n])), *u[:smoothed.dimension]]))
+            except StopIteration as stopped:
+                reason, bound = stopped.value
+            if reason is not StopReason.RANGE or bound or u[n + 1] > smallest:
+                break
     except FAILURES:
-        return Limit(None, why="not found: the curve of the bifurcation over the smoothing cannot be set up")
-    smoothness = [float(step.solution.z[-extra]) for step in steps]
-    most = f"sigma = {ranges[1].value(min(smoothness)):.6g}"
-    if reason is StopReason.SPECIAL or (reason is StopReason.RANGE and bound == 0 and smoothness[-1] > 0.5):
-        return Limit(None, why=f"of the smoothing: there is none beyond {most}")
-    if reason is StopReason.RANGE and bound == 1:
-        return Limit(None, why=f"of the smoothing: it is {FARTHEST:g} ranges away at {most}")
-    if reason is not StopReason.RANGE:
-        return Limit(None, why=f"not found: the curve of the bifurcation was lost at {most}")
-    return _at_infinity(found.kind, steps[-1], set_valued, span, extra)
+        reason = StopReason.STEP
+    if last is None:
+        return None
+    table = np.array(rows)
+    return Trace(table[:, 0], table[:, 1:], last, equations.shooting, reason, bound)
 
 
-def _at_infinity(kind: str, last: CurveStep, set_valued: ParameterMap, span: ParameterRange, extra: int) -> Limit:
-    """The limit of a curve that reaches the smoothest scene."""
-    assert isinstance(last.equations, MinimallyAugmented)
-    shooting, solution = last.equations.shooting, last.solution
-    row, tangent = np.zeros(len(solution.z)), solution.tangent
-    row[-extra] = 1.0
-    unknowns = [solution.z]
-    for times in (2.0, 4.0):
-        away = (times - 1.0) * SMOOTHEST / float(tangent[-extra])
-        got = corrector(last.equations, solution.z + away * tangent, row)
-        if got is None:
-            return Limit(None, why="not found: the curve of the bifurcation was lost where its limit is extrapolated")
-        unknowns.append(got.z)
-    z, errors = _extrapolated(unknowns)
-    limit, width = span.value(float(z[shooting.size])), span.high - span.low
-    error = max(float(errors[shooting.size]), SOLVED) * width
-    start = z[:shooting.size + 1].copy()
-    slips = start[:shooting.size:shooting.map.dimension]
-    if set_valued.piecewise:
-        slips[np.abs(slips) < STUCK] = 0.0
-    for equations in (replace(shooting, map=set_valued, ranges=(span,)),
-                      Shooting.single(set_valued, shooting.period, span, settings=shooting.settings)):
-        solved = locate(kind, equations, np.append(start[:equations.size], start[-1]))
-        exact = np.inf if solved is None else span.value(float(solved[-1]))
-        if abs(exact - limit) <= SAME_ONE * error:
-            return Limit(exact, SOLVED * width)
-    return Limit(limit, error)
+def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tuple[Floats, Floats] | None:
+    """Where places go as the smoothness goes to 0, and the errors of that; None for a trace that does not tell.
+
+    A motion leaves stick after a time that goes as log(sigma)/sigma, so a + b e + c e log(e) is put through three of
+    four points at about equal ratios; the other three, and a straight line, tell its error.
+    """
+    ratio = min(2.0, float(smoothness.max() / smoothness[-1]) ** (1.0 / 3.0))
+    chosen = [int(np.abs(np.log(smoothness / (smoothness[-1] * ratio**k))).argmin()) for k in range(4)]
+    if smoothness[-1] > min(settings.limit_least, *smoothness[:-1]) or len(set(chosen)) < 4:
+        return None
+    e, y = smoothness[chosen], places[chosen]
+    terms = np.stack([np.ones(4), e, e * np.log(e)], axis=1)
+    near, far = (np.linalg.solve(terms[k:k + 3], y[k:k + 3])[0] for k in (0, 1))
+    straight = y[0] - e[0] * (y[1] - y[0]) / (e[1] - e[0])
+    return near, settings.limit_safety * np.maximum(np.abs(near - far), settings.limit_gain * np.abs(near - straight))
 
 
-def _extrapolated(values: list[Floats]) -> tuple[Floats, Floats]:
-    """The limits of values at s, 2 s, 4 s, and their errors."""
-    one, two, four = values
-    linear, coarser = 2.0 * one - two, 2.0 * two - four
-    out = (4.0 * linear - coarser) / 3.0
-    return out, np.maximum(np.abs(out - linear), LEAST_GAIN * np.abs(out - one))
+def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: ParameterMap, width: float) -> float | None:
+    """The bifurcation of a kind that the set-valued law has within the error of an extrapolation, the nearest to it.
+
+    A branch is begun at the extrapolated motion, or at the last one of the trace, with a corrector that leaves the
+    parameter as free as it is on the smoothed law's branch; first between these two, where steps are as fine as the
+    bend of a canard, then in the whole width of the range.
+    """
+    old, settings, last = trace.shooting, trace.shooting.settings, trace.places[-1]
+    along = np.linalg.svd(trace.last.found.jacobian[:old.size, :old.size + 1])[2][-1]
+    for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):
+        span = ParameterRange(limits[0] - half, limits[0] + half, name=old.ranges[0].name)
+        shooting = Shooting.single(of, old.period, span, settings=settings)
+        for place in (limits, last):
+            z = np.append(place[1:], span.scaled(place[0]))
+            if of.piecewise and abs(z[0]) < settings.limit_stuck:
+                z[0] = 0.0
+            try:
+                finer, z = shooting.cut(z)
+                row = np.zeros(len(z))
+                row[:of.dimension], row[-1] = along[:of.dimension], along[-1] * 2.0 * half / width
+                started = corrector(finer, z, row / float(np.linalg.norm(row)))
+                if started is None or not 0.0 <= started.z[-1] <= 1.0:
+                    continue
+                found = branch_through(first_point(finer, started.z)).bifurcations
+            except FAILURES:
+                continue
+            away = {abs(f.value - limits[0]): f.value for f in found if f.kind == kind}
+            if away and min(away) <= error:
+                return away[min(away)]
+    return None

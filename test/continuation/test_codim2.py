@@ -211,10 +211,18 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
     def elsewhere(x, p):  # No fold near.
         return x + 0.5 * (p[0] - x), np.array([[0.5]]), np.array([[0.5]])
 
-    def torn(x, p):  # As the first one, but there is no map between sigma = 50 and 100.
-        if 50.0 < p[1] < 100.0:
-            raise ArithmeticError("no map")
-        return smoothed(x, p)
+    def logarithmic(x, p):  # A fold at p = -e log(e), e = 1/sigma: as the time after which a motion leaves stick.
+        e = 1.0 / p[1]
+        return (x + 0.2 * (p[0] - x**2 + e * np.log(e)), np.array([[1.0 - 0.4 * x[0]]]),
+                np.array([[0.2, -0.2 * e * e * (np.log(e) + 1.0)]]))
+
+    def torn(low, high):  # As the first one, but there is no map between two smoothing factors.
+        def step(x, p):
+            if len(p) > 1 and low < p[1] < high:
+                raise ArithmeticError("no map")
+            return smoothed(x, p)
+
+        return step
 
     span, sigma = ParameterRange(-1.0, 1.0), 5.0
 
@@ -227,12 +235,15 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
     stays = limit(smoothed, 0.8, smoothed)
     assert stays.value == pytest.approx(0.0, abs=1e-9)
     assert (stays.error, stays.why) == (pytest.approx(2e-9), "")
-    far = limit(smoothed, 0.8, elsewhere)
-    assert abs(far.value) <= far.error < 1e-4
+    for step in (smoothed, logarithmic, torn(50.0, np.inf)):
+        far = limit(step, 0.8, elsewhere)
+        assert abs(far.value) <= far.error < 2e-4
+    early = limit(torn(50.0, np.inf), 0.8, smoothed)  # Extrapolated from sigma = 50, and solved without smoothing.
+    assert early.value == pytest.approx(0.0, abs=1e-9)
     gone = limit(vanishing, 1.0, vanishing)
     assert gone.value is None
     assert gone.why.startswith("of the smoothing: there is none beyond sigma = 9")  # 100, between two of its points.
-    lost = limit(torn, 0.8, smoothed)
+    lost = limit(torn(10.0, np.inf), 0.8, smoothed)
     assert lost.value is None
     assert lost.why.startswith("not found: the curve of the bifurcation was lost at sigma = ")
 

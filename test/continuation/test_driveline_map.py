@@ -13,6 +13,7 @@ from tcc_sim.continuation.motions import ContinuationPlan, check, continue_motio
 from tcc_sim.continuation.newton import newton, orbit_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.continuation.stopping import StopReason
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
@@ -67,6 +68,21 @@ def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
         assert limit.value is not None
         assert limit.value / 0.3 == pytest.approx(0.80787675, abs=1e-7)
     assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
+
+
+def test_a_fold_next_to_a_canard_has_the_limit_that_the_set_valued_law_has() -> None:
+    # Two folds of the set-valued law are 2 rad/s apart, and a doubling 1e-5 rad/s from the one of them.
+    span, scene = ParameterRange(106.0, 112.0), load_scene("fig02").with_values(
+        {"engine.frequency": 110.0, "friction.kinetic_coefficient": 0.25, "pressure.mean": 225e3})
+    laws = [scene.with_values({"friction.law": law}).system for law in ("smoothed", "set_valued")]
+    smoothed, own = (continue_motions(s, ContinuationPlan("engine.frequency", 106.0, 112.0, period=1)) for s in laws)
+    maps = DrivelineMap(laws[0], ("engine.frequency", "friction.smoothing")), DrivelineMap(laws[1],
+                                                                                        ("engine.frequency",))
+    for kind, value in (("fold", 109.754), ("period_doubling", 109.754), ("fold", 111.570)):
+        item = next(f for f in smoothed.bifurcations if f.kind == kind and abs(f.value - value) < 1e-3)
+        limit = limit_of(item, *maps, span, 50.0)
+        assert min(abs(f.value - limit.value) for f in own.bifurcations if f.kind == kind) <= limit.error < 1e-8
+        assert abs(limit.value - (value - 0.919 if value < 110.0 else 110.957)) < 1e-3
 
 
 def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> None:
