@@ -101,6 +101,9 @@ def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ig
     assert (found.period, found.settled) == (0, False)
     assert kept.periods(sweep).tolist() == [2]
     assert kept.motion(row).period == 2
+    assert sweep.plan == kept.plan(row)
+    assert not (sweep.plan.damping or sweep.plan.lyapunov)
+    assert kept.maximum(row, 150.0 / OMEGA_N) == kept.motion(row).largest
 
 
 def test_a_transient_of_slip_is_stick_once_it_has_settled():  # type: ignore

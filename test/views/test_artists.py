@@ -36,6 +36,7 @@ def test_texts_of_events_stand_beside_their_lines_and_are_short() -> None:
         assert boxes[3].y1 == pytest.approx(boxes[0].y1)
         assert axis.bbox.y1 > boxes[0].y1
         assert axis.texts[0].get_text() == 39 * "a" + "..."
+        assert min(text.get_fontsize() for text in axis.texts) >= 6.0  # Smaller print is not read.
     with style.figure() as drawn:
         axis = drawn.subplots()
         control_panels.mark_events(axis, events + events[:3], 10.0)

@@ -1,5 +1,6 @@
 """Pictures of branches: solid to the very bifurcation at which motions become unstable."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,8 @@ def test_a_piece_that_no_bifurcation_parts_is_dashed_where_either_end_is_unstabl
     (x, _), (other, _) = stable_and_unstable(found([True, False, True, True]), 0)
     assert x[1:].tolist() == [2.0, 3.0]
     assert other[1:].tolist() == [0.0, 1.0, 2.0]
+    (x, _), _ = stable_and_unstable(found([True, True, False, True, True]), 0)
+    np.testing.assert_array_equal(x, [math.nan, 0.0, 1.0, math.nan, 3.0, 4.0])
 
 
 def test_the_picture_has_its_title_and_its_axes_named(tmp_path: Path) -> None:
