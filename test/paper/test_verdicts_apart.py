@@ -102,7 +102,7 @@ def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ig
     assert kept.periods(sweep).tolist() == [2]
     assert kept.motion(row).period == 2
     assert sweep.plan == kept.plan(row)
-    assert not (sweep.plan.damping or sweep.plan.lyapunov)
+    assert (sweep.plan.damping, sweep.plan.lyapunov) == (False, False)
     assert kept.maximum(row, 150.0 / OMEGA_N) == kept.motion(row).largest
 
 
