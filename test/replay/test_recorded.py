@@ -53,12 +53,6 @@ def test_a_recording_has_runs_segments_and_every_sample(recorded, rows):
     assert second.system.engine.mean_torque == 250.0
 
 
-def test_a_scene_that_is_given_takes_the_place_of_the_recorded_one(recorded):
-    found = tcc_sim.read(recorded, scene="chaos")
-    assert found.trajectory().system == load_scene("chaos").system
-    assert tcc_sim.read(recorded).trajectory().system == FIG02.system
-
-
 def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_path):
     pytest.importorskip("matplotlib")
     run = tcc_sim.read(recorded).trajectory(1, 0.5, 1.5)
