@@ -242,19 +242,18 @@ def _located(equations: MinimallyAugmented, here: Solution, new: Solution, name:
 def _root(equations: MinimallyAugmented, here: Solution, new: Solution,
           function: Callable[[Floats], float]) -> Floats | None:
     """Unknowns where a function of them vanishes between two points; None where it jumps or the curve is lost."""
-    way, known = new.z - here.z, dict[float, Floats]()
+    way, known = new.z - here.z, dict[float, tuple[Floats, float]]()
 
     def test(part: float) -> float:
         found = corrector(equations, here.z + part * way, way / float(np.linalg.norm(way)))
         if found is None:
             raise ValueError("the curve is lost")
-        known[part] = found.z
-        return function(found.z)
+        known[part] = found.z, function(found.z)
+        return known[part][1]
 
     try:
-        part = chandrupatla(test, 0.0, 1.0, equations.settings.curve_root)
-        ends = [abs(test(k)) for k in (0.0, 1.0)]
-        return known[part] if abs(test(part)) <= equations.settings.curve_jump * max(ends) else None
+        at, left = known[chandrupatla(test, 0.0, 1.0, equations.settings.curve_root)]
+        return at if abs(left) <= equations.settings.curve_jump * max(abs(known[k][1]) for k in (0.0, 1.0)) else None
     except FAILURES:
         return None
 
