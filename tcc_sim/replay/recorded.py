@@ -203,7 +203,7 @@ class Recording(Result):
         """What the scene in force at the state with this index describes."""
         place = max((place for place in places_of(self._run) if place.index <= index), default=None,
                     key=lambda place: place.number)
-        if place is None or place.number == 0:
+        if place is None:
             return self.scene.system
         try:
             return parse_scene(self._run.scenes[place.number].parameters, self.scene.name).system

@@ -170,6 +170,7 @@ def test_a_key_has_effect_beside_another_that_is_free() -> None:
     system = replace(load_scene("fig02").system, {"pressure.amplitude": 0.0, MU_K: 0.3})
     assert DrivelineMap(system, ("pressure.amplitude", "pressure.phase")).keys[1] == "pressure.phase"
     assert DrivelineMap(system, (MU_K, "friction.decay")).keys[1] == "friction.decay"
+    assert DrivelineMap(system, ("engine.frequency",)).keys == ("engine.frequency",)
 
 
 def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:

@@ -7,7 +7,7 @@ import pytest
 from textbook_maps import TextbookMap, henon, logistic
 
 from tcc_sim.continuation.newton import find_orbit, minimal_period, multipliers_of, newton, orbit_at
-from tcc_sim.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.continuation.shooting import ParameterRange, Shooting, greedy
 from tcc_sim.continuation.special_points import chandrupatla, torus
 from tcc_sim.errors import InputError
 
@@ -77,6 +77,17 @@ def test_the_monodromy_of_segments_is_in_the_units_of_the_state() -> None:
     # By hand: x' = a - x^2 + 0.3 y, y' = x, of which the derivative is [[-2 x, 0.3], [1, 0]].
     first, second = (np.array([[-2.0 * at, 0.3], [1.0, 0.0]]) for at in nodes[:, 0])
     assert found == pytest.approx(second @ first, rel=1e-12)
+
+
+@pytest.mark.parametrize(("grown", "lengths", "nodes"), [
+    ([2.0] * 5, [2.0, 2.0, 1.0], [0, 2, 4]), ([1.0] * 5, [5.0], [0]), ([0.1, 40.0, 0.1], [1.0, 2.0], [0, 1]),
+    ([0.5, 0.5, 4.0, 4.0], [3.0, 1.0], [0, 3]), ([9.0], [1.0], [0])])
+def test_segments_are_as_long_as_their_growth_allows(grown: list[float], lengths: list[float],
+                                                     nodes: list[int]) -> None:
+    """Up to 5 from any of their pieces to their end; a single piece may have more."""
+    found = greedy([(1.0, np.array([float(k)]), np.array([[x]])) for k, x in enumerate(grown)], 5.0)
+    assert found[0] == lengths
+    assert [int(node[0]) for node in found[1]] == nodes
 
 
 def test_a_period_that_does_not_fit_the_excitation_is_refused() -> None:

@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,14 @@ def test_simulate_draws_its_last_cycles_in_every_format_and_always_the_same(suff
 def test_a_run_shorter_than_a_cycle_is_drawn(tmp_path, drawn):
     assert main(["simulate", "fig02", "--duration", "0.02", "--plot", str(tmp_path / "a.png")]) == 0
     assert len(drawn["(b) Slip speed"]["lines"][0][1]) > 90
+
+
+def test_a_run_of_samples_alone_has_its_cycles_worked_out(tmp_path, drawn):
+    run = solve(load_scene("minimal"), cycles=5, samples_per_cycle=200)
+    plots.plot(replace(run, cycles=None), tmp_path / "a.png")
+    shown = [point for _, *line in drawn["(d) Maxima"]["lines"][:-1] for point in zip(*line)]
+    assert sorted(number for number, _ in shown) == [0, 1, 2, 3, 4]
+    assert sorted(y for _, y in shown) == pytest.approx(sorted(run.cycles.highest), rel=1e-3)
 
 
 def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
