@@ -136,7 +136,7 @@ class DrivelineMap:
 
     def _settled(self, x: Floats) -> Floats:
         """`x`, with a slip speed that differs from 0 by rounding only at 0 under the set-valued law."""
-        if self.piecewise and x[0] != 0.0 and abs(x[0]) < EXACTLY_STUCK:
+        if self.piecewise and abs(x[0]) < EXACTLY_STUCK:
             x = x.copy()
             x[0] = 0.0
         return x

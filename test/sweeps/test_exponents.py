@@ -8,13 +8,16 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.stats import sem, t
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
 from tcc_sim.sweeps.exponents import (
+    CONFIDENCE,
     FIRST,
+    batch_means,
     change_of_averages,
     diagnosis,
     floquet_exponent,
@@ -184,6 +187,14 @@ def test_the_growth_along_a_chaotic_motion_is_that_of_scipys_variational_equatio
     found = largest_lyapunov_exponent(system, State(*cycles.section[-1]), cycles=2000, start_cycle=110)
     assert found.diagnosis == "chaotic"
     assert found.low < 1.51 < found.high
+
+
+def test_the_interval_of_a_mean_is_students_of_the_means_of_batches() -> None:
+    growth = np.random.default_rng(1).normal(0.3, 0.2, 2007)
+    means = [growth[7 + 100 * k:107 + 100 * k].mean() for k in range(20)]
+    mean, half = batch_means(growth)
+    assert mean == pytest.approx(growth[7:].mean())
+    assert (mean - half, mean + half) == pytest.approx(t.interval(CONFIDENCE, 19, np.mean(means), sem(means)))
 
 
 def test_diagnosis_looks_at_the_whole_interval() -> None:
