@@ -18,8 +18,6 @@ from tcc_sim.continuation.stopping import StopReason
 
 SWEPT = Settings(max_points=200, largest_step=0.3)
 """A step is a hundredth of what a picture shows or so, and a branch that is longer stands still in it."""
-NOTHING = 1e-3
-"""Part of the largest size of a sweep below which that of its periodic motions is no measure."""
 
 
 def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[SettledMotion],
@@ -69,7 +67,7 @@ def amplitude_of(seen: Sequence[SettledMotion]) -> float:
     """The largest size of those motions of a sweep that have a period; of all where those are next to nothing."""
     most = max((s.amplitude for s in seen), default=0.0)
     periodic = max((s.amplitude for s in seen if s.period), default=0.0)
-    return periodic if periodic > NOTHING * most else most
+    return periodic if periodic > DEFAULTS.next_to_nothing * most else most
 
 
 def point_of(of: ParameterMap, span: ParameterRange, seen: SettledMotion,

@@ -17,23 +17,13 @@ from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.on_branch import SettledMotion, passes_through
 from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import ContinuationPoint
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, values_of
 from tcc_sim.trajectory import Cycles
 
-SETTLING = (300, 1200, 4800)
-"""Engine cycles after which the scene is asked whether it has settled; after the last ones it is taken for
-aperiodic.
-"""
-LONGEST_PERIOD = 16
-ELSEWHERE = 9
-"""Values of the range at which a motion that settles is looked for where none does at the scene's own."""
-GUESSES = 8
-"""Section points from which an orbit is looked for."""
-FAMILY = 1e-7
-"""Distance of a multiplier from 1 at which a motion in pure slip belongs to a family of them."""
 FOUND_BY = "tcc_sim basins "
 """How the format of the file begins that seeds are read from."""
 
@@ -59,7 +49,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         None was found; it says where in the range motions settle in a period.
     """
     base = map_.forcing_period
-    cycles, own = _settled(map_, value, SETTLING)
+    cycles, own = _settled(map_, value, DEFAULTS.settling)
     starts = range(len(cycles.section) - 1 - (len(cycles.section) - 1) % base, len(cycles.section) // 2, -base)
     wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
     for count in [] if slip_grows(cycles) else wanted:
@@ -92,28 +82,28 @@ def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycle
         why = f"slip grows without end at {span.name} = {value:.9g}: {runaway_cause(map_.system_at((value,)))}"
     else:
         named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-        why = (f"no motion {named} was found near the settled one, from the {GUESSES} of its section points that come "
-               "back closest")
-    for other in sorted(np.linspace(span.low, span.high, ELSEWHERE).tolist(), key=lambda x: abs(x - value)):
+        why = (f"no motion {named} was found near the settled one, from the {DEFAULTS.guesses} of its section points "
+               "that come back closest")
+    for other in sorted(np.linspace(span.low, span.high, DEFAULTS.elsewhere).tolist(), key=lambda x: abs(x - value)):
         try:
-            found, own = _settled(map_, other, SETTLING[:1])
+            found, own = _settled(map_, other, DEFAULTS.settling[:1])
         except FAILURES:
             continue
         if own and (period is None or own == period):
             return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {own}"
         away &= slip_grows(found)
     if away:
-        return (f"{why}; it grows at {ELSEWHERE} values of the range too: give another pressure.mean or "
+        return (f"{why}; it grows at {DEFAULTS.elsewhere} values of the range too: give another pressure.mean or "
                 "engine.mean_torque")
-    return (f"{why}; nor does it settle in a period at {ELSEWHERE} values of the range: begin with another --period, "
-            "or with --seeds of basins")
+    return (f"{why}; nor does it settle in a period at {DEFAULTS.elsewhere} values of the range: begin with another "
+            "--period, or with --seeds of basins")
 
 
 def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
     """The section points that come back closest after `cycles` cycles, nearest first."""
     kept = [k for k in starts if k >= cycles]
     away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
-    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:GUESSES]]
+    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:DEFAULTS.guesses]]
 
 
 def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int,
@@ -187,10 +177,10 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
 def refuse_family(first: ContinuationPoint, system: System) -> None:
     """Raise InputError where the motion is one of infinitely many in pure slip."""
     events = first.orbit.seen.events
-    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
+    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < DEFAULTS.family:
         raise InputError("the settled motion is pure slip, with friction that does not depend on slip speed and "
                          f"carries the mean engine torque exactly ({system.engine.mean_torque:g} N m): a family of "
                          "motions with a multiplier of exactly 1, through which no single branch leads")
 
 
-__all__ = ["LONGEST_PERIOD", "Seed", "refuse_family", "seeded", "seeds_in", "start_orbit"]
+__all__ = ["Seed", "refuse_family", "seeded", "seeds_in", "start_orbit"]

@@ -11,14 +11,13 @@ from typing import Any
 from tcc_sim.continuation.branch import Branch
 from tcc_sim.continuation.diagram import amplitude_of
 from tcc_sim.continuation.on_branch import BranchPlace, SettledMotion, pieces_at, place_of
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
 """Causes that are no bifurcation of the branches: both motions go on, and the start is on the other side of the
 boundary of their basins; one motion all the way, which only changes steeply; a motion without a period on either side,
 whose end no branch tells; a motion with one on either side, but on no branch that was followed."""
-CLOSE = 0.05
-"""How far a bifurcation may be from where stability ends, in parts of the range and of the largest size together."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -
                 + _beyond(found.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
 
     best = min(branch.bifurcations, key=away, default=None)
-    return best if best is not None and away(best) <= CLOSE else None
+    return best if best is not None and away(best) <= DEFAULTS.near_end else None
 
 
 def _beyond(x: float, among: Sequence[float]) -> float:

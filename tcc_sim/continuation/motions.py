@@ -12,7 +12,8 @@ from tcc_sim.continuation.branch import Branch, branch_through, first_point, orb
 from tcc_sim.continuation.branch_switching import switch
 from tcc_sim.continuation.codim2 import KINDS, BifurcationCurve, bifurcation_curve, border_curve
 from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.initial_orbits import LONGEST_PERIOD, Seed, refuse_family, seeded, start_orbit
+from tcc_sim.continuation.initial_orbits import Seed, refuse_family, seeded, start_orbit
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.smoothing_limit import Limit, limit_of
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
@@ -21,8 +22,6 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
-
-DEEPEST_SWITCH = 8
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,10 @@ class ContinuationPlan:
     def __post_init__(self) -> None:
         if not self.low < self.high:
             raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
-        if self.period is not None and not 1 <= self.period <= LONGEST_PERIOD:
-            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_PERIOD} engine cycles")
-        if not 0 <= self.switch <= DEEPEST_SWITCH:
-            raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
+        if self.period is not None and not 1 <= self.period <= DEFAULTS.longest_start:
+            raise InputError(f"--period is {self.period}; it must be 1 to {DEFAULTS.longest_start} engine cycles")
+        if not 0 <= self.switch <= DEFAULTS.deepest_switch:
+            raise InputError(f"--switch is {self.switch}; it must be 0 to {DEFAULTS.deepest_switch}")
         for seed in self.seeds:
             if not self.low <= seed.value <= self.high:
                 raise InputError(f"a seed is at {self.over} = {seed.value:g}; it must be within the range of --over, "

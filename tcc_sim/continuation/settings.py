@@ -68,11 +68,31 @@ class Settings:
     corner_step : smallest step beyond a corner
     beside : how far beyond a change of the event sequence its other side is looked at
     border : margin, relative to its natural size, at which a sliding bifurcation counts as found
+    border_halvings : of the bracket before Newton's method, and further ones where that does not get through; none in
+        the end
+    border_residual, border_iterations : residual of the orbit itself at which it counts as closed, and most steps
+    border_left : share of the margin that a Newton step leaves, so as to stay on the side that has one
+    border_finest : distance from the border below which it is not resolved where the margin changes very fast (on a
+        canard: slip that follows the falling branch of friction); that distance is the residual then
+    border_astray : distance from the bracket, in its lengths, beyond which another border has been found
+    repeats : changes of one kind that are looked for at once (a symmetric motion has them in pairs)
     amplitudes : distances from a doubling at which its branch is looked for; next to a canard, where the map bends
         within 1e-5, only the smallest are on it
     max_branches : of a bifurcation diagram
     longest_period : followed in it, in periods of the excitation
     alike : difference of two amplitudes, relative to the largest of a sweep, up to which they are those of one motion
+    next_to_nothing : part of the largest size of a sweep below which that of its periodic motions is no measure
+    near_end : how far a bifurcation may be from where stability ends, in parts of the range and of the largest size
+        together
+    same_segment : difference of the largest sizes, relative to themselves, up to which two stable segments are one
+    narrowest : width, relative to the range, below which a segment is left out: on canards stability comes and goes
+        within less
+    settling : engine cycles after which a scene is asked whether it has settled; after the last ones it is taken for
+        aperiodic
+    longest_start, deepest_switch : longest period to begin with, engine cycles, and most generations of doubled
+        branches, that may be asked for
+    guesses : section points from which a first orbit is looked for
+    elsewhere : values of the range at which a motion that settles is looked for where none does at the scene's own
     off_chord : how far a motion may be off the chord between two points, relative to how much that chord climbs
     on_chord : the same where the chord does not climb
     curve_step, curve_regrowth : longest step along a curve of bifurcations, of which a picture shows every corner, and
@@ -153,10 +173,26 @@ class Settings:
     corner_step: float = 1e-10
     beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)
     border: float = 1e-12
+    border_halvings: tuple[int, ...] = (24, 20, 0)
+    border_residual: float = 1e-11
+    border_iterations: int = 40
+    border_left: float = 0.1
+    border_finest: float = 1e-12
+    border_astray: float = 10.0
+    repeats: int = 8
     amplitudes: tuple[float, ...] = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
     max_branches: int = 24
     longest_period: int = 12
     alike: float = 0.01
+    next_to_nothing: float = 1e-3
+    near_end: float = 0.05
+    same_segment: float = 1e-3
+    narrowest: float = 1e-3
+    settling: tuple[int, ...] = (300, 1200, 4800)
+    longest_start: int = 16
+    deepest_switch: int = 8
+    guesses: int = 8
+    elsewhere: int = 9
     off_chord: float = 0.3
     on_chord: float = 1e-3
     curve_step: float = 0.03

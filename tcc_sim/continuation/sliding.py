@@ -8,9 +8,7 @@ none.
 from __future__ import annotations
 
 from tcc_sim.continuation.problem import Margins
-
-REPEATS = 8
-"""Changes of one kind that are looked for at once (a symmetric motion has them in pairs)."""
+from tcc_sim.continuation.settings import DEFAULTS
 
 
 def ring(events: str) -> str:
@@ -32,7 +30,7 @@ RULES: dict[str, tuple[tuple[str, str], ...]] = {
 def _reduced(longer: str, rules: tuple[tuple[str, str], ...], shorter: str) -> bool:
     """Whether replacing parts of the ring `longer`, once or more, gives the ring `shorter`."""
     found = {longer}
-    for _ in range(REPEATS):
+    for _ in range(DEFAULTS.repeats):
         found = {new for text in found for pattern, by in rules for new in _replaced(text, pattern, by)}
         if shorter in found:
             return True

@@ -19,18 +19,6 @@ from tcc_sim.continuation.sliding import differ, kind_of_change, margin_of, marg
 from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at
 
 NAMES = ("grazing", "arrival", "stick")
-HALVINGS, MORE_HALVINGS = 24, 20
-"""Halvings of the bracket before Newton's method, and further ones where it does not get through."""
-CLOSED = 1e-11
-"""Residual of the orbit itself, in natural sizes, at which it counts as closed."""
-LEFT_OVER = 0.1
-"""Share of the margin that a Newton step leaves."""
-FINEST = 1e-12
-"""Distance from the border, in natural sizes, below which it is not resolved where the margin changes very fast (on a
-canard: slip that follows the falling branch of friction); that distance is the residual then."""
-ITERATIONS = 40
-ASTRAY = 10.0
-"""Distance from the bracket, in its lengths, beyond which another border has been found."""
 
 
 def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, ContinuationPoint, Bifurcation | None]:
@@ -39,9 +27,9 @@ def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, Continuati
     None where the change is none of friction (the pressure meeting 0), or where no margin vanishes.
     """
     low, high = 0.0, 1.0
-    left, right = bracket.a, bracket.b
+    left, right, settings = bracket.a, bracket.b, bracket.a.shooting.settings
     best: tuple[ContinuationPoint, ContinuationPoint, Bifurcation] | None = None
-    for count in (HALVINGS, MORE_HALVINGS, 0):
+    for count in settings.border_halvings:
         if not count:
             left, right = bracket.a, bracket.b
         for _ in range(count):
@@ -71,7 +59,7 @@ def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, Continuati
             best = left, right, Bifurcation(kind, at, residual)
     assert best is not None
     # Slip that begins at phase 0 itself, to rounding, changes the sequence too, and nothing vanishes there.
-    return best if best[2].residual < bracket.a.shooting.settings.spurious else (best[0], best[1], None)
+    return best if best[2].residual < settings.spurious else (best[0], best[1], None)
 
 
 def observed(point: ContinuationPoint) -> ContinuationPoint:
@@ -124,15 +112,15 @@ def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
     one_sided = name != "arrival"
     try:
         found = shooting.linearise(z)
-        for _ in range(ITERATIONS):
+        for _ in range(settings.border_iterations):
             value = float(getattr(at.margins, name))
-            if abs(value) <= settings.border and float(np.abs(found.residual).max()) <= CLOSED:
+            if abs(value) <= settings.border and float(np.abs(found.residual).max()) <= settings.border_residual:
                 return located(kind, start, z, found, abs(value))
-            keep = LEFT_OVER if one_sided and abs(value) > settings.border else 0.0
+            keep = settings.border_left if one_sided and abs(value) > settings.border else 0.0
             step = np.linalg.solve(np.vstack([found.jacobian, at.gradients[name]]),
                                    np.append(-found.residual, (keep - 1.0) * value))
             distance = float(np.linalg.norm(step))
-            if distance <= FINEST and abs(value) > settings.border:
+            if distance <= settings.border_finest and abs(value) > settings.border:
                 return located(kind, start, z, found, distance)
             for part in (1.0, 0.5, 0.25, 0.1, 0.03):
                 trial = z + part * step
@@ -145,7 +133,7 @@ def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
                     break
             else:
                 return None
-            if float(np.linalg.norm(z - start.solution.z)) > ASTRAY * apart:
+            if float(np.linalg.norm(z - start.solution.z)) > settings.border_astray * apart:
                 return None
     except FAILURES:
         return None

@@ -17,11 +17,6 @@ from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.continuation.stopping import StopReason
 
-ALIKE = 1e-3
-"""Difference of the largest sizes, relative to themselves, up to which two segments are one followed twice."""
-NARROW = 1e-3
-"""Width, relative to the range, below which a segment is left out: on canards stability comes and goes within less."""
-
 
 @dataclass(frozen=True)
 class SegmentEnd:
@@ -83,7 +78,7 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
             values, amplitudes = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
             if values[-1] < values[0]:
                 values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
-            if values[-1] - values[0] > NARROW * (high - low) / unit:
+            if values[-1] - values[0] > DEFAULTS.narrowest * (high - low) / unit:
                 out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes), number))
     return _different(out)
 
@@ -94,8 +89,8 @@ def _different(found: list[StableSegment]) -> list[StableSegment]:
     for segment in sorted(found, key=lambda s: s.low.value - s.high.value):
         middle = 0.5 * (segment.low.value + segment.high.value)
         amplitude = segment.amplitude(middle)
-        if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= ALIKE * amplitude
-                   for s in out):
+        near = DEFAULTS.same_segment * amplitude
+        if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= near for s in out):
             out.append(segment)
     return sorted(out, key=lambda s: (s.low.value, s.period))
 
