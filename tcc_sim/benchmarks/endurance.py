@@ -46,7 +46,7 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
     finally:
         sender.stop()
         session.stop()
-    found = _read(recording)
+    found = figures_of(recording)
     for name, samples in memory.items():
         later = [size for when, size in samples if when >= warm] or [samples[-1][1]]
         found[name] = {"memory_first_bytes": later[0], "memory_last_bytes": later[-1],
@@ -54,7 +54,7 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
     return {"rate": rate, "duration_s": wall, **found}
 
 
-def _read(recording: Path) -> dict[str, Any]:
+def figures_of(recording: Path) -> dict[str, Any]:
     """Counts, losses and drift from the recording itself."""
     run = open_run(recording)
     first: tuple[int, int] | None = None

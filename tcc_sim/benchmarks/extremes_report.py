@@ -89,7 +89,7 @@ def markdown(found: Record, picture: str) -> str:
         "from which it differs by about 1/sigma.", "",
         *markdown_table(["", *map(_code, ENGINES)], [[name, *(show(total[engine]) for engine in ENGINES)]
                                                      for name, show in _ROWS], "---:", "---")]
-    lines += ["", "## Ended badly", "", *_listed(r for r in cases if ended_badly(r)), "", "## Refused", ""]
+    lines += ["", "## Ended badly", "", *listed(r for r in cases if ended_badly(r)), "", "## Refused", ""]
     refused = [r for r in cases if r["status"] == "REFUSED"]
     lines += [f"- `{engine}`: {len(whys)}, such as: {whys[0]}" for engine in ENGINES
               if (whys := [r["why"] for r in refused if r["solver"] == engine])] or ["None."]
@@ -118,7 +118,7 @@ def _head(found: Record) -> list[str]:
     return said
 
 
-def _listed(records: Iterable[Record]) -> list[str]:
+def listed(records: Iterable[Record]) -> list[str]:
     """The exact scene of each."""
     return [f"- `{r['solver']}`, {r['status']}{': ' + r['why'] if r['why'] else ''}: {_scene(r)}"
             for r in records] or ["None."]

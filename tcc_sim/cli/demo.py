@@ -59,7 +59,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float, *, comman
     from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 
     say(f"scene {scene.name}: {scene.description}")
-    controller = _controller(scene)
+    controller = controller_of(scene)
     if controller is not None:
         say(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
     session = Session(recording, {"scene": name}, controller)
@@ -84,7 +84,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float, *, comman
         session.stop()
 
 
-def _controller(scene: Scene) -> dict[str, object] | None:
+def controller_of(scene: Scene) -> dict[str, object] | None:
     """Parameters of a slip controller for a scene that needs one: an engine of its own, a pressure to be commanded."""
     system = scene.system
     if (system.engine.source, system.pressure.source) != ("harmonic", "topic"):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tcc_sim.errors import InputError
 
-_CARRIED: dict[str, tuple[str, str]] = {
+CARRIED: dict[str, tuple[str, str]] = {
     "builtin_interfaces/msg/Time": (
         "int32 sec\nuint32 nanosec\n",
         "RIHS01_b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197"),
@@ -97,7 +97,7 @@ def _shares() -> Iterator[Path]:
             yield Path(prefix, "share")
 
 
-def _installed(type_name: str, suffix: str) -> str | None:
+def installed(type_name: str, suffix: str) -> str | None:
     """Content of the installed file that defines the type, or None."""
     package, short = type_parts(type_name)
     for share in _shares():
@@ -109,22 +109,22 @@ def _installed(type_name: str, suffix: str) -> str | None:
 
 def _text(type_name: str) -> str:
     """The .msg text of one type."""
-    text = _installed(type_name, ".msg")
+    text = installed(type_name, ".msg")
     if text is None:
-        if type_name not in _CARRIED:
+        if type_name not in CARRIED:
             raise InputError(f"the definition of {type_name} is not installed")
-        text = _CARRIED[type_name][0]
+        text = CARRIED[type_name][0]
     return text
 
 
 def _hash(type_name: str) -> str:
     """The RIHS01 hash of one type; empty where nothing says."""
-    found = _installed(type_name, ".json")
+    found = installed(type_name, ".json")
     if found is not None:
         for entry in json.loads(found).get("type_hashes", []):
             if entry.get("type_name") == type_name:
                 return str(entry["hash_string"])
-    return _CARRIED.get(type_name, ("", ""))[1]
+    return CARRIED.get(type_name, ("", ""))[1]
 
 
 def _dependencies(type_name: str, text: str) -> Iterator[str]:

@@ -71,7 +71,7 @@ def mean_friction_torque(system: System, coefficient: Floats, period: int, *, pr
     return mean
 
 
-def harmonic_balance(system: System, period: int, harmonics: int) -> Balance:
+def harmonic_balance(system: System, period: int, harmonics: int, iterations: int = ITERATIONS) -> Balance:
     """Solve (32) for a motion of `period` engine cycles by Newton's method, from no slip and a soft friction law on.
 
     The motion found may be unstable, and where several exist it is one of them.
@@ -80,6 +80,7 @@ def harmonic_balance(system: System, period: int, harmonics: int) -> Balance:
     ----------
     system : with the smoothed law and torques that repeat after `period` engine cycles
     harmonics : n of the series, of w = omega/period
+    iterations : most steps of Newton's method at a smoothing factor
 
     Raises
     ------
@@ -114,7 +115,8 @@ def harmonic_balance(system: System, period: int, harmonics: int) -> Balance:
 
     slip = np.zeros(2 * harmonics + 1)
     for part in LADDER:
-        slip, rest = _newton(slip, basis, project, linear, drive, load, part * system.friction.smoothing, stribeck)
+        slip, rest = _newton(slip, basis, project, linear, drive, load, part * system.friction.smoothing, stribeck,
+                             iterations)
     coefficient = project @ friction.smoothed(basis @ slip, system.friction.smoothing, stribeck)
     return Balance(period, base, slip, coefficient, rest)
 
@@ -130,7 +132,7 @@ def _real_form(factor: NDArray[np.complex128]) -> Floats:
 
 
 def _newton(slip: Floats, basis: Floats, project: Floats, linear: Floats, drive: Floats, load: Floats, sigma: float,
-            stribeck: friction.Stribeck) -> tuple[Floats, float]:
+            stribeck: friction.Stribeck, iterations: int) -> tuple[Floats, float]:
     """The slip's coefficients for one smoothing factor, with halved steps, and the largest remainder, N m."""
     def remainder(x: Floats) -> tuple[Floats, Floats]:
         value, slope = friction.smoothed_and_slope(basis @ x, sigma, stribeck)
@@ -138,7 +140,7 @@ def _newton(slip: Floats, basis: Floats, project: Floats, linear: Floats, drive:
 
     size = float(np.abs(drive).max()) + 1.0
     rest, slope = remainder(slip)
-    for _ in range(ITERATIONS):
+    for _ in range(iterations):
         largest = float(np.abs(rest).max())
         if largest <= 1e-11 * size:
             return slip, largest

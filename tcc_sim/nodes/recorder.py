@@ -136,9 +136,9 @@ class Recorder:
     def drain(self) -> None:
         """Write every message that waits. It needs no valid context."""
         for track in self.tracks.values():
-            self._write(track, track.take())
+            self.write(track, track.take())
 
-    def _write(self, track: Track, taken: list[tuple[bytes, dict[str, Any]]]) -> None:
+    def write(self, track: Track, taken: list[tuple[bytes, dict[str, Any]]]) -> None:
         """Write messages of one topic and count what is missing."""
         if not taken:
             return
@@ -188,12 +188,12 @@ class Recorder:
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
-            self._write(track, track.follow_best_effort(offered))
+            self.write(track, track.follow_best_effort(offered))
             if offered:
                 latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offered)
                 late = latched and running and track.asks_again([bytes(o.endpoint_gid) for o in offered])
                 if late or latched != track.latched:
-                    self._write(track, track.subscribe(latched))
+                    self.write(track, track.subscribe(latched))
             if track.type == JOINT_STATE:
                 self._tell_of_silence(track)
                 now = {bytes(o.endpoint_gid) for o in offered}

@@ -191,7 +191,7 @@ def paint_chart(drawn: Any, data: Data) -> None:
     axis, below = drawn.subplots(2, 1, height_ratios=(1.0, 0.13))
     below.set_axis_off()
     x, y = np.array(data["x"]), np.array(data["y"])
-    shades = np.array([[_shade(p, r) for p, r in zip(*rows)] for rows in zip(data["period"], data["regime"])])
+    shades = np.array([[shade_of(p, r) for p, r in zip(*rows)] for rows in zip(data["period"], data["regime"])])
     draw_cells(axis, x, y, shades, TINTS)
     named: dict[str, Any] = {}
     for curve in sorted(data["curves"], key=lambda c: c["kind"] == "stick_border"):
@@ -230,7 +230,7 @@ def end_of(reason: str) -> tuple[str, str] | None:
     return None if reason in EDGES else ENDS.get(reason, LOST)
 
 
-def _shade(period: int | None, regime: str | None) -> int:
+def shade_of(period: int | None, regime: str | None) -> int:
     """Which shade of TINTS a cold start has."""
     if period is None:
         return 6

@@ -43,14 +43,14 @@ def draw(data: Data, stem: Path) -> None:
         drawn.suptitle(f"{what} {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5,
                        fontweight="bold")
         paint(drawn, data)
-        drawn.supxlabel(_caption(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
+        drawn.supxlabel(caption_of(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
         for axis in drawn.axes:
             # A tick label in mathematical typesetting takes ten times as long and looks the same.
             axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
 
 
-def _caption(data: Data) -> str:
+def caption_of(data: Data) -> str:
     """The lines below a picture: parameters, and what was dropped and kept."""
     parts = str(data["caption"]).replace("\n", " ").split("; ")
     if "cycles" in data and data["kind"] != "chart":
@@ -79,7 +79,7 @@ def _marks(axis: Any, data: Data) -> None:
         axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
 
 
-def _orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+def draw_orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
     """The section points over the parameter: grey where a period has not settled; at the edge where slip grows."""
     panels.draw_runaways(axis, x, curve)
     counts = np.array([len(p or ()) for p in curve["theta2"]])
@@ -96,7 +96,7 @@ OTHER = "coexists: reached from a neighbour's state"
 SPIKE = "spike of a cold start beside it"
 
 
-def _maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+def draw_maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
     """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
     axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve["label"])
     _points(axis, x, curve, colour)
@@ -108,7 +108,7 @@ def _maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
               markersize=4.5, markerfacecolor="none", markeredgewidth=0.8, color=colour)
 
 
-def _legend_of_marks(axis: Any, curves: list[Data]) -> None:
+def legend_of_marks(axis: Any, curves: list[Data]) -> None:
     """Entries for the marks that this picture has."""
     rows = [r for curve in curves for r in curve.get("coexisting", [])]
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
@@ -143,9 +143,9 @@ def _paint_map(drawn: Any, data: Data) -> None:
         else:
             for other in curves if stacked else ():
                 left.plot(x, panels.bounded(other), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
-            _maxima(left, x, curve, colour)
-            left.set_ylim(0.0, _top(x, curves, legend=not stacked))
-        _orbit(right, x, curve, colour)
+            draw_maxima(left, x, curve, colour)
+            left.set_ylim(0.0, top_of_maxima(x, curves, legend=not stacked))
+        draw_orbit(right, x, curve, colour)
         left.set_ylabel(MAXIMUM.replace(" (", "\n(") if stacked else MAXIMUM)
         right.set_ylabel(SECTION)
         for axis in (left, right) if stacked and not branched else (right,):
@@ -169,7 +169,7 @@ def _paint_map(drawn: Any, data: Data) -> None:
     if not stacked:
         maxima[0].add_artist(maxima[0].legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none"))
     below.set_axis_off()
-    _legend_of_marks(below, curves)
+    legend_of_marks(below, curves)
     below.legend(loc="lower center", ncols=3, fontsize=6.5).set_in_layout(False)
 
 
@@ -199,7 +199,7 @@ def _points(axis: Any, x: list[float], curve: Data, colour: str) -> None:
             axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
 
 
-def _top(x: list[float], curves: list[Data], *, legend: bool) -> float:
+def top_of_maxima(x: list[float], curves: list[Data], *, legend: bool) -> float:
     """The end of the axis of maxima, above which no curve reaches and a legend at its right hides none."""
     values = np.stack([panels.bounded(c) for c in curves])
     values = np.where(np.isfinite(values), values, 0.0)
@@ -226,12 +226,12 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     close.locator_params(nbins=4)
     close.tick_params(labelsize=5.5)
     style.legend_above(damping)
-    _maxima(maxima, data["x"], {**curve, "label": "_"}, style.BLUE)
-    _legend_of_marks(maxima, [curve])
+    draw_maxima(maxima, data["x"], {**curve, "label": "_"}, style.BLUE)
+    legend_of_marks(maxima, [curve])
     style.legend_above(maxima)
     maxima.set_ylabel(MAXIMUM)
     maxima.set_ylim(bottom=0.0)
-    _orbit(orbit, data["x"], curve, style.BLUE)
+    draw_orbit(orbit, data["x"], curve, style.BLUE)
     orbit.set_ylabel(SECTION)
     orbit.set_xlabel(AXES[data["axis"]])
     orbit.set_xlim(x[0], x[-1])
@@ -250,7 +250,7 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
     for axis, panel in zip(axes, shown):
         for curve in panel:
             colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve["direction"]]
-            _orbit(axis, x, curve, colour)
+            draw_orbit(axis, x, curve, colour)
             axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour,
                       label=DIRECTIONS[curve["direction"]])
         if panels.AWAY in panels.marks_met(panel):

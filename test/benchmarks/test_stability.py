@@ -114,7 +114,7 @@ def test_a_bad_end_is_listed_with_its_exact_scene():
     for change in ({"status": "STEP_LIMIT"}, {"finite": False}, {"bounded": False}, {"iterations_max": 1000}):
         bad = {**good, **change}
         assert stability.ended_badly(bad)
-        line, = stability._listed([bad])
+        line, = stability.listed([bad])
         assert "friction.decay 0.30000000000000004" in line
         assert "tick 0.00465" in line
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.model import harmonic_balance as harmonic_balance_module
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque, series
 from tcc_sim.model.parameters import System, replace
 
@@ -66,14 +65,11 @@ def test_what_has_no_series_is_refused(values, period, count, word):
         harmonic_balance(replace(BASE, values), period, count)
 
 
-def test_a_remainder_that_rounding_leaves_is_taken_and_a_larger_one_is_not(monkeypatch):
+def test_a_remainder_that_rounding_leaves_is_taken_and_a_larger_one_is_not():
     """Cut short, Newton's method has an answer where less than 1e-8 of the torque is left, and none before."""
     soft = replace(BASE, {"friction.smoothing": 3.0})
-    monkeypatch.setattr(harmonic_balance_module, "ITERATIONS", 6)
-    cut = harmonic_balance(soft, 1, 16)
+    cut = harmonic_balance(soft, 1, 16, iterations=6)
     assert 1e-8 < cut.residual < 1e-5
-    monkeypatch.setattr(harmonic_balance_module, "ITERATIONS", 5)
     with pytest.raises(NumericalFailure, match="is left"):
-        harmonic_balance(soft, 1, 16)
-    monkeypatch.undo()
+        harmonic_balance(soft, 1, 16, iterations=5)
     np.testing.assert_allclose(cut.slip, harmonic_balance(soft, 1, 16).slip, atol=1e-8)

@@ -82,9 +82,9 @@ def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tm
     for n in range(MOST_PUBLISHERS + 20):
         said = {"publication_sequence_number": 1, "publisher_gid": {"data": n.to_bytes(16, "big")},
                 "received_timestamp": n + 1, "source_timestamp": n + 1}
-        found._write(found.tracks["/joint_states"], [(joint_state(n), said)])
+        found.write(found.tracks["/joint_states"], [(joint_state(n), said)])
         if n % 25 == 0:
-            found._write(found.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), said)])
+            found.write(found.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), said)])
     assert len(found.tracks["/joint_states"].channels) == MOST_PUBLISHERS + 1
     assert found.bag.scene_text == SCENE + "# 1000\n"
     found.close()

@@ -149,7 +149,7 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64
 
-    from tcc_sim.cli.demo import _controller
+    from tcc_sim.cli.demo import controller_of
     from tcc_sim.plant.slip_control import Tuning
 
     bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)]))
@@ -158,10 +158,10 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
     late.create_subscription(Float64, "target_slip_speed", lambda message: heard.append(message.data),
                              QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     bench.until(lambda: heard == [30.0])
-    given = _controller(load_scene("controlled"))
+    given = controller_of(load_scene("controlled"))
     assert given is not None
     assert Tuning(**given) == Tuning()  # type: ignore[arg-type]
-    assert [_controller(load_scene(name)) for name in ("commands", "fig02")] == [None, None]
+    assert [controller_of(load_scene(name)) for name in ("commands", "fig02")] == [None, None]
 
 
 def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(bench: Any) -> None:

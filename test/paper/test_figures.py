@@ -194,7 +194,7 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
     x = [1.0, 2.0, 3.0, 4.0]
     with style.figure() as drawn:
         axis, orbit = drawn.subplots(1, 2)
-        drawings._maxima(axis, x, curve, style.BLUE)
+        drawings.draw_maxima(axis, x, curve, style.BLUE)
         marks = {(str(line.get_marker()), line.get_markerfacecolor()): line.get_xydata().tolist()
                  for line in axis.lines[1:]}
         assert marks["D", "none"] == [[2.0, 9.0]]
@@ -205,16 +205,16 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
         # Slip that grows has a colour of its own and stands at the edge, whatever the scale.
         assert marks["^", style.RUNAWAY] == [[4.0, 0.97]]
         assert np.isnan(axis.lines[0].get_ydata()[3])
-        drawings._orbit(orbit, x, curve, style.BLUE)
+        drawings.draw_orbit(orbit, x, curve, style.BLUE)
         assert [(line.get_color(), line.get_xdata().tolist()) for line in orbit.lines] == [
             (style.RUNAWAY, [4.0]), (style.BLUE, [1.0]), (style.GREY, [2.0, 2.0]), (style.BLUE, [3.0, 3.0, 3.0])]
         known = len(axis.lines)
-        drawings._legend_of_marks(axis, [curve])
+        drawings.legend_of_marks(axis, [curve])
         assert [line.get_label() for line in axis.lines[known:]] == [
             *(m.name for m in branch_panels.marks_met([curve])), drawings.OTHER, drawings.SPIKE]
     assert len(branch_panels.marks_met([curve])) == 4
     assert branch_panels.marks_met([{"period": [1, 2]}]) == [branch_panels.SETTLED]
-    assert drawings._top(x, [curve], legend=False) == pytest.approx(1.06 * 3.0)  # A runaway sets no scale.
+    assert drawings.top_of_maxima(x, [curve], legend=False) == pytest.approx(1.06 * 3.0)  # A runaway sets no scale.
 
 
 def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
 
     data: dict[str, Any] = {"caption": FIGURES[4].caption, "kind": "map", "cycles": 150, "discarded": 50, "curves": [
         {"theta2": [[0.1] * 40], "period": [1], "settled": [False]}]}
-    caption = drawings._caption(data)
+    caption = drawings.caption_of(data)
     assert caption.endswith("grey: still settling to a period")
     with style.figure(style.PAGE, 2.0) as drawn:
         text = drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0)
@@ -244,7 +244,7 @@ def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
     """One function draws the maps of sweeps, basins and charts; a runaway is dark red in all of them."""
     from matplotlib.colors import to_hex
 
-    from tcc_sim.paper.branch_panels import GRID, TINTS, _shade
+    from tcc_sim.paper.branch_panels import GRID, TINTS, shade_of
     from tcc_sim.views import basin_map, style
     from tcc_sim.views.sweeps import draw_cells
 
@@ -256,9 +256,10 @@ def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
         shown = [to_hex(c).upper() for c in mesh.get_facecolors().reshape(-1, 4)]
         assert [shown[k] for k in (0, 1, 2, 3, 5)] == [style.BLUE, style.RUNAWAY, style.GREEN, style.GREEN, style.BLUE]
         assert mesh.get_facecolors().reshape(-1, 4)[4, 3] == 0.0
-    assert [GRID[_shade(*cell)] for cell in ((1, "stick"), (0, "runaway"), (0, "slip"), (7, "slip"), (None, None))] == [
+    cells = ((1, "stick"), (0, "runaway"), (0, "slip"), (7, "slip"), (None, None))
+    assert [GRID[shade_of(*cell)] for cell in cells] == [
         "pure stick", "slip grows without end", "no period up to 16", "period 3 to 16", "not solved"]
-    assert TINTS[_shade(0, "runaway")] == basin_map.EXTRAS[basin_map.RUNAWAY][0] == style.RUNAWAY
+    assert TINTS[shade_of(0, "runaway")] == basin_map.EXTRAS[basin_map.RUNAWAY][0] == style.RUNAWAY
 
 
 def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:

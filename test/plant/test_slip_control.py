@@ -80,7 +80,9 @@ def test_the_integral_part_moves_away_from_a_limit_and_not_into_it() -> None:
         limited = controller.update(20.0 + error, torque)
         assert limited == (controller.tuning.pressure_limit if torque > 0.0 else 0.0)
         expected = controller.integral * STEP * error if wound else 0.0
-        assert controller._correction == pytest.approx(expected, rel=1e-12, abs=0.0)
+        # The next sample brings the mean slip to the target and the mean torque to 200 N m.
+        answer = controller.update(20.0 - error, 400.0 - torque) * controller.tuning.torque_per_pressure
+        assert answer == pytest.approx(200.0 + expected, abs=1e-3 * controller.integral * STEP)
 
 
 def test_the_mean_over_a_cycle_that_is_no_whole_number_of_samples_removes_the_pulsation() -> None:

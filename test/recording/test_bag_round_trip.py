@@ -11,7 +11,7 @@ import yaml
 
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.messages.definitions import _CARRIED, _installed, definition
+from tcc_sim.messages.definitions import CARRIED, definition, installed
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.batches import PressureJoin
 from tcc_sim.recording.reader import open_run
@@ -204,11 +204,11 @@ def test_a_trajectory_becomes_a_recording(tmp_path):
 
 def test_carried_definitions_are_those_of_the_installed_ros(tmp_path, monkeypatch):
     compared = 0
-    for name, (text, type_hash) in _CARRIED.items():
-        installed, described = _installed(name, ".msg"), _installed(name, ".json")
-        if installed is None or described is None:
+    for name, (text, type_hash) in CARRIED.items():
+        message, described = installed(name, ".msg"), installed(name, ".json")
+        if message is None or described is None:
             continue
-        fields = [" ".join(line.split("#")[0].split()) for line in installed.splitlines()]
+        fields = [" ".join(line.split("#")[0].split()) for line in message.splitlines()]
         assert "".join(f"{field}\n" for field in fields if field) == text
         assert {entry["type_name"]: entry["hash_string"]
                 for entry in json.loads(described)["type_hashes"]}[name] == type_hash

@@ -11,6 +11,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+import yaml
 import zstandard
 from driveline_bags import TICK, bag, ticked
 
@@ -241,16 +242,16 @@ def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path
     assert run.stamps.resets > 500
 
 
-def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path,
-                                                                monkeypatch: pytest.MonkeyPatch) -> None:
-    from tcc_sim.recording import recovery
-
-    parsed = []
-    monkeypatch.setattr(recovery, "_parsed", lambda text: parsed.append(len(text)) or [])
-    many = b"".join(channel(n, f"/{n}", {"offered_qos_profiles": f"- depth: {n}\n" + " " * 19_000}) for n in range(100))
+def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path) -> None:
+    """Of 100 topics with 19 000 characters each, 400 000 characters: the others have that of the driveline."""
+    many = b"".join(channel(n, f"/{n}", {"offered_qos_profiles": f"- depth: {n + 1000}\n" + " " * 18_987})
+                    for n in range(100))
     path = written(tmp_path / "x.mcap", chunk(schema() + many + b"".join(message(n, TICK) for n in range(100))))
     assert sum(recover(open_run(path), tmp_path / "saved").messages.values()) == 100
-    assert sum(parsed) <= recovery._LONGEST_ALL_PROFILES
+    saved = yaml.safe_load((tmp_path / "saved" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    offered = [row["topic_metadata"]["offered_qos_profiles"][0]["depth"]
+               for row in saved["topics_with_message_count"]]
+    assert sum(depth >= 1000 for depth in offered) == 400_000 // 19_000
 
 
 def test_a_head_that_the_end_of_the_file_cuts_is_no_chunk() -> None:

@@ -84,11 +84,3 @@ def test_chattering_ends_with_a_sentence(monkeypatch):
     assert run.status is Status.EVENT_LIMIT
     assert "3 events" in run.detail
     assert np.all(np.isfinite(run.slip_speed))
-
-
-def test_too_many_steps_end_with_a_sentence(monkeypatch):
-    from tcc_sim.solvers.event_driven import solve as event_driven
-    monkeypatch.setattr(event_driven, "STEP_MAXIMUM", 4)
-    run = solve(replace(System(), {"friction.law": "set_valued"}), cycles=5)
-    assert run.status is Status.STEP_LIMIT
-    assert "4 steps" in run.detail
