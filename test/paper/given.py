@@ -38,8 +38,7 @@ class Given(StableMotions):
                  stretches: Callable[..., list[StableSegment]] = lambda row: [],
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
-                 periodic: Callable[[float], bool] = lambda x: True, runs: Callable[[System], Any] = lambda system: None
-                 ) -> None:
+                 periodic: Callable[[float], bool] = lambda x: True, runs: Callable[[System], Any] | None = None) -> None:
         super().__init__(1e-9, 1)
         self.runs = runs
         self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
@@ -52,7 +51,7 @@ class Given(StableMotions):
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
 
     def run(self, system, cycles, **how):  # type: ignore
-        return self.runs(system)
+        return super().run(system, cycles, **how) if self.runs is None else self.runs(system)
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
         found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary
