@@ -38,7 +38,8 @@ class Given(StableMotions):
                  stretches: Callable[..., list[StableSegment]] = lambda row: [],
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
-                 periodic: Callable[[float], bool] = lambda x: True, runs: Callable[[System], Any] | None = None) -> None:
+                 periodic: Callable[[float], bool] = lambda x: True,
+                 runs: Callable[[System], Any] | None = None) -> None:
         super().__init__(1e-9, 1)
         self.runs = runs
         self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
