@@ -168,11 +168,18 @@ def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None
     assert branches[1].ended[0].reason is StopReason.BEGAN
 
 
-def test_a_doubled_branch_ends_where_its_period_halves() -> None:
-    branch = branch_of(logistic, 1, 2.5, 3.9, 3.2, [0.5], 2)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_doubled_branch_ends_where_its_period_halves(sign: float) -> None:
+    """Whichever way its parameter grows, and the determinant of Jacobian and tangent has its sign."""
+    def signed(x, p):
+        value, by_state, by_parameter = logistic(x, (sign * p[0],))
+        return value, by_state, sign * by_parameter
+
+    low, high = sorted((2.5 * sign, 3.9 * sign))
+    branch = branch_of(signed, 1, low, high, 3.2 * sign, [0.5], 2)
     assert any(end.reason is StopReason.DOUBLING for end in branch.ended)
     assert kinds(branch) == ["period_doubling"]
-    assert min(s.value for s in branch.points) == pytest.approx(3.0, abs=1e-9)
+    assert min(abs(s.value) for s in branch.points) == pytest.approx(3.0, abs=1e-9)
 
 
 def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
