@@ -23,7 +23,6 @@ from tcc_sim.paper.evidence import (
     with_kinetic,
 )
 from tcc_sim.paper.stable_motions import Motion, StableMotions
-from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
 FALLING = FRICTION_RATIOS[1:]
@@ -291,7 +290,5 @@ def _diagnosis(evidence: Evidence, row: Values) -> list[Any]:
     """The diagnosis of a motion, and the interval of its exponent, 1/s; of LONG cycles where fewer leave it open."""
     found = evidence.motion(row, lyapunov=True).lyapunov
     if found is not None and found.diagnosis == "unresolved":
-        system = paper_system(row)
-        late = evidence.run(system, 650).final
-        found = largest_lyapunov_exponent(system, late, cycles=LONG, start_cycle=650)
+        found = evidence.exponent(row, 650, LONG)
     return ["not solved"] if found is None else [found.diagnosis, found.low, found.high]

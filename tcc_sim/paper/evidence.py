@@ -17,7 +17,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.sweeps.exponents import Lyapunov
+from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.point import Plan, Point, solve_point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep, sweep_curves
@@ -155,6 +155,11 @@ class Evidence:
         system = paper_system(row)
         before = self.run(system, CYCLES)
         return self.run(system, cycles, samples=samples, start_cycle=CYCLES, state=before.final)
+
+    def exponent(self, row: Values, begin: int, cycles: int) -> Lyapunov:
+        """The largest Lyapunov exponent over many cycles, after the first `begin` of them from (13)."""
+        system = paper_system(row)
+        return largest_lyapunov_exponent(system, self.run(system, begin).final, cycles=cycles, start_cycle=begin)
 
     def maximum(self, row: Values, ratio: float) -> float:
         """The largest slip speed at one frequency ratio, NaN where it could not be solved."""

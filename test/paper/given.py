@@ -39,9 +39,9 @@ class Given(StableMotions):
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
                  periodic: Callable[[float], bool] = lambda x: True,
-                 runs: Callable[[System], Any] | None = None) -> None:
+                 runs: Callable[[System], Any] | None = None, longer: str = "") -> None:
         super().__init__(1e-9, 1)
-        self.runs = runs
+        self.runs, self.longer = runs, longer
         self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
         self.at, self.leaps, self.diagnosis, self.along = at, jumps, lyapunov, along
 
@@ -57,6 +57,9 @@ class Given(StableMotions):
     def motion(self, row, *, lyapunov=False):  # type: ignore
         found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary
         return Settled(found.period, found.max_slip_speed, Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
+
+    def exponent(self, row, begin, cycles):  # type: ignore
+        return Lyapunov(0.5, 0.0, 1.0, 0.95, cycles, self.longer)
 
     def jumps(self, row, axis):  # type: ignore
         return [(x, 10.0 + k) for k, x in enumerate(self.leaps(row))]

@@ -159,8 +159,6 @@ CASES: list[tuple[Any, Given, str]] = [
     (rows.jump_doubles_period, Given(period_at(lambda row, x: 1), lambda row: [0.205]), NOT_CONFIRMED),
     (rows.jump_doubles_period, Given(period_at(lambda row, x: 1 + (x > 0.25)), lambda row: [0.25]), NOT_CONFIRMED),
     (rows.doubling_to_chaos, Given(period_at(lambda row, x: 2 if x > 0.7 else 0), lambda row: [0.2]), CONFIRMED),
-    (rows.doubling_to_chaos, Given(period_at(lambda row, x: 2 if x > 0.7 else 0), lambda row: [0.2], "unresolved"),
-     DEPENDS),
     (rows.doubling_to_chaos, Given(period_at(lambda row, x: 2), lambda row: [0.2]), NOT_CONFIRMED),
     (rows.doubling_to_chaos, Given(period_at(lambda row, x: 1 if x > 0.7 else 0), lambda row: [0.2]), DEPENDS),
     (rows.period_one_near_unity, Given(orbit(0.92, 0.92, 0.92)), CONFIRMED),

@@ -13,6 +13,7 @@ from given import Given, law_of, record
 
 from tcc_sim.analysis.damping import slope_of_friction
 from tcc_sim.model.parameters import System
+from tcc_sim.paper import claims_figure4
 from tcc_sim.paper import claims_figures5to7 as damped
 from tcc_sim.paper import claims_model as model
 from tcc_sim.paper import claims_series as series_claims
@@ -176,10 +177,9 @@ def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
 
 
 def test_a_repeated_series_is_told_by_its_shortest_period() -> None:
-    from tcc_sim.paper.claims_figure4 import repeats
-
-    assert [repeats(np.tile(np.array(x), 16)) for x in ([1.0], [1.0, 2.0], [1.0, 2.0, 1.0, 3.0])] == [1, 2, 4]
-    assert repeats(np.sin(np.arange(64.0))) == 0
+    for series in ([1.0], [1.0, 2.0], [1.0, 2.0, 1.0, 3.0]):
+        assert claims_figure4.repeats(np.tile(np.array(series), 16)) == len(series)
+    assert claims_figure4.repeats(np.sin(np.arange(64.0))) == 0
 
 
 @pytest.mark.parametrize(("printed", "verdict"), [(300.0, CONFIRMED), (-6.4, NOT_CONFIRMED)])
@@ -227,8 +227,6 @@ def test_the_critical_frequency_is_where_the_curves_cross(off, verdict) -> None:
 @pytest.mark.parametrize(("apart", "verdict"), [(0, CONFIRMED), (1, CONFIRMED), (5, DEPENDS), (40, NOT_CONFIRMED)])
 def test_a_period_shows_in_both_or_in_one(apart, verdict) -> None:  # type: ignore
     """Of 51 ratios so many have a maximum that alternates beside a section that does not."""
-    from tcc_sim.paper import claims_figure4
-
     number = iter(range(1000))
 
     def run(system: Any) -> Any:
@@ -271,3 +269,12 @@ def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() ->
     assert torques == [pytest.approx({150.0: 250.0, 150.0 * ratio: 135.0}) for ratio in (0.5, 2.0, 2 / 3, 4 / 3)]
     assert all(len(row["engine.harmonic_phases"]) == len(row["engine.harmonic_amplitudes"])
                for row in rows if "engine.harmonic_phases" in row)
+
+
+@pytest.mark.parametrize(("longer", "verdict"), [("chaotic", CONFIRMED), ("periodic", DEPENDS)])
+def test_an_exponent_too_near_0_is_that_of_a_longer_run(longer, verdict) -> None:  # type: ignore
+    given = Given(lambda row, x, direction: record(period=2 if x > 0.7 else 0), lambda row: [0.2], "unresolved",
+                  longer=longer)
+    found = claims_figure4.doubling_to_chaos(given)
+    assert found.verdict == verdict
+    assert {name for name, *_ in found.values["diagnosis, exponent's interval (1/s)"].values()} == {longer}
