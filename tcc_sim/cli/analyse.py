@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_plot, check_outputs, draw
+from tcc_sim.cli.arguments import add_outputs, check_outputs, draw, present
 from tcc_sim.errors import require
-from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
 
 
@@ -15,12 +14,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The recording and where its figures and samples go."""
     parser.add_argument("recording", metavar="RUN", type=Path,
                         help="bag directory or .mcap file, complete or cut short")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="the figures; - is standard output")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
     where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
     where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
-    add_plot(parser)
+    add_outputs(parser, "the figures", "write the samples as .csv or .npz, with their units and the scene; of the run "
+                "whose figures are shown")
     parser.add_argument("--discard", metavar="CYCLES", type=int,
                         help="engine cycles dropped from the figures at the start "
                         "(default 50, or half of them where there are fewer than 100; none of a scene with profiles)")
@@ -35,15 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "the figures of the longest)")
     parser.add_argument("--from", metavar="S", type=float, dest="start", help="only from this simulation time on, s")
     parser.add_argument("--to", metavar="S", type=float, dest="end", help="only up to this simulation time, s")
-    parser.add_argument("--out", metavar="FILE", type=Path,
-                        help="write the samples as .csv or .npz, with their units and the scene; of the run whose "
-                        "figures are shown")
     parser.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
                         help="names of the two joints in a recording where they have others")
     parser.add_argument("--orders", action="store_true", help="work out orders, transmissibility and judder of the run "
                         "whose figures are shown; --plot then draws the order map")
     parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
 
 
 def joint_names(text: str) -> dict[str, str]:
@@ -56,8 +51,6 @@ def joint_names(text: str) -> dict[str, str]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
-    from tcc_sim.output.provenance import document
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.table import order_lines
     from tcc_sim.replay.recorded import read
@@ -85,8 +78,5 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), head=True)
     draw(arguments, orders if arguments.orders else found, arguments.recording.name)
-    if arguments.json is not None:
-        write_json(arguments.json, document("analyse", results, found.scene, arguments.words))
-    if arguments.json != STANDARD_OUTPUT:
-        say("\n".join(lines))
+    present(arguments, found.scene, lambda: results, lines)
     return 0

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError, require
-from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable
+from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
+from tcc_sim.output.terminal import say
+
+if TYPE_CHECKING:
+    from tcc_sim.model.parameters import System
+    from tcc_sim.scene import Scene
 
 
 def number(low: float, high: float, unit: str) -> Callable[[str], float]:
@@ -62,6 +67,20 @@ def new_file(path: Path, force: bool = False) -> Path:
     return path
 
 
+def add_scene(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """SCENE and --set of the verbs that work on a scene; `more` is what the verb has to say of --set."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                        help=f"change a key of the scene{more}")
+
+
+def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Scene:
+    """The scene that SCENE names, with the changes of --set and `more`."""
+    from tcc_sim.scene import load_scene, parse_assignments
+
+    return load_scene(arguments.scene).with_values({**parse_assignments(arguments.set), **(more or {})})
+
+
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
     """Raise InputError where `--set` gives a key that the command goes through itself."""
     for word in assignments:
@@ -92,10 +111,20 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
 
 
-def add_plot(parser: argparse.ArgumentParser) -> None:
-    """--plot and --width of the verbs that draw their result."""
+def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `add_solver` asks for, as `Plan` takes it."""
+    return {name: getattr(arguments, name) for name in ("solver", "rtol", "step", "damping", "lyapunov")}
+
+
+def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metavar: str = "FILE",
+                force: str = "replace files that exist") -> None:
+    """--json, --out where `out` says what it is, --plot, --width and --force of the verbs that draw their result."""
+    parser.add_argument("--json", metavar="FILE", type=Path, help=f"{json}; - is standard output")
+    if out:
+        parser.add_argument("--out", metavar=metavar, type=Path, help=out)
     parser.add_argument("--plot", metavar="FILE", type=Path, help="a picture of the result: .png, .svg or .pdf")
     parser.add_argument("--width", choices=("column", "page"), default="page", help="of the picture in a paper (page)")
+    parser.add_argument("--force", action="store_true", help=force)
 
 
 def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:
@@ -139,6 +168,22 @@ def draw(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
             plot(result, part, arguments.width, title=title)
 
 
+def present(arguments: argparse.Namespace, scene: Scene | System, values: Callable[[], Mapping[str, Any]],
+            lines: Iterable[str] = ()) -> None:
+    """Write what `values` gives as JSON where --json asks for it, and print the lines unless that is what is printed.
+
+    Parameters
+    ----------
+    scene : what was solved or recorded, which the JSON says
+    """
+    if arguments.json is not None:
+        from tcc_sim.output.provenance import document
+
+        write_json(arguments.json, document(arguments.verb, values(), scene, arguments.words))
+    if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
+        say(said)
+
+
 def add_measurement(parser: argparse.ArgumentParser, shortest: float, default: float) -> None:
     """--rate, --duration and --json of the verbs that run nodes for a while and tell how well they did."""
     parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
@@ -159,10 +204,6 @@ def check_measurement(arguments: argparse.Namespace) -> None:
 
 def write_measurement(arguments: argparse.Namespace, found: dict[str, Any], scene: str) -> None:
     """Write the figures where --json asks for them."""
-    if arguments.json is not None:
-        from tcc_sim.output.files import write_json
-        from tcc_sim.output.provenance import document
-        from tcc_sim.scene import load_scene
+    from tcc_sim.scene import load_scene
 
-        ran = load_scene(scene).with_values({"rate": arguments.rate})
-        write_json(arguments.json, document(arguments.verb, found, ran, arguments.words))
+    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), lambda: found)

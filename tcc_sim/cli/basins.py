@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_plot, add_workers, check_outputs, check_workers, refuse_swept
+from tcc_sim.cli.arguments import (
+    add_outputs,
+    add_scene,
+    add_workers,
+    check_outputs,
+    check_workers,
+    present,
+    refuse_swept,
+    scene_of,
+)
 from tcc_sim.errors import BasinsInterrupted, counted
-from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.basins.compute import Axis, Basins
@@ -18,33 +26,26 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The plane, what is varied, where it is worked out, and where the results go."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    add_scene(parser)
     parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
                         help="an initial.* key and its evenly spaced values; give it twice")
     parser.add_argument("--over", metavar="KEY=START:STOP:COUNT",
                         help="scene key; the plane is worked out at every value")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--cycles", metavar="N", type=int, default=600,
                         help="most engine cycles that a cell is followed (default 600)")
     parser.add_argument("--boundary", action="store_true", help="work out the uncertainty exponent of the boundary too")
     add_workers(parser)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="attractors and fractions; - is standard output")
-    parser.add_argument("--out", metavar="FILE", type=Path,
-                        help="labels and cycles of every cell (.npz); until it is whole its rows are in FILE.part, "
-                             "from which "
-                        "the same command goes on")
-    add_plot(parser)
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
+    add_outputs(parser, "attractors and fractions", "labels and cycles of every cell (.npz); until it is whole its "
+                "rows are in FILE.part, from which the same command goes on")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
     from tcc_sim.basins.rows import basins
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
-    from tcc_sim.output.provenance import document, said
-    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.output.files import draft
+    from tcc_sim.output.provenance import said
 
-    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    scene = scene_of(arguments)
     plane = [_axis("--plane", text) for text in arguments.plane]
     over = _axis("--over", arguments.over) if arguments.over is not None else None
     refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
@@ -60,21 +61,18 @@ def run(arguments: argparse.Namespace) -> int:
                 from tcc_sim.views.plots import plot
 
                 plot(found, files.enter_context(draft(arguments.plot)), arguments.width, title=scene.name)
-            if arguments.json is not None:
-                values = _as_json(found, over, arguments.boundary)
-                write_json(arguments.json, document("basins", values, scene, arguments.words))
             if arguments.out is not None:
                 from tcc_sim.output.basin_file import write_basins
 
                 write_basins(arguments.out, found, over)
+            present(arguments, scene, lambda: _as_json(found, over, arguments.boundary),
+                    _lines(found, over, arguments.boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
         kept = f"; the same command goes on from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{kept}", file=sys.stderr)
         return 130
     if part is not None:
         part.unlink()
-    if arguments.json != STANDARD_OUTPUT:
-        _say(found, over, arguments.boundary)
     return 0
 
 
@@ -105,17 +103,17 @@ def _as_json(found: list[Basins], over: Axis | None, boundary: bool) -> dict[str
             **{name: [values[name] for values in each] for name in names}}
 
 
-def _say(found: list[Basins], over: Axis | None, boundary: bool) -> None:
+def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
     """The summary for a terminal."""
     for k, one in enumerate(found):
         if over is not None:
-            say(f"{over.key} = {over.values[k]:.9g}")
-        say("\n".join(one.lines()))
+            yield f"{over.key} = {over.values[k]:.9g}"
+        yield from one.lines()
         uncertain = one.boundary() if boundary else None
         if uncertain is not None:
-            say(f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
-                f"dimension {uncertain.dimension:.3f}")
+            yield (f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
+                   f"dimension {uncertain.dimension:.3f}")
         elif boundary:
-            say("  boundary: too few neighbouring cells differ for an uncertainty exponent")
-        say(f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
-            f"{float(one.cycles.mean()):.1f} cycles a cell")
+            yield "  boundary: too few neighbouring cells differ for an uncertainty exponent"
+        yield (f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
+               f"{float(one.cycles.mean()):.1f} cycles a cell")

@@ -5,25 +5,22 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file, number
+from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of
 from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The scene, the version of FMI and where the FMU goes."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    add_scene(parser)
     parser.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (2)")
     parser.add_argument("--step", metavar="S", type=number(5e-5, 1.0, "s"), help="a tick (default: the scene's rate)")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--sources-only", action="store_true", help="leave the binary for this machine out")
     parser.add_argument("--out", metavar="FILE.fmu", type=Path, help="file to write (default: tcc_sim_SCENE.fmu)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the FMU and say what is in it."""
-    from tcc_sim.scene import load_scene, parse_assignments
-
-    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    scene = scene_of(arguments)
     from tcc_sim.fmu.export import compiler, export
 
     path = new_file(arguments.out or Path(f"tcc_sim_{scene.name}.fmu"))

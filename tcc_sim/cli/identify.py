@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_plot, check_outputs, draw
+from tcc_sim.cli.arguments import add_outputs, check_outputs, draw, present
 from tcc_sim.errors import InputError, counted
-from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.estimation.identify import Identification
@@ -30,17 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--noise", metavar="CHANNEL=S,...",
                         help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
     parser.add_argument("--likelihood", metavar="KEY", help="work out the profile likelihood of a free key too")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
-    parser.add_argument("--out", metavar="SCENE.yaml", type=Path, help="the scene with the values found")
-    add_plot(parser)
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
+    add_outputs(parser, "everything that was found", "the scene with the values found", "SCENE.yaml")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, fit, write what was asked for, and print the verdicts."""
     from tcc_sim.estimation.identify import given, identify
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
-    from tcc_sim.output.provenance import document
+    from tcc_sim.output.files import draft
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.progress import progress_bar
 
@@ -55,10 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar("iteration") as bar:
         found = identify(measured, free, scene=scene, noise=noise, likelihood=arguments.likelihood, tick=bar.update)
     draw(arguments, found, scene.name)
-    if arguments.json is not None:
-        write_json(arguments.json, document("identify", found.as_json(), scene, arguments.words))
-    if arguments.json != STANDARD_OUTPUT:
-        _print(found)
+    present(arguments, scene, found.as_json, _lines(found))
     if not found.accepted:
         print(f"tcc-sim: no fit: {found.why}", file=sys.stderr)
         return 1
@@ -68,12 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _print(found: Identification) -> None:
+def _lines(found: Identification) -> Iterator[str]:
     """The verdicts."""
-    say(f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square a degree of freedom "
-        f"{found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
+    yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square a degree of freedom "
+           f"{found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
     for p in found.parameters:
-        say(f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}")
+        yield f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}"
 
 
 def _assigned(option: str, word: str) -> tuple[str, float | None]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tcc_sim.cli.arguments import add_plot, check_outputs, draw
+from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, draw, present, scene_of
 from tcc_sim.errors import counted
-from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import Linearisation
@@ -23,8 +22,7 @@ SHOWN = 7
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is linearised, about which motion, and where the results go."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    add_scene(parser)
     parser.add_argument("--input", choices=INPUTS, default=INPUTS[0], help=f"what is changed (default {INPUTS[0]})")
     parser.add_argument("--output", choices=OUTPUTS, default=OUTPUTS[0], help=f"what answers (default {OUTPUTS[0]})")
     parser.add_argument("--slip", metavar="V", type=float,
@@ -34,22 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="rad/s, evenly in logarithm (default: 240 from 2 to the slipping mode)")
     parser.add_argument("--check", metavar="N", type=int, default=0,
                         help="find the response by simulation at N of the frequencies too")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="everything that was found; - is standard output")
-    parser.add_argument("--out", metavar="FILE", type=Path, help="the arrays: .npz")
-    add_plot(parser)
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
+    add_outputs(parser, "everything that was found", "the arrays: .npz")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, linearise, write what was asked for, and print the result."""
     from tcc_sim.estimation.linearise import linearise
-    from tcc_sim.output.files import STANDARD_OUTPUT, draft, write_json
-    from tcc_sim.output.provenance import document
-    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.output.files import draft
     from tcc_sim.sweeps.progress import progress_bar
     from tcc_sim.sweeps.ranges import spaced
 
-    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    scene = scene_of(arguments)
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
     check_outputs(arguments, [".npz"])
     with progress_bar("point", arguments.check or None) as bar:
@@ -59,27 +52,24 @@ def run(arguments: argparse.Namespace) -> int:
         with draft(arguments.out) as part, open(part, "wb") as file:
             np.savez(file, **found.arrays())  # type: ignore[arg-type]
     draw(arguments, found, scene.name)
-    if arguments.json is not None:
-        write_json(arguments.json, document("linearise", found.as_json(), scene, arguments.words))
-    if arguments.json != STANDARD_OUTPUT:
-        _print(found)
+    present(arguments, scene, found.as_json, _lines(found))
     return 0
 
 
-def _print(found: Linearisation) -> None:
+def _lines(found: Linearisation) -> Iterator[str]:
     """The motion, and the response at some frequencies."""
     if found.kind == "periodic":
         kind = f"a periodic motion of {counted(found.period, 'engine cycle')}"
     else:
         kind = f"constant {found.kind}"
-    say(f"{found.output} by {found.input} about {kind}: mean slip {found.mean_slip:.6g} rad/s, pressure "
-        f"{found.pressure:.8g} Pa, engine torque {found.engine_torque:.6g} N m")
+    yield (f"{found.output} by {found.input} about {kind}: mean slip {found.mean_slip:.6g} rad/s, pressure "
+           f"{found.pressure:.8g} Pa, engine torque {found.engine_torque:.6g} N m")
     words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in found.multipliers)
-    say(f"multipliers {words}")
+    yield f"multipliers {words}"
     for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):
-        say(f"{found.frequencies[k]:10.4g} rad/s  {_decibels(found.gain[k])}  {math.degrees(found.phase[k]):8.2f} deg")
+        yield f"{found.frequencies[k]:10.4g} rad/s  {_decibels(found.gain[k])}  {math.degrees(found.phase[k]):8.2f} deg"
     for point in found.checked:
-        say(f"simulated at {point.frequency:.4g} rad/s  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg")
+        yield f"simulated at {point.frequency:.4g} rad/s  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg"
 
 
 def _decibels(gain: float) -> str:

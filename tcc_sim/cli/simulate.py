@@ -8,9 +8,17 @@ from pathlib import Path
 from typing import TypeVar
 
 from tcc_sim.background import begun
-from tcc_sim.cli.arguments import add_plot, add_solver, check_outputs, draw
+from tcc_sim.cli.arguments import (
+    add_outputs,
+    add_scene,
+    add_solver,
+    check_outputs,
+    draw,
+    present,
+    scene_of,
+    solver_options,
+)
 from tcc_sim.errors import InputError, counted
-from tcc_sim.output.terminal import say
 
 Result = TypeVar("Result")
 CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
@@ -18,8 +26,7 @@ CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is solved, for how long, how, and where the results go."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    add_scene(parser)
     parser.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
                         help="engine.frequency, engine.mean_torque or pressure.mean linear between points in time, s")
     span = parser.add_mutually_exclusive_group()
@@ -30,31 +37,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="cycles dropped from the summary at the start (default 50, but "
                         "at most half of --cycles, and at most a third of the whole cycles in --duration)")
     add_solver(parser)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="the summary; - is standard output")
-    parser.add_argument("--out", metavar="FILE", type=Path, help="the samples: .npz, .csv or .mcap")
+    add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
     parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
                         help="torque and pressure from a recording, or from the columns t, engine_torque and "
                         "actuation_pressure of a table; --plot draws the simulation beside what was recorded")
     parser.add_argument("--orders", action="store_true",
                         help="work out orders, transmissibility and judder too; --plot then draws the order map")
-    add_plot(parser)
     parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per engine cycle in --out (default {SAMPLES})")
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.model.profiles import parse_profiles
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
-    from tcc_sim.output.provenance import document
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.table import order_lines, simulation_lines
-    from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.simulation import Plan, simulate
 
-    scene = load_scene(arguments.scene).with_values({**parse_assignments(arguments.set),
-                                                     **parse_profiles(arguments.profile)})
+    scene = scene_of(arguments, parse_profiles(arguments.profile))
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
 
@@ -63,8 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.cycles is None and duration is None:
         duration = scene.system.span or None
     plan = Plan(cycles=CYCLES if arguments.cycles is None else arguments.cycles, discard=arguments.discard,
-                solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
-                lyapunov=arguments.lyapunov)
+                **solver_options(arguments))
     check_outputs(arguments, SUFFIXES)
     if arguments.out is not None:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
@@ -95,10 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     draw(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
-    if arguments.json is not None:
-        write_json(arguments.json, document("simulate", results, scene, arguments.words))
-    if arguments.json != STANDARD_OUTPUT:
-        say("\n".join(lines))
+    present(arguments, scene, lambda: results, lines)
     return 0
 
 

@@ -5,20 +5,24 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import (
-    add_plot,
+    add_outputs,
+    add_scene,
     add_solver,
     add_workers,
     check_outputs,
     check_workers,
     draw,
+    present,
     refuse_swept,
+    scene_of,
+    solver_options,
 )
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
-from tcc_sim.output.terminal import say, terminal_width
+from tcc_sim.output.files import STANDARD_OUTPUT
+from tcc_sim.output.terminal import terminal_width
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
@@ -27,14 +31,13 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is swept, how, where, and where the results go."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    add_scene(parser)
     parser.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
                         help="scene key and its values; given twice, a grid of two keys")
     parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
                         help="scene key and the bounds of its tolerance; samples give quantiles of every result")
     parser.add_argument("--samples", metavar="N", type=int, help="of the scattered keys; a power of 2 is best")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the samples (default 0)")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--cycles", metavar="N", type=int, default=150,
                         help="engine cycles solved per value (default 150)")
     parser.add_argument("--discard", metavar="N|auto", default=None,
@@ -46,26 +49,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "the first key, with the phases of torque and load")
     add_solver(parser)
     add_workers(parser)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="results in value order; - is standard output")
-    parser.add_argument("--out", metavar="FILE", type=Path,
-                        help="take every point as it is done; run the same command again to go on from there")
-    add_plot(parser)
-    parser.add_argument("--force", action="store_true", help="replace the --json file if it exists")
+    add_outputs(parser, "results in value order", "take every point as it is done; run the same command again to go on "
+                "from there", force="replace the --json file if it exists")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
-    from tcc_sim.output.files import STANDARD_OUTPUT, write_json
-    from tcc_sim.output.provenance import document, said
+    from tcc_sim.output.provenance import said
     from tcc_sim.output.sweep_table import quantile_lines, sweep_lines
-    from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import Grid, Plan, sweep_curves
 
-    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    scene = scene_of(arguments)
     plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
-                solver=arguments.solver, rtol=arguments.rtol, step=arguments.step, damping=arguments.damping,
-                lyapunov=arguments.lyapunov)
+                **solver_options(arguments))
     check_outputs(arguments)
     check_workers(arguments)
     curves, gather = _work(arguments, scene.system)
@@ -77,22 +74,21 @@ def run(arguments: argparse.Namespace) -> int:
         ended, sweeps = str(stop), stop.sweeps
     found = gather(sweeps)
     resumable = bool(ended) and arguments.out is not None
-    # What the same command would not overwrite is left to it.
-    if arguments.json is not None and (not resumable or arguments.json == STANDARD_OUTPUT):
-        write_json(arguments.json, document("sweep", found.as_json(), scene, arguments.words))
-    if not resumable:
-        draw(arguments, found, scene.name)
-    if arguments.json is None and arguments.out is None and not ended:
-        if isinstance(found, Scattered):
-            say("\n".join(quantile_lines(found)))
-        else:
-            second = (found.second_key, found.second_values) if isinstance(found, Grid) else ("", ())
-            say("\n".join(sweep_lines(sweeps, *second, terminal_width())))
-    elif arguments.json != STANDARD_OUTPUT:
+    if arguments.json is not None or arguments.out is not None or ended:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
-        say(f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
-            + (f"; {failed} failed" if failed else ""))
+        lines = [f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
+                 + (f"; {failed} failed" if failed else "")]
+    elif isinstance(found, Scattered):
+        lines = quantile_lines(found)
+    else:
+        second = (found.second_key, found.second_values) if isinstance(found, Grid) else ("", ())
+        lines = sweep_lines(sweeps, *second, terminal_width())
+    if resumable and arguments.json != STANDARD_OUTPUT:
+        arguments.json = None  # What the same command would not overwrite is left to it.
+    present(arguments, scene, found.as_json, lines)
+    if not resumable:
+        draw(arguments, found, scene.name)
     if ended:
         kept = f"; the same command goes on from {arguments.out}" if resumable else ""
         print(f"tcc-sim: {ended}{kept}", file=sys.stderr)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +20,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import later
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
 from tcc_sim.trajectory import Floats, State
@@ -114,17 +112,6 @@ def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False
     progress : show a count of points on a terminal
     """
     of = DrivelineMap(curve.system, (curve.key,))
-    with counted(progress) as tick:
+    with point_bar(progress) as tick:
         return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,
                                    settings)
-
-
-@contextmanager
-def counted(progress: bool) -> Iterator[Callable[[Any], None]]:
-    """A function to call with every point; it moves a count where that is wanted and standard error is a terminal."""
-    with progress_bar("point", shown=progress) as bar:
-        def tick(point: Any) -> None:
-            bar.set_postfix_str(f"{point.value:.6g}, period {point.orbit.period}", refresh=False)
-            bar.update()
-
-        yield tick

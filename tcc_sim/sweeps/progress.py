@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -28,3 +28,14 @@ def progress_bar(unit: str, total: int | None = None, done: int = 0, shown: bool
     tqdm.set_lock(_lock)
     with tqdm(total=total, initial=done, disable=None if shown else True, unit=unit, smoothing=0.05) as bar:
         yield bar
+
+
+@contextmanager
+def point_bar(shown: bool = True) -> Iterator[Callable[[Any], None]]:
+    """A function to call with every point of a branch, which moves a count of them and names the last."""
+    with progress_bar("point", shown=shown) as bar:
+        def tick(point: Any) -> None:
+            bar.set_postfix_str(f"{point.value:.6g}, period {point.orbit.period}", refresh=False)
+            bar.update()
+
+        yield tick
