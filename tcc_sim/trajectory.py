@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any, ClassVar
@@ -37,6 +37,16 @@ class State:
     plate_angle: float
     plate_speed: float
     flywheel_angle: float = 0.0
+
+    @staticmethod
+    def of(numbers: Iterable[float]) -> State:
+        """The state with these slip speed, plate angle and plate speed."""
+        return State(*map(float, numbers))
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """Slip speed, plate angle and plate speed."""
+        return self.slip_speed, self.plate_angle, self.plate_speed
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,12 @@ class Cycles:
 
     def __len__(self) -> int:
         return len(self.highest)
+
+    @property
+    def largest(self) -> Floats:
+        """(N,) largest |slip speed| within each cycle, rad/s."""
+        found: Floats = np.maximum(np.abs(self.highest), np.abs(self.lowest))
+        return found
 
     def __getitem__(self, kept: slice) -> Cycles:
         """A run of consecutive cycles."""
@@ -193,6 +209,16 @@ class Trajectory(Result):
         angle = float(self.flywheel_angle[-1]) if self.flywheel_angle is not None else 0.0
         return State(float(self.slip_speed[-1]), float(self.plate_angle[-1]), float(self.plate_speed[-1]), angle)
 
+    @property
+    def solved_cycles(self) -> Cycles:
+        """The cycles that the solver worked out; ValueError where it gives none, and where it did not come to its end
+        NumericalFailure as in `raise_for_status`.
+        """
+        found = self.raise_for_status().cycles
+        if found is None:
+            raise ValueError(f"{self.solver} works out no cycles")
+        return found
+
     def raise_for_status(self) -> Trajectory:
         """This trajectory, or NumericalFailure with the sentence of its status."""
         if self.status is not Status.DONE:
@@ -200,6 +226,11 @@ class Trajectory(Result):
             raise NumericalFailure(f"{self.solver}: "
                                    f"{self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
         return self
+
+
+def integral(values: Floats, t: Floats) -> Floats:
+    """Of samples over time, from the first to each of them, (n,), by the trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
 
 
 def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock
-from tcc_sim.trajectory import Floats
+from tcc_sim.trajectory import Floats, integral
 
 
 class CycleMeans:
@@ -39,7 +39,7 @@ class CycleMeans:
         if not whole:
             self._t, self._v = (t, v) if stretches else (t[-1:], v[-1:])
             return []
-        area = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+        area = integral(v, t)
         found = []
         for first, starts in whole:
             ends = np.clip(starts, t[0], t[-1])

@@ -92,7 +92,7 @@ def _integrated(system: System, section: Floats, number: int, integrals: Floats)
     falling = terms.stribeck[0] * terms.stribeck[1] if terms.stribeck is not None else 0.0
     samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / PHASE)
     run = solve(system, cycles=1, samples_per_cycle=min(max(samples, FEWEST), MOST), start_cycle=number,
-                state=State(*section.tolist()))
+                state=State.of(section))
     if run.status is not Status.DONE:
         return False
     integrals += integrals_of_arcs(run)

@@ -21,7 +21,7 @@ from tcc_sim.model.course import phase_at
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
 from tcc_sim.solvers.per_cycle import hermite
-from tcc_sim.trajectory import Floats, Trajectory
+from tcc_sim.trajectory import Floats, Trajectory, integral
 
 CYCLES, HOP = 16, 4
 """Engine cycles in a window, and from one window to the next."""
@@ -127,7 +127,7 @@ def orders_of(run: Trajectory) -> Orders:
     counts = np.searchsorted(broke, at[ends]) - np.searchsorted(broke, at[starts])
     lasted, middle = at[ends] - at[starts], at[(starts + ends) // 2]
     power = run.friction_torque * run.slip_speed
-    heat = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(run.t))])
+    heat = integral(power, run.t)
     return Orders(
         time=middle, frequency=2.0 * np.pi * CYCLES / lasted, order=order, slip_speed=spectra[0],
         shaft_torque=spectra[1], torque_order=driven, transmissibility=passed,

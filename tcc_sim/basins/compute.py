@@ -148,8 +148,7 @@ def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
 
 def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
     """(len(first), 3) initial states of one row of the plane."""
-    i = system.initial
-    out = np.tile([i.slip_speed, i.plate_angle, i.plate_speed], (len(plane[0].values), 1))
+    out = np.tile(system.initial.numbers, (len(plane[0].values), 1))
     out[:, PLANE_KEYS.index(plane[0].key)] = plane[0].values
     out[:, PLANE_KEYS.index(plane[1].key)] = plane[1].values[row]
     return out
@@ -159,10 +158,9 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
     """(seeds + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, and a Halton
     set.
     """
-    i = system.initial
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
     unit = np.concatenate([edges, halton(DEFAULT_SETTINGS.seeds, 2)])
-    out = np.tile([i.slip_speed, i.plate_angle, i.plate_speed], (len(unit) + 1, 1))
+    out = np.tile(system.initial.numbers, (len(unit) + 1, 1))
     for axis, part in zip(plane, unit.T):
         low, high = min(axis.values), max(axis.values)
         out[1:, PLANE_KEYS.index(axis.key)] = low + (high - low) * part

@@ -53,8 +53,7 @@ class DrivelineMotion:
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
         """The largest |slip speed| over some cycles, rad/s."""
-        state = State(float(x[0]), float(x[1]), float(x[2]))
-        found = solve(self.system, cycles=cycles, state=state, start_cycle=first, rtol=RTOL).cycles
+        found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=RTOL).cycles
         assert found is not None
         return max(float(found.highest.max()), -float(found.lowest.min()))
 

@@ -31,7 +31,6 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 KEY = "friction.kinetic_coefficient"
@@ -103,9 +102,7 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
     seconds, branch = least_seconds(lambda: branch_through(first), REPEATS)
     found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
-    v, angle, speed = map(float, shooting.nodes(z)[0])
-    started = replace(system, {"initial.slip_speed": v, "initial.plate_angle": angle, "initial.plate_speed": speed})
-    return Followed(len(branch.points), seconds, found, "default settings"), started
+    return Followed(len(branch.points), seconds, found, "default settings"), system.begun_at(shooting.nodes(z)[0])
 
 
 def model(system: System) -> str:
@@ -196,9 +193,7 @@ def auto(system: System, period: int, low: float, high: float, limit: float = TI
     """AUTO's branch from the same motion, one entry for every mesh, and a sentence where `limit` seconds did not do."""
     if not installed():
         return [], f"period {period}  AUTO-07p is not installed: apt install auto-07p gfortran"
-    start = system.initial
-    run = solve(system, cycles=period, rtol=1e-11, samples_per_cycle=SAMPLES,
-                state=State(start.slip_speed, start.plate_angle, start.plate_speed)).raise_for_status()
+    run = solve(system, cycles=period, rtol=1e-11, samples_per_cycle=SAMPLES).raise_for_status()
     phase = system.engine.frequency * run.t
     rows = np.column_stack([run.t, run.slip_speed, run.plate_angle, run.plate_speed, np.sin(phase), np.cos(phase)])
     # One thread: AUTO's others wait by counting, which is CPU time too.

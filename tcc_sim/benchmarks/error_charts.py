@@ -121,9 +121,9 @@ def _error(system: System, method: str, step: float, truth: Reference | None) ->
 
 def one_step(system: System, step: float) -> Any:
     """Sections of SDIRK3 with whole steps of at most `step` in a cycle, no sub-steps."""
-    terms, cycle, i = terms_of(system), system.cycle, system.initial
+    terms, cycle = terms_of(system), system.cycle
     count = max(math.ceil(cycle / step - 1e-9), 1)
-    state = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
+    state = np.array(system.initial.numbers)
     section = [state.copy()]
     for n in range(CYCLES):
         advance(state, n * cycle, cycle / count, count, terms, None, None)

@@ -62,7 +62,7 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle
     ends.
     """
-    terms, y = terms_of(system), _start(system)
+    terms, y = terms_of(system), np.array(system.initial.numbers)
     atol = np.asarray(rtol * _sizes(system))
     ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
 
@@ -90,7 +90,7 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
         from sksundae.cvode import CVODE
     except ImportError:
         raise Failed("not installed") from None
-    terms, y = terms_of(system), _start(system)
+    terms, y = terms_of(system), np.array(system.initial.numbers)
 
     def rates(t: float, y: Floats, out: Floats) -> None:
         out[:] = rates_of(t, y, terms)
@@ -114,12 +114,6 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
                    called=run.nfev * calls[0] + run.njev * calls[1])
 
 
-def _start(system: System) -> Floats:
-    """Slip speed, plate angle and plate speed at the start."""
-    start = system.initial
-    return np.array([start.slip_speed, start.plate_angle, start.plate_speed])
-
-
 def _sizes(system: System) -> Floats:
     """The sizes below which an error counts as absolute: slip speed in stick, static twist, twist at omega_n."""
     twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
@@ -134,10 +128,8 @@ def _times(system: System, cycles: int, per_cycle: int) -> Floats:
 def _largest(system: System, t: Floats, states: Floats) -> Floats:
     """Largest |slip speed| per cycle of samples, through the cubics of v and v'."""
     rates = rates_along(t, np.ascontiguousarray(states), terms_of(system))
-    found = cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK)
-    largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))
-    return largest
+    return cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
+                               starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK).largest
 
 
 def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_cycle: int) -> str:
@@ -221,7 +213,7 @@ def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> 
     job = {"linear": [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness], "limit": system.saturation_mean,
            "mean": e.mean_torque, "amplitude": e.torque_amplitude, "frequency": e.frequency, "cycles": cycles,
            "steps_per_cycle": steps_per_cycle, "theta": theta,
-           "initial": [system.initial.slip_speed, system.initial.plate_angle, system.initial.plate_speed]}
+           "initial": list(system.initial.numbers)}
     try:
         ended = subprocess.run([interpreter, str(Path(__file__).with_name("siconos_relay.py"))], input=json.dumps(job),
                                capture_output=True, text=True, timeout=TIMEOUT, check=False, env=_plain_environment())

@@ -127,8 +127,7 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     Unfinished
         SciPy gave up.
     """
-    law, start = Law(system), system.initial
-    y = np.array([start.slip_speed, start.plate_angle, start.plate_speed])
+    law, y = Law(system), np.array(system.initial.numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.empty(cycles), np.zeros(3)
     section[0] = y
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
@@ -157,8 +156,7 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
     Unfinished
         SciPy gave up, or took more than EVALUATIONS.
     """
-    law, start = Law(system, EVALUATIONS), system.initial
-    y = np.array([start.slip_speed, start.plate_angle, start.plate_speed])
+    law, y = Law(system, EVALUATIONS), np.array(system.initial.numbers)
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
     t, changed, largest, atol = 0.0, -math.inf, np.abs(y), rtol * _scales(system)
     while t < duration:

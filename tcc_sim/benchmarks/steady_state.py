@@ -15,7 +15,7 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.benchmarks.references import Unfinished, reference
-from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.parameters import System
 from tcc_sim.solvers import Status, solve
 from tcc_sim.trajectory import Cycles, Floats
 
@@ -58,14 +58,13 @@ def steady_reference(system: System, cycles: int, method: str, rtol: float) -> d
                            "solvers": [f"{engine}, rtol {tightest:g}", f"SciPy {method}, rtol {rtol:g}"]}
     if run.status is not Status.DONE or run.cycles is None:
         return out
-    found = steady_of(run.cycles.section, np.maximum(np.abs(run.cycles.highest), np.abs(run.cycles.lowest)))
+    found = steady_of(run.cycles.section, run.cycles.largest)
     out["period"] = found.period
     if not found.period:
         return out
-    v, angle, speed = run.cycles.section[cycles // found.period * found.period].tolist()
-    begun = replace(system, {"initial.slip_speed": v, "initial.plate_angle": angle, "initial.plate_speed": speed})
+    begun = run.cycles.section[cycles // found.period * found.period]
     try:
-        truth = reference(begun, found.period, method, rtol)
+        truth = reference(system.begun_at(begun), found.period, method, rtol)
     except Unfinished:
         return out
     out["max_slip_speed"] = float(truth.largest.max())

@@ -17,7 +17,7 @@ import numpy as np
 from tcc_sim.benchmarks import peers
 from tcc_sim.benchmarks.references import Reference, errors, reference
 from tcc_sim.benchmarks.timing import least_seconds
-from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
@@ -93,9 +93,7 @@ def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> R
 
 def settled(system: System) -> System:
     """The same system with the initial state that it has come to after SETTLING engine cycles."""
-    state = solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final
-    return replace(system, {"initial.slip_speed": state.slip_speed, "initial.plate_angle": state.plate_angle,
-                            "initial.plate_speed": state.plate_speed})
+    return system.begun_at(solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final.numbers)
 
 
 def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:
@@ -120,9 +118,8 @@ def _run(system: System, solver: str, setting: float, cycles: int) -> tuple[Any,
     if solver == PEER:
         peer = peers.xppaut(system, "cvode", setting, cycles, 0)
         return peer.section, peer.largest
-    found = solve(system, cycles=cycles, solver=solver, rtol=setting).raise_for_status().cycles
-    assert found is not None
-    return found.section, np.maximum(np.abs(found.highest), np.abs(found.lowest))
+    found = solve(system, cycles=cycles, solver=solver, rtol=setting).solved_cycles
+    return found.section, found.largest
 
 
 def timed(system: System, solver: str, setting: float, effort: SpeedEffort) -> float:

@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from tcc_sim.benchmarks import peers, steady_state
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.benchmarks.sweep_speed import SpeedEffort
@@ -214,8 +212,7 @@ def _steady(record: Record, case: Case, solver: str, setting: float, seconds: fl
     found = solve(case.system, cycles=longer.cycles, solver=solver, **options)
     if found.status is not Status.DONE or found.cycles is None:
         raise peers.Failed(f"{found.status.value}, in {longer.cycles} cycles")
-    largest = np.maximum(np.abs(found.cycles.highest), np.abs(found.cycles.lowest))
-    return steady_state.steady_error(found.cycles.section, largest, truth)
+    return steady_state.steady_error(found.cycles.section, found.cycles.largest, truth)
 
 
 def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.PeerRun:
@@ -254,8 +251,7 @@ def _registered(record: Record, case: Case, solver: str, setting: float, effort:
     cycles = found.cycles
     if cycles is None:
         raise peers.Failed("no cycles")
-    return peers.PeerRun(cycles.section, np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest)), seconds,
-                     found.statistics.steps)
+    return peers.PeerRun(cycles.section, cycles.largest, seconds, found.statistics.steps)
 
 
 def long_run(record: Record, case: Case, effort: Effort) -> None:

@@ -110,16 +110,14 @@ class DrivelineMap:
         """The trajectory itself."""
         x = self._settled(x)
         return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=RTOL, samples_per_cycle=samples,
-                     state=State(float(x[0]), float(x[1]), float(x[2]))).raise_for_status()
+                     state=State.of(x)).raise_for_status()
 
     def cycles_from_start(self, values: Values, count: int) -> Cycles:
         """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map,
         for what is found from them depends on the side of a border on which they end.
         """
         rtol = RTOL if self.piecewise else None
-        cycles = solve(self.system_at(values), cycles=count, rtol=rtol).raise_for_status().cycles
-        assert cycles is not None
-        return cycles
+        return solve(self.system_at(values), cycles=count, rtol=rtol).solved_cycles
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""

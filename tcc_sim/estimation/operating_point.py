@@ -190,7 +190,7 @@ def _settled(system: System, settings: Settings) -> tuple[int, Floats]:
 
     run = solve(system, cycles=settings.cycles, rtol=1e-9, samples_per_cycle=0).raise_for_status()
     found = summarise(run, discard=settings.cycles // 2)
-    state = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
+    state = np.array(run.final.numbers)
     if found.period == 0:
         if found.stick_fraction == 0.0 and abs(system.engine.mean_torque) > system.saturation_mean:
             raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "

@@ -16,13 +16,13 @@ from tcc_sim.paper.evidence import (
     JUMP,
     KINETIC,
     Evidence,
-    Floats,
     Values,
     slips_at,
     steep,
     with_kinetic,
 )
 from tcc_sim.paper.stable_motions import Motion, StableMotions
+from tcc_sim.trajectory import Floats
 
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
 FALLING = FRICTION_RATIOS[1:]
@@ -236,8 +236,7 @@ def shows_in_both(evidence: Evidence) -> Measured:
     same, apart = [], []
     for x in AXIS[::3]:
         system = paper_system(with_kinetic(0.75, {FREQUENCY: float(x) * OMEGA_N}))
-        cycles = evidence.run(system, 650).cycles
-        assert cycles is not None
+        cycles = evidence.run(system, 650).solved_cycles
         last = slice(-64, None)
         periods = [repeats(series) for series in (cycles.section[last, 1], cycles.highest[last])]
         same.append(periods[0] == periods[1])

@@ -26,8 +26,9 @@ from tcc_sim.paper.claims_varying_load import (
     stick_interval,
 )
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
-from tcc_sim.paper.evidence import FREQUENCY, JUMP, KINETIC, Evidence, Floats, share_where, steep, sticks
+from tcc_sim.paper.evidence import FREQUENCY, JUMP, KINETIC, Evidence, share_where, steep, sticks
 from tcc_sim.paper.stable_motions import Motion, StableMotions, ordered_shares
+from tcc_sim.trajectory import Floats
 
 HIGHER = AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
 """Ratios to which branches are followed where a claim is about the higher ones."""

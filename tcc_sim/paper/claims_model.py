@@ -14,10 +14,11 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, STATIC, paper_system
 from tcc_sim.paper.criteria import Holds, Measured, Near, claim
-from tcc_sim.paper.evidence import CYCLES, DISCARD, FREQUENCY, KINETIC, Evidence, Floats, Values, with_kinetic
+from tcc_sim.paper.evidence import CYCLES, DISCARD, FREQUENCY, KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.paper.stable_motions import SMOOTHING, StableMotions
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.trajectory import Floats
 
 ALIKE = 0.05
 """Difference, relative to the largest slip speed, up to which two solutions agree."""
@@ -164,9 +165,8 @@ def _stuck(row: Values, ratio: float, law: str) -> System:
 def end_of_stick(row: Values, low: float, high: float, law: str = "set_valued") -> float | None:
     """Where a motion that starts in stick begins to slip within 20 cycles, omega/omega_n; None where at neither end."""
     def slips(ratio: float) -> bool:
-        run = solve(_stuck(row, ratio, law), cycles=20).raise_for_status()
-        assert run.cycles is not None
-        return max(float(np.abs(x).max()) for x in (run.cycles.highest, run.cycles.lowest)) > SLIPS
+        return float(solve(_stuck(row, ratio, law), cycles=20).solved_cycles.largest.max()) > SLIPS
+
     first = slips(low)
     if slips(high) == first:
         return None
@@ -226,9 +226,7 @@ def positive_trend_slips(evidence: Evidence) -> Measured:
     values: dict[str, Any] = {"Tm - Tsm (N m)": 300.0 - paper_system(row).saturation_mean}
     slipping = []
     for name, state in (("from (13)", None), ("from the motion of 0.57 mu_s", handed)):
-        run = evidence.run(paper_system(row), 2000, state=state)
-        assert run.cycles is not None
-        last = run.cycles[-50:]
+        last = evidence.run(paper_system(row), 2000, state=state).solved_cycles[-50:]
         slipping.append(float(last.stick_time.sum()) == 0.0)
         values[f"{name}: least and largest slip speed of the last 50 cycles (rad/s)"] = [
             float(last.lowest.min()), float(last.highest.max())]

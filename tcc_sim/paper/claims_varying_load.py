@@ -12,9 +12,10 @@ from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
 from tcc_sim.paper.claims_figure4 import JUMPING, NEAR
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
-from tcc_sim.paper.evidence import FREQUENCY, Evidence, Floats, Values, share_where, sticks
+from tcc_sim.paper.evidence import FREQUENCY, Evidence, Values, share_where, sticks
 from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.paper.stable_motions import StableMotions
+from tcc_sim.trajectory import Floats
 
 AXIS = np.round(np.arange(0.05, 0.5001, 0.005), 6)
 LOW, HIGH = AXIS <= 0.29, (AXIS >= 0.31) & (AXIS <= 0.45)

@@ -13,6 +13,7 @@ from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torqu
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.solvers import solve
+from tcc_sim.trajectory import integral
 
 
 def phases() -> dict[str, Any]:
@@ -59,8 +60,7 @@ def transient() -> dict[str, Any]:
     fade, cosine, sine = np.exp(-decay * t), np.cos(damped * t), np.sin(damped * t)
     printed = size * fade * (2.0 * zeta / omega_n * cosine + (2.0 * zeta**2 - 1.0) / damped * sine)
     angle = closed_form.pure_slip(system).plate_angle(t)
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * np.diff(t))])
-    rest = integral - size * (t - 2.0 * zeta / omega_n)
+    rest = integral(angle, t) - size * (t - 2.0 * zeta / omega_n)
     return {"amplitude of the sine, printed and right (rad/s)": [size * (1.0 - 2.0 * zeta**2) / damped,
                                                                  system.saturation_mean / (d.plate_inertia * damped)],
             "printed terms less those of the integral of theta2, largest, relative":
@@ -72,11 +72,10 @@ def dissipation() -> dict[str, Any]:
     out = {}
     for ratio in (0.12, 0.20, 0.25):
         system = paper_system(with_kinetic(0.667, {"engine.frequency": ratio * OMEGA_N}))
-        before = solve(system, cycles=150).raise_for_status()
+        before = solve(system, cycles=150)
         run = solve(system, cycles=16, samples_per_cycle=4096, start_cycle=150, state=before.final).raise_for_status()
         power, square = run.friction_torque * run.slip_speed, run.slip_speed**2
-        assert before.cycles is not None
-        found = damping_of_cycles(system, before.cycles[134:], 134, 0)
+        found = damping_of_cycles(system, before.solved_cycles[134:], 134, 0)
         out[f"at {ratio:g}, by energy and by (21) (N m s/rad)"] = [float(power.sum() / square.sum()), found.weighted]
     return out
 
@@ -120,12 +119,8 @@ def driving_torques() -> dict[str, Any]:
         rows = [paper_system({**s.values, "engine.frequency": ratio * OMEGA_N}) for s in FIGURES[13].series]
         out[f"torque that drives the slip at {ratio:.2f}, plate motion eliminated (N m)"] = [
             closed_form.slip_torque(s).swing() for s in rows]
-        largest = []
-        for system in rows:
-            cycles = solve(system, cycles=150).raise_for_status().cycles
-            assert cycles is not None
-            largest.append(float(np.abs(cycles.highest[50:]).max()))
-        out[f"largest slip speed at {ratio:.2f} (rad/s)"] = largest
+        out[f"largest slip speed at {ratio:.2f} (rad/s)"] = [
+            float(np.abs(solve(system, cycles=150).solved_cycles.highest[50:]).max()) for system in rows]
     return out
 
 

@@ -21,7 +21,7 @@ from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.point import Plan, Point, solve_point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep, sweep_curves
-from tcc_sim.trajectory import State, Status, Trajectory
+from tcc_sim.trajectory import Floats, State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
 UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
@@ -38,7 +38,6 @@ FAILED, RUNAWAY = -1, -2
 """What stands for the period where a point failed, and where slip grows and the clutch never sticks."""
 LAST = 100
 """Cycles at the end of a long run in which its period is looked for."""
-Floats = NDArray[np.float64]
 Values = Mapping[str, Value]
 
 
@@ -145,10 +144,7 @@ class Evidence:
 
     def largest_by_cycle(self, row: Values, cycles: int) -> Floats:
         """(cycles,) largest |slip speed| of every cycle from the initial state (13), rad/s."""
-        found = self.run(paper_system(row), cycles).cycles
-        assert found is not None
-        largest: Floats = np.maximum(np.abs(found.highest), np.abs(found.lowest))
-        return largest
+        return self.run(paper_system(row), cycles).solved_cycles.largest
 
     def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
         """Some cycles with samples, after those of the paper's rule."""

@@ -90,7 +90,7 @@ def orbit_behind(system: System, final: State, cycle: int, period: int, largest:
     """The periodic orbit at a settled motion, with the names of `continue --json`; None where it has no period."""
     omega = system.engine.frequency
     of = DrivelineMap(system, ("engine.frequency",))
-    state = np.array([final.slip_speed, final.plate_angle, final.plate_speed])
+    state = np.array(final.numbers)
     if not period:
         return None
     point = point_of(of, ParameterRange(0.5 * omega, 1.5 * omega), SettledMotion(omega, state, cycle, period, largest))

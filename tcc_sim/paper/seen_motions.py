@@ -23,7 +23,6 @@ from tcc_sim.solvers import solve
 from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
-from tcc_sim.trajectory import Floats, State
 
 NEAR = 0.1
 """Distance, in natural sizes, of a motion that still settles from the orbit that it is taken to come to."""
@@ -45,7 +44,7 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     if not found.settled:
         return _later(sweep.curve, k, point.end)
     amplitude = largest_of(sweep.curve.at(k), point.end, found.period) if found.period else found.max_slip_speed
-    return SettledMotion(value, _numbers(point.end.state), point.end.cycle, found.period, amplitude)
+    return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, found.period, amplitude)
 
 
 def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
@@ -56,16 +55,12 @@ def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
         if settled is None:
             break
         found, start = settled
-        late = approached(curve, SettledMotion(curve.values[k], _numbers(start.state), start.cycle, found.period,
-                                               found.max_slip_speed), found.settled)
+        motion = SettledMotion(curve.values[k], np.array(start.state.numbers), start.cycle, found.period,
+                               found.max_slip_speed)
+        late = approached(curve, motion, found.settled)
         if late.period:
             break
     return late
-
-
-def _numbers(state: State) -> Floats:
-    """Slip speed (rad/s), plate angle (rad) and plate speed (rad/s), (3,)."""
-    return np.array([state.slip_speed, state.plate_angle, state.plate_speed])
 
 
 def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotion:
@@ -89,8 +84,7 @@ def largest_of(system: System, start: Start, period: int) -> float:
     transient before it.
     """
     together = math.lcm(period, common_cycles(system) or 1)
-    cycles = solve(system, cycles=together, start_cycle=start.cycle, state=start.state).raise_for_status().cycles
-    assert cycles is not None
+    cycles = solve(system, cycles=together, start_cycle=start.cycle, state=start.state).solved_cycles
     return summarise_cycles(cycles, system.cycle).max_slip_speed
 
 

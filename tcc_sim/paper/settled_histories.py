@@ -36,12 +36,6 @@ def _run_in(system: System, options: FigureOptions, cycles: int,
     return before, after
 
 
-def _state(run: Trajectory) -> list[float]:
-    """Slip speed, plate angle and plate speed at the end."""
-    last = run.final
-    return [last.slip_speed, last.plate_angle, last.plate_speed]
-
-
 def _samples(run: Trajectory, *names: str) -> dict[str, Any]:
     """Time in engine cycles from the first sample on, and some signals."""
     return {"t": ((run.t - run.t[0]) / run.cycle).tolist(), **{name: getattr(run, name).tolist() for name in names}}
@@ -126,7 +120,7 @@ def solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
                       state=before.final).raise_for_status()
         found = summarise(before, begin - 100)
         steady.append({"label": label, "values": dict(values), "period": found.period, "settled": found.settled,
-                       "max_slip_speed": found.max_slip_speed, "final": _state(before),
+                       "max_slip_speed": found.max_slip_speed, "final": list(before.final.numbers),
                        **_samples(after, "slip_speed")})
     start = State(*steady[0]["final"])
     curves = []

@@ -28,11 +28,12 @@ from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
-from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Floats, Values, share_where
+from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Values, share_where
 from tcc_sim.paper.seen_motions import RUNS, seen_in
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.sweeps.workers import workers
+from tcc_sim.trajectory import Floats
 
 SMOOTHING = "friction.smoothing"
 NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}
@@ -157,8 +158,7 @@ class Motion:
 
 def _attractors(system: System) -> list[Attractor]:
     """The attractors found from (13) and from points spread over states."""
-    i = system.initial
-    own = np.array([i.slip_speed, i.plate_angle, i.plate_speed])
+    own = np.array(system.initial.numbers)
     return find_attractors(DrivelineMotion(system), [own, *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))])
 
 

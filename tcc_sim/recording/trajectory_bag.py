@@ -10,7 +10,7 @@ from tcc_sim import __version__
 from tcc_sim.messages import cdr
 from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.topics import topic
-from tcc_sim.trajectory import Trajectory
+from tcc_sim.trajectory import Trajectory, integral
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None,
@@ -27,8 +27,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None 
     """
     flywheel = trajectory.flywheel_angle
     if flywheel is None:
-        area = 0.5 * (trajectory.slip_speed[1:] + trajectory.slip_speed[:-1]) * np.diff(trajectory.t)
-        flywheel = trajectory.plate_angle + np.concatenate(([0.0], np.cumsum(area)))
+        flywheel = trajectory.plate_angle + integral(trajectory.slip_speed, trajectory.t)
     columns = (flywheel, trajectory.plate_angle, trajectory.slip_speed + trajectory.plate_speed, trajectory.plate_speed,
                trajectory.engine_torque, trajectory.friction_torque)
     stamps = np.rint(trajectory.t * 1e9).astype(np.int64).tolist()

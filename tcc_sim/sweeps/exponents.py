@@ -113,7 +113,7 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     """
     if not 2 * BATCHES <= cycles <= 10_000_000:
         raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
-    start = np.array([state.slip_speed, state.plate_angle, state.plate_speed])
+    start = np.array(state.numbers)
     if not np.isfinite(start).all():
         return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
     excitation = common_cycles(system, LONGEST_PERIOD)
@@ -258,7 +258,7 @@ def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tu
     vector = FIRST  # Its growth is among those that the caller leaves out.
     for begin in range(0, cycles, TOGETHER):
         count = min(TOGETHER, cycles - begin)
-        run = solve(system, cycles=count, state=State(*state.tolist()), start_cycle=first + begin)
+        run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin)
         if run.status is not Status.DONE or run.cycles is None:
             break
         section, numbers = run.cycles.section, range(first + begin, first + begin + count)

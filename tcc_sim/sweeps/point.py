@@ -71,9 +71,7 @@ class Point:
 
     def as_record(self) -> dict[str, Any]:
         """`as_json` with the end of the motion: what the file of a sweep holds."""
-        state = self.end.state
-        return {**self.as_json(), "final": [state.slip_speed, state.plate_angle, state.plate_speed],
-                "final_cycle": self.end.cycle}
+        return {**self.as_json(), "final": list(self.end.state.numbers), "final_cycle": self.end.cycle}
 
 
 def point_of(record: Mapping[str, Any], system: System) -> Point:

@@ -34,7 +34,7 @@ def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Traje
     first = max(len(cycles) - count, 0)
     begin = math.ceil(float(solved.t[0]) / solved.cycle - 1e-9)
     return solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
-                 state=State(*cycles.section[first].tolist()), flywheel_angle=False).raise_for_status()
+                 state=State.of(cycles.section[first]), flywheel_angle=False).raise_for_status()
 
 
 def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tcc_sim.solvers import solve
-from tcc_sim.trajectory import Floats, State, Trajectory
+from tcc_sim.trajectory import Floats, State, Trajectory, integral
 from tcc_sim.views import style
 
 SAMPLES, ENOUGH = 100, 16
@@ -35,7 +33,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
     driveline, dots = run.system.driveline, len(run.t) > SHARP
     shaft = driveline.damping * run.plate_speed + driveline.stiffness * run.plate_angle
     power = run.friction_torque * run.slip_speed
-    heat = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(run.t))])
+    heat = integral(power, run.t)
     with style.figure(width, 6.4) as drawn:
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
@@ -70,5 +68,5 @@ def _sampled(run: Trajectory) -> Trajectory:
     length = float(run.t[-1] - run.t[0])
     if run.system is None or run.t[0] != 0.0 or len(run.t) >= ENOUGH * length / run.cycle:
         return run
-    first = State(float(run.slip_speed[0]), float(run.plate_angle[0]), float(run.plate_speed[0]))
+    first = State.of((run.slip_speed[0], run.plate_angle[0], run.plate_speed[0]))
     return solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first).raise_for_status()

@@ -164,7 +164,7 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
 def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
     """Largest slip speed of each cycle, those that the summary drops in grey."""
     number: NDArray[Any] = first_cycle + np.arange(len(cycles))
-    largest = np.maximum(np.abs(cycles.highest), np.abs(cycles.lowest))
+    largest = cycles.largest
     dropped = number < first_cycle + summary.discarded
     over_time = cycles.starts is not None and (not summary.cycles or np.ptp(np.diff(cycles.starts)) > VARYING * float(
         np.nanmedian(np.diff(cycles.starts))))
