@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 LONGEST_SENTENCE = 1000
@@ -51,6 +53,13 @@ class NumericalFailure(TccError, ArithmeticError):
 
 class MissingPackage(TccError, ImportError):
     """An optional package is not installed; the sentence names the extra that brings it."""
+
+
+def check_suffix(path: Path, suffixes: Iterable[str], prefix: str = "") -> None:
+    """Raise InputError where a file has none of some suffixes; `prefix` stands before its name in the sentence."""
+    *first, last = suffixes
+    if path.suffix not in (*first, last):
+        raise InputError(f"{prefix}{path} must end in {', '.join(first)}{' or ' if first else ''}{last}")
 
 
 EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),

@@ -1,10 +1,10 @@
-"""What every result is to those who look at it: a line of text, columns, and a table in a notebook."""
+"""What every result is to those who look at it: a line of text, columns, a table in a notebook, and JSON."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from html import escape
 from typing import Any
 
@@ -34,6 +34,21 @@ class Result(Described):
     def _repr_html_(self) -> str:
         """A notebook's view: the line of text, and the first rows."""
         return f"<p>{escape(repr(self))}</p>{html_of(self.columns())}"
+
+
+def json_of(value: Any) -> Any:
+    """A value as JSON has it: a dataclass as its fields by name, NumPy's arrays and numbers as Python's, and null for a
+    number that is not finite.
+    """
+    if is_dataclass(value):
+        value = {item.name: getattr(value, item.name) for item in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): json_of(each) for key, each in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [json_of(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def html_of(columns: Mapping[str, Any]) -> str:

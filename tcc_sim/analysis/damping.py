@@ -15,6 +15,7 @@ import numpy as np
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
+from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
@@ -75,8 +76,9 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
 
 def damping_as_json(found: Damping) -> dict[str, float | None]:
     """The two averages under their names in JSON; null where there is none."""
-    averages = {"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}
-    return {name: value if math.isfinite(value) else None for name, value in averages.items()}
+    averages: dict[str, float | None] = json_of({"equivalent_damping": found.weighted,
+                                                 "negative_slope_mean": found.negative_mean})
+    return averages
 
 
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,10 +29,6 @@ class Tracking:
     largest_error: float
     overshoot: float
     settling_time: float
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields as JSON values; what is not a number becomes null."""
-        return {key: value if math.isfinite(value) else None for key, value in asdict(self).items()}
 
 
 def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracking:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, require
+from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
 
@@ -143,9 +143,8 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
         matplotlib is not installed, and --plot asks for it.
     """
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
-    if out is not None and suffixes and out.suffix not in suffixes:
-        *first, last = suffixes
-        raise InputError(f"--out is {out}; its name must end in {', '.join(first)}{' or ' if first else ''}{last}")
+    if out is not None and suffixes:
+        check_suffix(out, suffixes, "--out ")
     named = [path for path in (arguments.json, out, plot, *more) if path not in (None, STANDARD_OUTPUT)]
     for k, path in enumerate(named):
         if path.absolute() in [other.absolute() for other in named[:k]]:

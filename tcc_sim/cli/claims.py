@@ -26,10 +26,11 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.markdown import text
     from tcc_sim.output.provenance import document
     from tcc_sim.paper.catalogue import paper_system
-    from tcc_sim.paper.claims import TOLERANCE, Verdict, judge, plain_numbers
+    from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
     from tcc_sim.paper.evidence import Evidence
     from tcc_sim.paper.mean_pressure import PressureTable, table
     from tcc_sim.paper.pages import claims_page, counts_of, errata_page, pressure_sentence
+    from tcc_sim.result import json_of
 
     for path in (arguments.json, arguments.markdown, arguments.errata):
         if path is not None:
@@ -46,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = verdict.finding
         say(f"Fig. {found.figure:<10}  {verdict.verdict:<13}  {found.claim}" if found.figure[0].isdigit() else
             f"{found.figure:<15}  {verdict.verdict:<13}  {found.claim}")
-        for name, value in plain_numbers(found.values).items():
+        for name, value in json_of(found.values).items():
             say(f"{'':<32}{name}: {text(value)}")
         for motion in found.motions:
             say(f"{'':<32}{motion}")

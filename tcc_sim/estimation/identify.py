@@ -26,7 +26,7 @@ from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.recording.table import CHANNELS
-from tcc_sim.result import Result
+from tcc_sim.result import Result, json_of
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.trajectory import Floats
 
@@ -81,22 +81,9 @@ class Identification(Result):
 
     def as_json(self) -> dict[str, Any]:
         """The JSON values of `identify --json`."""
-        out: dict[str, Any] = {
-            "parameters": [dict(vars(p)) for p in self.parameters],
-            "correlations": [[_finite(x) for x in row] for row in self.correlations.tolist()],
-            "chi2_per_dof": _finite(self.chi2_per_dof), "accepted": self.accepted, "why": self.why, "noise": self.noise,
-            "windows": self.windows, "starts": self.starts, "seconds": self.seconds}
-        for row in out["parameters"]:
-            row.update({k: _finite(v) for k, v in row.items() if isinstance(v, float)})
-        if self.likelihood is not None:
-            out["likelihood"] = {"key": self.likelihood.key, "values": self.likelihood.values.tolist(),
-                                 "excess": [_finite(x) for x in self.likelihood.excess.tolist()]}
-        return out
-
-
-def _finite(x: float) -> float | None:
-    """A number for JSON."""
-    return x if math.isfinite(x) else None
+        names = ("parameters", "correlations", "chi2_per_dof", "accepted", "why", "noise", "windows", "starts",
+                 "seconds", "likelihood")
+        return {name: json_of(found) for name in names if (found := getattr(self, name)) is not None}
 
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,

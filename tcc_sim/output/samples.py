@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import check_suffix
 from tcc_sim.output.files import draft
 from tcc_sim.trajectory import Trajectory
 
@@ -26,8 +26,7 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, head: 
     InputError
         Another suffix than those of SUFFIXES.
     """
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    check_suffix(path, SUFFIXES)
     with draft(path) as part:
         if path.suffix == ".mcap":
             from tcc_sim.recording.trajectory_bag import write_trajectory

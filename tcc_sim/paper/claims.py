@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +16,7 @@ from tcc_sim.paper import (
 )
 from tcc_sim.paper.criteria import DEPENDS, Claim, Finding
 from tcc_sim.paper.stable_motions import StableMotions
+from tcc_sim.result import json_of
 
 MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction)
 CLAIMS: tuple[Claim, ...] = tuple(row for module in MODULES for row in vars(module).values() if isinstance(row, Claim))
@@ -53,8 +53,8 @@ class Verdict:
         """figure, where, claim, values, criterion, verdict, why, motions, and the verdict at either tolerance."""
         found = self.finding
         return {"figure": found.figure, "where": found.where, "claim": found.claim, "criterion": found.criterion,
-                "values": plain_numbers(found.values), "verdict": self.verdict, "why": self.why,
-                "motions": [plain_numbers(m.as_json()) for m in found.motions],
+                "values": json_of(found.values), "verdict": self.verdict, "why": self.why,
+                "motions": json_of([m.as_json() for m in found.motions]),
                 "verdicts": {f"{TOLERANCE:g}": self.looser, f"{TIGHTER:g}": found.verdict}}
 
 
@@ -82,14 +82,3 @@ def judge(claims: Sequence[Claim] = (), *, jobs: int | None = None, progress: bo
         out.append(verdict)
         each(verdict)
     return out
-
-
-def plain_numbers(value: Any) -> Any:
-    """Numbers as JSON has them: NumPy's as Python's, and none that is not finite."""
-    if isinstance(value, Mapping):
-        return {str(k): plain_numbers(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_numbers(v) for v in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from tcc_sim.output.markdown import escape, markdown_table, text
-from tcc_sim.paper.claims import TIGHTER, TOLERANCE, Verdict, plain_numbers
+from tcc_sim.paper.claims import TIGHTER, TOLERANCE, Verdict
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
 from tcc_sim.paper.errata import ERRATA, OPEN, RIGHT
 from tcc_sim.paper.errata_numbers import engine_speeds
 from tcc_sim.paper.evidence import LATER
 from tcc_sim.paper.mean_pressure import PressureTable
+from tcc_sim.result import json_of
 
 
 def claims_page(verdicts: list[Verdict], pressures: PressureTable | None, *, complete: bool = True) -> str:
@@ -52,7 +53,7 @@ def section_of(v: Verdict) -> list[str]:
              f"**{v.verdict.capitalize()}**. Criterion: {escape(found.criterion)}."]
     if v.why:
         lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
-    lines += numbers_of(plain_numbers(found.values))
+    lines += numbers_of(json_of(found.values))
     if found.motions:
         lines += ["", "Stable motions:", "", *(f"- {escape(str(motion))}" for motion in found.motions)]
     return lines

@@ -16,7 +16,7 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
 from tcc_sim.replay.verification import Verification
-from tcc_sim.result import Result
+from tcc_sim.result import Result, json_of
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -91,17 +91,17 @@ class Replay(Result):
         found = self.summary.as_json()
         found.update(messages=self.messages, lost_messages=self.lost_messages, complete=self.complete,
                      warnings=list(self.warnings), scene=self.scene.description or self.scene.name,
-                     frequency=_number(self.frequency), frequency_source=self.timing.source,
-                     frequency_range=[_number(self.timing.low), _number(self.timing.high)],
+                     frequency=json_of(self.frequency), frequency_source=self.timing.source,
+                     frequency_range=json_of((self.timing.low, self.timing.high)),
                      gaps=self.continuity.gaps, uneven_stamps=self.continuity.uneven,
                      tick_s=self.continuity.tick * 1e-9, runs=self.continuity.runs,
-                     real_time_factor=_number(self.pace),
+                     real_time_factor=json_of(self.pace),
                      segments=[segment.as_json() for segment in self.segments])
         if self.damping is not None:
             found.update(damping_as_json(self.damping))
         if self.verification is not None:
             found.update(verified=self.verification.verified,
-                         largest_difference=_number(self.verification.largest_difference),
+                         largest_difference=json_of(self.verification.largest_difference),
                          verification=self.verification.sentence())
         return found
 
@@ -143,8 +143,3 @@ class Replay(Result):
         cells = [line.strip().split("  ", 1) for line in self.lines()[1:]]
         table = [f"| {cell[0]} | {cell[1].strip()} |" if len(cell) > 1 else f"| | {cell[0]} |" for cell in cells]
         return "\n".join([f"# {self.path.name}", "", "| | |", "|---|---|", *table, ""])
-
-
-def _number(value: float) -> float | None:
-    """A value for JSON; None where it is not finite."""
-    return value if math.isfinite(value) else None

@@ -25,6 +25,7 @@ from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Rows
 from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.replay.places import ScenePlace
+from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 
@@ -55,7 +56,7 @@ class Segment:
         figures = self.summary.as_json() if self.summary is not None else {f.name: None for f in fields(Summary)}
         found = {"start": self.start, "end": self.end, "began_by": self.began_by, "changes": dict(self.changes)}
         found |= figures
-        return found | ({"tracking": self.tracking.as_json()} if self.tracking is not None else {})
+        return found | ({"tracking": json_of(self.tracking)} if self.tracking is not None else {})
 
     def rows(self, number: int) -> list[tuple[str, str]]:
         """The segment for a terminal."""

@@ -15,7 +15,7 @@ J. A. Yorke (2017), Nonlinearity 30, 4111 to 4140).
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from tcc_sim.analysis.summary import slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
+from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
@@ -92,8 +93,9 @@ class Lyapunov:
         return f"<Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}>"
 
     def as_json(self) -> dict[str, Any]:
-        """The fields as JSON values; a number that is not finite becomes null."""
-        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(self).items()}
+        """The fields as JSON values."""
+        found: dict[str, Any] = json_of(self)
+        return found
 
 
 def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,

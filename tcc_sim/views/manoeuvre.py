@@ -34,9 +34,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
     shaft = driveline.damping * run.plate_speed + driveline.stiffness * run.plate_angle
     power = run.friction_torque * run.slip_speed
     heat = integral(power, run.t)
-    with style.figure(width, 6.4) as drawn:
-        if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+    with style.figure(width, 6.4, title) as drawn:
         axes = drawn.subplots(4, 1, sharex=True, height_ratios=(1.2, 1.2, 1.0, 0.7))
         torques, slip, beside, warm = axes
 

@@ -56,9 +56,7 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
     controlled = control is not None and control.controlled
     wide = style.width_of(width) == style.PAGE
     heights = [1.0, 1.0, *([0.9, 0.9] if controlled else []), *([1.35] if wide else [1.5, 1.35])]
-    with style.figure(style.width_of(width), 1.612 * sum(heights)) as drawn:
-        if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+    with style.figure(style.width_of(width), 1.612 * sum(heights), title) as drawn:
         grid = drawn.add_gridspec(len(heights), 2, height_ratios=heights)
         torques = drawn.add_subplot(grid[0, :])
         slip = drawn.add_subplot(grid[1, :], sharex=torques)

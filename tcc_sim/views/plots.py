@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
 from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
-from tcc_sim.errors import InputError, require
+from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.output.files import replaceable
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
@@ -29,9 +29,7 @@ def check_picture(path: Path, width: str = "page") -> None:
     MissingPackage
         matplotlib is not installed.
     """
-    if path.suffix not in style.SUFFIXES:
-        raise InputError(f"--plot {path} must end in {', '.join(list(style.SUFFIXES)[:-1])} or "
-                         f"{list(style.SUFFIXES)[-1]}")
+    check_suffix(path, style.SUFFIXES, "--plot ")
     style.width_of(width)
     require("matplotlib", "a picture")
 

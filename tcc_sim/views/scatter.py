@@ -22,9 +22,7 @@ def draw_scatter(path: Path, found: Scattered, title: str = "", width: float = s
     width : inch
     """
     keys = [] if found.over else [key for key, _, _ in found.tolerances.bounds][:4]
-    with style.figure(width, 5.0) as drawn:
-        if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+    with style.figure(width, 5.0, title) as drawn:
         axes = drawn.subplots(len(RESULTS), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)
         for row, (name, label, scale) in zip(axes, RESULTS):
             row[0].set_ylabel(label)

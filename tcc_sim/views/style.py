@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.errors import InputError, require
+from tcc_sim.errors import InputError, check_suffix, require
 
 COLUMN = 3.5
 """Width of a picture in one column of a paper, inch."""
@@ -50,8 +50,9 @@ _SETTINGS: dict[str, Any] = {
 
 
 @contextmanager
-def figure(width: float = PAGE, height: float = 4.0) -> Iterator[Any]:
-    """A matplotlib Figure of `width` by `height` inch in the house style; draw and save it inside the `with`.
+def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterator[Any]:
+    """A matplotlib Figure of `width` by `height` inch in the house style, with a title over all of it where one is
+    given; draw and save it inside the `with`.
 
     Raises
     ------
@@ -70,6 +71,8 @@ def figure(width: float = PAGE, height: float = 4.0) -> Iterator[Any]:
         matplotlib.rcParams["axes.prop_cycle"] = cycler(color=CYCLE)
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
+        if title:
+            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
         yield drawn
 
 
@@ -100,8 +103,7 @@ def save(drawn: Any, path: Path) -> Path:
     InputError
         Another suffix than those of SUFFIXES.
     """
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path} must end in {', '.join(list(SUFFIXES)[:-1])} or {list(SUFFIXES)[-1]}")
+    check_suffix(path, SUFFIXES)
     _lay_out(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path

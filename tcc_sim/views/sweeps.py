@@ -34,9 +34,7 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
     width : inch
     """
     values = style.values_of(found)
-    with style.figure(width, 5.0) as drawn:
-        if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+    with style.figure(width, 5.0, title) as drawn:
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
         x = numbers(values["values"])
         draw_maxima(maxima, values)
@@ -102,9 +100,7 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
     """
     values = style.values_of(found)
     wide = width > 0.5 * (style.COLUMN + style.PAGE)
-    with style.figure(width, 3.2 if wide else 5.6) as drawn:
-        if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+    with style.figure(width, 3.2 if wide else 5.6, title) as drawn:
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
         draw_largest(maxima, values)
         x, y = numbers(values["values"]), numbers(values["second_values"])

@@ -8,6 +8,7 @@ import pytest
 from tcc_sim.analysis.cycle_means import CycleMeans, MeansOfCycles
 from tcc_sim.analysis.engine_clock import Uniform, slices
 from tcc_sim.analysis.tracking import tracking
+from tcc_sim.result import json_of
 
 CYCLE = 0.05
 
@@ -43,7 +44,7 @@ def test_cycles_that_were_not_observed_do_not_count_as_settled():
     assert found.settling_time == pytest.approx(3 * CYCLE)
     assert found.rms_error == pytest.approx(math.sqrt(4.0 / 3.0))
     nothing = tracking(10.0, np.full(3, math.nan), CYCLE, 0)
-    assert nothing.as_json() == {"target": 10.0, "mean_slip": None, "rms_error": None, "largest_error": None,
+    assert json_of(nothing) == {"target": 10.0, "mean_slip": None, "rms_error": None, "largest_error": None,
                                  "overshoot": None, "settling_time": None}
     assert math.isnan(tracking(10.0, np.array([12.0, math.nan]), CYCLE, 1).rms_error)
 
