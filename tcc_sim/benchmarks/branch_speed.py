@@ -14,7 +14,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from tcc_sim.continuation.motions import ContinuationPlan, check
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.output.terminal import say
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
@@ -46,8 +46,6 @@ REPEATS = 5
 SAMPLES = 4000
 TIMEOUT = 300.0
 """Seconds that AUTO is given for a branch; finer meshes that it does not come to are left out, with a sentence."""
-AGREE = 1e-6
-"""Difference of mu_k/mu_s up to which two values of a bifurcation agree."""
 NAMES = {"fold": "LP", "period_doubling": "PD", "neimark_sacker": "TR"}
 """Kinds of bifurcations as AUTO names them."""
 
@@ -232,24 +230,6 @@ def runs_of(told: str, static: float) -> list[Followed]:
     return out
 
 
-def report(period: int, mine: Followed, others: list[Followed]) -> list[str]:
-    """Lines of a table, and how far the bifurcations of both are apart."""
-    out = []
-    for name, run in [("tcc-sim", mine), *(("AUTO-07p", other) for other in others)]:
-        found = ", ".join(f"{kind} {value:.9f}" for kind, value in run.bifurcations) or "none"
-        ended = "" if run.complete else "; did not get through"
-        out.append(f"period {period}  {name:8}  {run.options:16}  {run.points:4d} points  "
-                   f"{1e3 * run.seconds / max(run.points, 1):8.2f} ms a point  {found}{ended}")
-    for kind, value in mine.bifurcations:
-        near = [abs(value - other) for run in others for name, other in run.bifurcations if name == kind]
-        if near:
-            verdict = "they agree" if min(near) <= AGREE else f"more than {AGREE:.0e}"
-            out.append(f"period {period}  {kind} {value:.10f}: AUTO differs by {min(near):.1e}, {verdict}")
-        elif others:
-            out.append(f"period {period}  {kind} {value:.10f}: AUTO did not come to it")
-    return out
-
-
 @dataclass(frozen=True)
 class Compared:
     """A branch of one period by both programs, and a sentence where AUTO was not there or did not come to its end."""
@@ -297,10 +277,7 @@ def page_lines(rows: Iterable[Compared]) -> list[str]:
 
 def main() -> int:
     """Follow both branches with both programs and print the table."""
-    for row in compared():
-        lines = report(row.period, row.mine, row.others) + [row.sentence] * bool(row.sentence)
-        sys.stdout.write("\n".join(lines) + "\n")
-        sys.stdout.flush()
+    say("\n".join(page_lines(compared())))
     return 0
 
 

@@ -8,15 +8,40 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.errors import BasinsInterrupted, InputError, require
-from tcc_sim.output.files import new_directory
+from tcc_sim.basins.compute import Axis, Basins
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.basins.rows import basins
+from tcc_sim.benchmarks.branch_speed import compared, page_lines
+from tcc_sim.errors import BasinsInterrupted, InputError, counted, require
+from tcc_sim.output.files import new_directory, write_json
+from tcc_sim.output.markdown import escape
+from tcc_sim.output.provenance import document
 from tcc_sim.output.terminal import say
+from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN
+from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
+from tcc_sim.paper.drawings import draw
+from tcc_sim.paper.figure_options import FigureOptions
+from tcc_sim.paper.figures import figure_of, figure_system
+from tcc_sim.sweeps.processes import each_in_a_process, processes_for
+from tcc_sim.sweeps.ranges import values_of_range
+from tcc_sim.views.basin_map import draw as draw_basins
 
 CELLS, QUICK_CELLS = 500, 60
+Data = Mapping[str, Any]
+NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}
+"""File names of the charts' pictures, without suffix."""
+BRANCHES, BASINS = "motions_branches", "motions_basins"
+LOST = "without a further point"
+ENDINGS = {"range": "at the end of a range", "closed": "closed", "doubling": "in a doubling", "began": "in a doubling",
+           "canard": "in a canard", "canard_curve": "in a canard", "special": "in a point of codimension two",
+           "points": "after the most points", "family": "at a family of motions"}
+"""What a branch or a curve ends at; the other reasons are `LOST`."""
+WAYS = {"cold": "from (13)", "up": "upward", "down": "downward"}
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -41,19 +66,9 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
     if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
     require("matplotlib", "a picture")
-    from tcc_sim.basins.compute import Axis
-    from tcc_sim.basins.rows import basins
-    from tcc_sim.benchmarks.branch_speed import compared, page_lines
-    from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
-    from tcc_sim.paper.figure_options import FigureOptions
-    from tcc_sim.paper.figures import figure_of
-    from tcc_sim.paper.motions_page import motions_page
-    from tcc_sim.sweeps.processes import each_in_a_process, processes_for
-    from tcc_sim.sweeps.ranges import values_of_range
-
     cells = QUICK_CELLS if arguments.quick else CELLS
-    plane = [Axis(*_values(values_of_range(text))) for text in (f"initial.slip_speed=0:120:{cells}",
-                                                                f"initial.plate_angle=-0.1:0.3:{cells}")]
+    plane = [Axis(key, tuple(values)) for key, values in map(values_of_range, (
+        f"initial.slip_speed=0:120:{cells}", f"initial.plate_angle=-0.1:0.3:{cells}"))]
     # A bar counts the figures; those of their parts would write over each other.
     alone = processes_for(1 + len(CHARTS), arguments.jobs) < 2
     branched = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=alone, branches=True)
@@ -64,7 +79,7 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
         *drawn, branches = each_in_a_process(figure_of, tasks, arguments.jobs, "figure", True)
         charts = dict(zip(CHARTS, drawn))
         found, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
-        beside = [] if arguments.quick else page_lines(list(compared()))
+        beside = [] if arguments.quick else page_lines(compared())
     except (KeyboardInterrupt, BasinsInterrupted):
         sys.stderr.write("motions: interrupted; nothing is written\n")
         return 130
@@ -75,23 +90,9 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _values(found: tuple[str, Any]) -> tuple[str, tuple[float, ...]]:
-    """Key and values as an axis has them."""
-    return found[0], tuple(found[1])
-
-
 def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, Any]], found: Any,
            words: list[str]) -> None:
     """Pictures and JSON."""
-    from tcc_sim.output.files import write_json
-    from tcc_sim.output.provenance import document
-    from tcc_sim.paper.catalogue import AT_036_085, paper_system
-    from tcc_sim.paper.drawings import draw
-    from tcc_sim.paper.figure_options import FigureOptions
-    from tcc_sim.paper.figures import figure_system
-    from tcc_sim.paper.motions_page import BASINS, BRANCHES, NAMES
-    from tcc_sim.views.basin_map import draw as draw_basins
-
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
     for number, data in ((6, branches), *charts.items()):
@@ -100,6 +101,140 @@ def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, An
         write_json(folder / f"{name}.json", document("figure", data, figure_system(number, FigureOptions()), words))
     draw_basins(pictures / f"{BASINS}.png", found)
     write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))
+
+
+def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, beside: Sequence[str] = ()) -> str:
+    """The page: what was found, in counts and tables; every branch and curve by its points is in the JSON beside it.
+
+    Parameters
+    ----------
+    branches : the numbers of Fig. 6 with its branches
+    charts : the numbers of the charts
+    basins : the coexistence at omega/omega_n = 0.36 and mu_k/mu_s = 0.85
+    beside : lines of the comparison with AUTO-07p
+    """
+    lines = ["# Periodic motions", "", *_summary(branches, charts, basins), "",
+             "This page is generated: `python -m tcc_sim.benchmarks.motions` writes it, its pictures, and all branches "
+             "and curves by their points as",
+             "JSON. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing else is said. A sweep "
+             "shows what one",
+             "initial state leads to; branches show which motions there are, stable or not, and where each begins and "
+             "ends.", "",
+             "## Branches behind Fig. 6", "", f"![branches over mu_k/mu_s](pictures/{BRANCHES}.png)", "",
+             *_branches(branches), "", *_jumps(branches), "", "    tcc-sim figure 6 --branches", "",
+             "## Where motions begin and end in two parameters"]
+    for number, data in charts.items():
+        lines += ["", f"![Chart {number}](pictures/{NAMES[number]}.png)", "", *_chart(data), "",
+                  f"    tcc-sim figure {number}"]
+    lines += ["", "## Which initial state leads to which motion", "", f"![basins](pictures/{BASINS}.png)", "",
+              *_basins(basins), *([""] if beside else []), *beside]
+    return "\n".join(lines) + "\n"
+
+
+def _summary(branches: Data, charts: Mapping[int, Data], basins: Basins) -> list[str]:
+    """What was found, a line for each part."""
+    found = branches["curves"][0]
+    periods = sorted({b["period"] for b in found["branches"]})
+    causes = Counter(jump["cause"] for swept in branches["curves"] for jump in swept["jumps"])
+    boundary, beside = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
+    ends = sum(causes.values()) - boundary - beside - sum(causes[c] for c in UNSEEN)
+    lines = [f"- Branches behind Fig. 6: {len(found['branches'])}, of period {', '.join(map(str, periods))}, with "
+             f"{counted(len(found['bifurcations']), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
+             f"three sweeps {ends} are bifurcations, {boundary} cross the boundary of two basins, and {beside} lie "
+             "beside motions on no branch."]
+    for number, data in charts.items():
+        reasons = Counter(reason for curve in data["curves"] for reason in curve["reasons"])
+        lost = sum(n for reason, n in reasons.items() if ENDINGS.get(reason, LOST) == LOST)
+        lines.append(f"- Chart {number} has {counted(len(data['curves']), 'curve')}; {lost} of "
+                     f"{counted(sum(reasons.values()), 'end')} have no reason but that no further point was found.")
+    shares = ", ".join(f"{100.0 * basins.fraction(k):.1f} % to period {a.period or 'none'} of {a.largest:.1f} rad/s"
+                       for k, a in enumerate(basins.attractors))
+    return [*lines, f"- Initial states at omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85 lead: {shares}."]
+
+
+def _branches(data: Data) -> list[str]:
+    """Branches with their ends and bifurcations."""
+    curve, unit = data["curves"][0], data["unit"]
+    lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
+    for k, branch in enumerate(curve["branches"]):
+        ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
+                         for end, reason in zip((0, -1), branch["reasons"]))
+        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in curve["bifurcations"]
+                        if f["branch"] == k)
+        lines.append(f"| {branch['period']} | {min(branch['value']) / unit:.4f} to {max(branch['value']) / unit:.4f} | "
+                     f"{sum(branch['stable'])} of {len(branch['stable'])} | {ends} | {met or 'none'} |")
+    worst = max((f["residual"] for f in curve["bifurcations"]), default=0.0)
+    return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of where it has it."]
+
+
+def _jumps(data: Data) -> list[str]:
+    """The jumps of the sweeps by cause and place, with the sweeps that have them."""
+    unit, places = data["unit"], dict[tuple[str, str], list[str]]()
+    for swept in data["curves"]:
+        for jump in swept["jumps"]:
+            at = places.setdefault((jump["cause"], f"{jump['value'] / unit:.6f}"), [])
+            at += [WAYS[swept["direction"]]] * (WAYS[swept["direction"]] not in at)
+    lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []
+    for cause in dict.fromkeys(cause for cause, _ in places):
+        found = {place: ways for (name, place), ways in places.items() if name == cause}
+        where = ", ".join(f"{place} ({', '.join(ways)})" for place, ways in sorted(found.items()))
+        if cause in UNNAMED:
+            where = f"{counted(len(found), 'place')} from {min(found)} to {max(found)}"
+        lines.append(f"- {_cause(cause)}: {where}")
+    return lines
+
+
+def _cause(cause: str) -> str:
+    """The cause of a jump in words."""
+    return {"basin_boundary": "both motions go on, and the start crosses the boundary of their basins",
+            "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
+            "not_followed": "a motion beside it that lies on no branch followed"}.get(cause, cause.replace("_", " "))
+
+
+def _chart(data: Data) -> list[str]:
+    """The curves of a chart by kind: how many, over which ranges, and what they end at."""
+    units = data["unit"], data["second_unit"]
+    kinds: dict[str, list[Data]] = {}
+    for curve in data["curves"]:
+        kinds.setdefault(curve["label"] + (" (smoothed end of stick)" if curve["creep"] else ""), []).append(curve)
+    lines = [f"{escape(data['title'].replace('$', '').replace(chr(92), ''))}.", "",
+             f"| curves | how many | {escape(data['axis'])} | {escape(data['second_axis'])} |",
+             "| --- | ---: | --- | --- |"]
+    for name, curves in sorted(kinds.items()):
+        spans = [[x / unit for curve in curves for x in curve[key]] for key, unit in zip(("value", "second"), units)]
+        lines.append(f"| {escape(name)} | {len(curves)} | " + " | ".join(
+            f"{min(span):.4f} to {max(span):.4f}" for span in spans) + " |")
+    ends = Counter(ENDINGS.get(reason, LOST) for curve in data["curves"] for reason in curve["reasons"])
+    special = Counter(point["kind"].replace("_1_", " 1:").replace("_", " ") for curve in data["curves"]
+                      for point in curve.get("special", []))
+    lines += ["", "Ends: " + ", ".join(f"{n} {words}" for words, n in ends.most_common()) + "."]
+    if special:
+        lines.append("Points of codimension two: " + ", ".join(f"{n} {kind}" for kind, n in special.most_common())
+                     + ".")
+    return lines
+
+
+def _basins(found: Basins) -> list[str]:
+    """Attractors with their share of the plane, and what came to none."""
+    first, second = found.plane
+    lines = [f"omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85: {len(first.values)} by {len(second.values)} cells of "
+             f"{escape(first.key)} ({first.values[0]:g} to {first.values[-1]:g} rad/s) and {escape(second.key)} "
+             f"({second.values[0]:g} to {second.values[-1]:g} rad), {float(found.cycles.mean()):.1f} cycles a cell.",
+             "",
+             "| period | largest slip speed (rad/s) | largest multiplier | capture radius | part of the plane |",
+             "| ---: | ---: | ---: | ---: | ---: |"]
+    for k, attractor in enumerate(found.attractors):
+        size = "none" if attractor.multipliers is None else f"{abs(attractor.multipliers[0]):.6f}"
+        lines.append(f"| {attractor.period or 'none'} | {attractor.largest:.4f} | {size} | {attractor.radius:g} | "
+                     f"{100.0 * found.fraction(k):.3f} % |")
+    lines += ["",
+              f"Undecided: {100.0 * found.fraction(UNDECIDED):.3g} %; runaway slip: "
+              f"{100.0 * found.fraction(RUNAWAY):.3g} %."]
+    edge = found.boundary()
+    if edge is not None:
+        lines.append(f"The boundary has the uncertainty exponent {edge.exponent:.3f} (standard error "
+                     f"{edge.error:.3f}), dimension {edge.dimension:.3f}.")
+    return lines
 
 
 if __name__ == "__main__":

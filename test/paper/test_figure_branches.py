@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from documents import valid
 
-from tcc_sim.basins import rows as basin_rows
 from tcc_sim.basins.compute import Axis, Basins
 from tcc_sim.basins.proximity import Attractor
 from tcc_sim.benchmarks import motions
@@ -27,7 +26,6 @@ from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.histories import orbit_words
-from tcc_sim.paper.motions_page import motions_page
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 
@@ -181,7 +179,7 @@ def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypa
     pytest.importorskip("matplotlib")
     monkeypatch.setitem(figures.KINDS, "orbit", lambda row, options: given_figure(6, "orbit", [given_curve()]))
     monkeypatch.setitem(figures.KINDS, "chart", lambda row, options: given_chart())
-    monkeypatch.setattr(basin_rows, "basins", lambda *task, **how: [given_basins()])
+    monkeypatch.setattr(motions, "basins", lambda *task, **how: [given_basins()])
     folder = tmp_path / "motions"
     assert motions.main(["--quick", "--jobs", "1", "--out", str(folder)]) == 0
     page = (folder / "motions.md").read_text()
@@ -208,7 +206,7 @@ def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None
 def test_the_page_says_what_was_found() -> None:
     found = given_basins()
     branches = given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])
-    page = motions_page(branches, {19: given_chart(), 20: given_chart()}, found)
+    page = motions.motions_page(branches, {19: given_chart(), 20: given_chart()}, found)
     assert page.startswith("# Periodic motions\n")
     low, middle, share = (x / OMEGA_N for x in (20.0, 120.0, 150.0))
     for words in (f"| 1 | {low:.4f} to {share:.4f} | 2 of 4 | at the end of a range, {low:.6f}; in a canard, "
@@ -227,7 +225,8 @@ def test_the_page_joins_jumps_that_nothing_is_known_of() -> None:
     unknown = [{"value": x, "between": [x, x], "max_slip_speed": [size, size - 10.0], "cause": "aperiodic",
                 "bifurcation": None} for x, size in ((0.1, 90.0), (0.15, 80.0), (0.2, 70.0))]
     figure = given_figure(6, "orbit", [given_curve(jumps=unknown)])
-    lines = [line for line in motions_page(figure, {}, given_basins()).splitlines() if line.startswith("- a motion")]
+    page = motions.motions_page(figure, {}, given_basins())
+    lines = [line for line in page.splitlines() if line.startswith("- a motion")]
     unit = figure["unit"]
     assert lines == [f"- a motion without a period beside it: 3 places from {0.1 / unit:.6f} to {0.2 / unit:.6f}"]
 
