@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,8 +73,7 @@ for mesh in {meshes}:
 """
 
 
-@dataclass(frozen=True)
-class Followed:
+class Followed(NamedTuple):
     """A branch: points, CPU seconds, bifurcations as (AUTO's name, mu_k/mu_s), and what it was followed with."""
 
     points: int

@@ -96,12 +96,6 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
 
 
-def check_workers(arguments: argparse.Namespace) -> None:
-    """Raise MissingPackage before anything is computed where --dask needs what is not installed."""
-    if arguments.dask is not None:
-        require("distributed", "--dask")
-
-
 def add_solver(parser: argparse.ArgumentParser) -> None:
     """How a scene is solved, and what costs more than the figures that are always given."""
     parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
@@ -140,7 +134,7 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
     InputError
         Another suffix, a file that exists and is not to be replaced, or one that is asked for twice.
     MissingPackage
-        matplotlib is not installed, and --plot asks for it.
+        matplotlib is not installed, and --plot asks for it, or what --dask needs.
     """
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
     if out is not None and suffixes:
@@ -156,6 +150,8 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
     for path in named:
         if path != out or suffixes:
             new_file(path, arguments.force)
+    if getattr(arguments, "dask", None) is not None:
+        require("distributed", "--dask")
 
 
 def draw(arguments: argparse.Namespace, result: Any, title: str = "") -> None:

@@ -8,16 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import (
-    add_outputs,
-    add_scene,
-    add_workers,
-    check_outputs,
-    check_workers,
-    present,
-    refuse_swept,
-    scene_of,
-)
+from tcc_sim.cli.arguments import add_outputs, add_scene, add_workers, check_outputs, present, refuse_swept, scene_of
 from tcc_sim.errors import BasinsInterrupted, counted
 
 if TYPE_CHECKING:
@@ -51,7 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
     check_outputs(arguments, [".npz"])
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
-    check_workers(arguments)
     try:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True, said=said("basin_rows", scene, arguments.words))

@@ -13,7 +13,6 @@ from tcc_sim.cli.arguments import (
     add_solver,
     add_workers,
     check_outputs,
-    check_workers,
     draw,
     present,
     refuse_swept,
@@ -64,7 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
                 **solver_options(arguments))
     check_outputs(arguments)
-    check_workers(arguments)
     curves, gather = _work(arguments, scene.system)
     ended = ""
     try:

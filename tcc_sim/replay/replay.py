@@ -70,8 +70,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     >>> import tcc_sim
     >>> from tcc_sim.recording.trajectory_bag import write_trajectory
     >>> scene = tcc_sim.load_scene("slip")
-    >>> run = tcc_sim.solve(scene, cycles=60, samples_per_cycle=50)
-    >>> write_trajectory(folder / "slip.mcap", run, scene.text())
+    >>> write_trajectory(folder / "slip.mcap", tcc_sim.solve(scene, cycles=60, samples_per_cycle=50), scene.text())
     >>> tcc_sim.analyse(folder / "slip.mcap", discard=30).summary.regime
     'slip'
     """

@@ -60,12 +60,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
         Fewer than two samples, times that do not increase, or cycles beyond the samples.
     """
     t = np.asarray(t, dtype=np.float64)
-    if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
-        raise InputError("sample times must be two or more and strictly increasing")
-    slack = 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
-    if starts[0] < t[0] - slack or (len(starts) > 1 and starts[-1] > t[-1] + slack):
-        raise InputError(f"engine cycles from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
-                         f"from {t[0]:g} to {t[-1]:g} s")
+    _check_times(t, starts)
     place = np.searchsorted(t, starts, side="right")
     left = np.clip(place - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
@@ -95,6 +90,16 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
                                                np.asarray(plate_acceleration), starts, section, stick_speed, linear)
     return Cycles(section, np.maximum.reduceat(values.max(axis=1), pieces),
                   np.minimum.reduceat(values.min(axis=1), pieces), np.add.reduceat(within, pieces), loads)
+
+
+def _check_times(t: Floats, starts: Floats) -> None:
+    """Raise InputError where times of samples do not increase, or engine cycles do not lie within them."""
+    if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
+        raise InputError("sample times must be two or more and strictly increasing")
+    slack = 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
+    if starts[0] < t[0] - slack or (len(starts) > 1 and starts[-1] > t[-1] + slack):
+        raise InputError(f"engine cycles from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
+                         f"from {t[0]:g} to {t[-1]:g} s")
 
 
 def _loads(t: Floats, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, starts: Floats,
