@@ -12,7 +12,11 @@ from tcc_sim.trajectory import Floats, integral
 
 
 class CycleMeans:
-    """Means over whole engine cycles by the trapezoidal rule; none where nobody knows when the cycles start."""
+    """Means over whole engine cycles by the trapezoidal rule; none where nobody knows when the cycles start.
+
+    Samples that begin more than one and a half steps after the last ones leave a gap: the cycles that it touches have
+    no mean.
+    """
 
     def __init__(self, clock: EngineClock) -> None:
         self._clock = clock
@@ -29,6 +33,8 @@ class CycleMeans:
         -------
         for each stretch of cycles that they complete, the number of the first, ends (s) and means, (m,) arrays
         """
+        if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > 1.5 * float(np.median(np.diff(t))):
+            self.restart()
         t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
         if not self._clock.told or (t[-1] - t[0]) / self._clock.cycle > len(t):
             # Fewer samples than cycles: time has leapt.

@@ -61,10 +61,14 @@ def charts(quick: bool, done: Callable[[str], None]) -> list[Record]:
     return out
 
 
+def stick_rate(system: System) -> float:
+    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
+    return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
+
+
 def rk4_limit(system: System) -> float:
     """The largest step, s, at which classical Runge-Kutta is stable in stick: 2.785/(beta Ts r sigma)."""
-    load = peak_load(terms_of(system))
-    return RK4_REACH / (system.inverse_inertia * load * system.friction_ratio * system.friction.smoothing)
+    return RK4_REACH / stick_rate(system)
 
 
 def uniqueness_limit(system: System) -> float | None:

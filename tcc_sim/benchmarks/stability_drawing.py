@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.views import style
+from tcc_sim.views.sweeps import edges, numbers
 
 LABELS = {"friction.smoothing": "smoothing $\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
           "pressure.mean": "mean pressure (Pa)"}
@@ -58,11 +59,12 @@ def _chart(axis: Any, chart: dict[str, Any], lines: dict[str, Any]) -> Any:
     steps = np.array(chart["steps"])
     ratio = chart["over"] == "friction.kinetic_coefficient"
     values = 0.3 / np.array(chart["values"]) if ratio else np.array(chart["values"])
+    borders = edges(values) if ratio else np.exp(edges(np.log(values)))
     with np.errstate(all="ignore"):
-        found = np.array([[np.nan if e is None else e for e in row] for row in chart["errors"]], dtype=float)
+        found = np.array([numbers(row) for row in chart["errors"]])
         level = np.clip(np.log10(np.maximum(found, 1e-30)), LOWEST, 0.0)
     axis.set_facecolor("#9A9A9A")
-    shade = axis.pcolormesh(_edges(steps, True), _edges(values, not ratio), np.ma.masked_invalid(level),
+    shade = axis.pcolormesh(np.exp(edges(np.log(steps))), borders, np.ma.masked_invalid(level),
                             cmap="viridis_r",
                             vmin=LOWEST, vmax=0.0, rasterized=True)
     axis.grid(False)
@@ -76,7 +78,7 @@ def _chart(axis: Any, chart: dict[str, Any], lines: dict[str, Any]) -> Any:
     for name, (limit, colour, dashes) in limits.items():
         if chart["method"] != "rk4" and colour == style.RED:
             continue
-        at = np.array([np.nan if x is None else x for x in limit], dtype=float)
+        at = numbers(limit)
         outline, = axis.plot(at, values, color=style.INK, linewidth=2.4,
                              linestyle="-" if colour == style.RED else dashes)
         line, = axis.plot(at, values, color=colour, linewidth=1.4, linestyle=dashes)
@@ -84,14 +86,6 @@ def _chart(axis: Any, chart: dict[str, Any], lines: dict[str, Any]) -> Any:
     axis.set_xlim(bounds[0])
     axis.set_ylim(bounds[1])
     return shade
-
-
-def _edges(centres: Any, logarithmic: bool) -> Any:
-    """Cell edges around increasing centres."""
-    x = np.log(centres) if logarithmic else centres
-    middle = 0.5 * (x[1:] + x[:-1])
-    out = np.concatenate([[2.0 * x[0] - middle[0]], middle, [2.0 * x[-1] - middle[-1]]])
-    return np.exp(out) if logarithmic else out
 
 
 def _sorted(axis: Any, cases: list[dict[str, Any]], key: str, name: str) -> None:

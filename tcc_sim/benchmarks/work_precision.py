@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tcc_sim.benchmarks import peers, steady_state
+from tcc_sim.benchmarks.error_charts import stick_rate
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.benchmarks.sweep_speed import SpeedEffort
 from tcc_sim.benchmarks.timing import least_seconds
@@ -21,7 +22,6 @@ from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, Status, solve
-from tcc_sim.solvers.terms import peak_load, terms_of
 from tcc_sim.trajectory import Trajectory
 
 Record = dict[str, Any]
@@ -172,11 +172,6 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
         if relay if peer.startswith("Siconos") else law == "smoothed":
             for value in ladder:
                 yield peer, value
-
-
-def stick_rate(system: System) -> float:
-    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
-    return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
 
 
 def record_run(record: Record, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:

@@ -53,7 +53,6 @@ class ControlWatch:
                                                                         for name in PROFILES}
         self._means = CycleMeans(Uniform(cycle))
         self._applied = math.nan
-        self._last_ns = -1
 
     def poll(self) -> None:
         """Take what has arrived; messages that cannot be read are left out."""
@@ -94,13 +93,7 @@ class ControlWatch:
             changed = np.diff(pressure, prepend=self._applied) != 0.0
             self._applied = float(pressure[-1])
             signals["applied_pressure"] = stamps_of[changed], pressure[changed]
-        signals["mean_slip"] = self._means_of(stamp_ns, slip_speed, new_run)
-        return signals, events
-
-    def _means_of(self, stamp_ns: NDArray[np.int64], slip_speed: Floats, new_run: bool) -> Signal:
-        """Means over whole engine cycles, anew after a gap."""
-        tick = float(np.median(np.diff(stamp_ns))) if len(stamp_ns) > 1 else math.inf
-        if new_run or stamp_ns[0] - self._last_ns > 1.5 * tick:
+        if new_run:
             self._means.restart()
-        self._last_ns = int(stamp_ns[-1])
-        return joined_means(self._means.feed(stamp_ns.astype(np.float64) * 1e-9, slip_speed))
+        signals["mean_slip"] = joined_means(self._means.feed(stamp_ns.astype(np.float64) * 1e-9, slip_speed))
+        return signals, events

@@ -13,6 +13,7 @@ from tcc_sim.paper import histories as paper_histories
 from tcc_sim.paper.catalogue import plain
 from tcc_sim.paper.law_drawing import paint_law
 from tcc_sim.views import style
+from tcc_sim.views.sweeps import numbers
 
 Data = dict[str, Any]
 
@@ -66,11 +67,6 @@ def caption_of(data: Data) -> str:
         else:
             lines[-1] += f"; {part}"
     return ";\n".join(lines)
-
-
-def _numbers(values: list[float | None]) -> np.ndarray:
-    """Values with NaN for those that are missing."""
-    return np.array([np.nan if x is None else x for x in values], dtype=np.float64)
 
 
 def _marks(axis: Any, data: Data) -> None:
@@ -211,7 +207,7 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     """Both readings of (21) above the maxima and the orbit diagram."""
     curve, x = data["curves"][0], np.array(data["x"])
     damping, maxima, orbit = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 0.8, 1.0))
-    weighted, negative = _numbers(curve["equivalent_damping"]), _numbers(curve["negative_slope_mean"])
+    weighted, negative = numbers(curve["equivalent_damping"]), numbers(curve["negative_slope_mean"])
     damping.plot(x, weighted, color=style.GREEN, label=r"$C_f$ of (21) as printed")
     damping.plot(x, negative, color=style.BLUE, label=r"time mean of min($\partial T/\partial\dot\delta_1$, 0)")
     damping.axhline(data["threshold"], color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))

@@ -89,7 +89,9 @@ class ControlLog:
         if not len(batch):
             return fresh
         t = batch.stamp_ns.astype(np.float64) * 1e-9
-        self._means_of(t, slip_speed, batch.run, fresh)
+        ends, means = joined_means(self._means.feed(t, slip_speed, batch.run))
+        if len(ends):
+            fresh.signals["mean_slip"] = ends, means
         for name, (rows, values) in commands.items():
             if name != SOURCE:
                 fresh.signals[name] = batch.stamp_ns[rows], values
@@ -121,14 +123,6 @@ class ControlLog:
         if len(held) > MOST_PARTS:
             held[:] = [(np.concatenate([part[0] for part in held])[-MOST_STEPS:],
                         np.concatenate([part[1] for part in held])[-MOST_STEPS:])]
-
-    def _means_of(self, t: Floats, slip_speed: Floats, run: int, fresh: Fresh) -> None:
-        """Cycle means; a gap starts them anew."""
-        if math.isfinite(self._end) and len(t) > 1 and t[0] - self._end > 1.5 * float(np.median(np.diff(t))):
-            self._means.restart()
-        ends, means = joined_means(self._means.feed(t, slip_speed, run))
-        if len(ends):
-            fresh.signals["mean_slip"] = ends, means
 
     def _changes(self, batch: JointStates, fresh: Fresh) -> None:
         """Parameters that were changed up to the end of a batch; what a new run begins with is no event of it."""

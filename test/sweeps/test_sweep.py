@@ -203,23 +203,13 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(  # type: igno
 
 
 @pytest.mark.parametrize("words", [
-    ["--over", "engine.torque_amplitude=10:40"],
-    ["--over", "engine.torque_amplitude=10:40:0"],
-    ["--over", "engine.torque_amplitud=10:40:3"],
-    ["--over", "friction.kinetic_coefficient=0.1:0.5:3"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "150"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "some"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--discard", "-1"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--jobs", "-1"],
-    ["--over", "engine.torque_amplitude=10:40:-3"],
-    ["--over", "engine.torque_amplitude=nan:40:3"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--jobs", "0"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--solver", "none"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--cycles", "0"],
-    ["--over", "engine.torque_amplitude=10:40:3", "--rtol", "2"],
-    ["--over", "friction.law=1:2:2"],
-    ["--over", "rate=100:200:2"],
-])
+    *(["--over", over] for over in (
+        "engine.torque_amplitude=10:40", "engine.torque_amplitude=10:40:0", "engine.torque_amplitud=10:40:3",
+        "engine.torque_amplitude=10:40:-3", "engine.torque_amplitude=nan:40:3",
+        "friction.kinetic_coefficient=0.1:0.5:3", "friction.law=1:2:2", "rate=100:200:2")),
+    *(["--over", "engine.torque_amplitude=10:40:3", option, value] for option, value in (
+        ("--discard", "150"), ("--discard", "some"), ("--discard", "-1"), ("--jobs", "-1"), ("--jobs", "0"),
+        ("--solver", "none"), ("--cycles", "0"), ("--rtol", "2")))])
 def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path,
                                               capsys) -> None:  # type: ignore[no-untyped-def]
     out = tmp_path / "out.jsonl"
