@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, ClassVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure, counted
-from tcc_sim.model.parameters import System
+from tcc_sim.model.parameters import Initial, System
 from tcc_sim.result import Result
 
 Floats = NDArray[np.float64]
@@ -42,6 +42,16 @@ class State:
     def of(numbers: Iterable[float]) -> State:
         """The state with these slip speed, plate angle and plate speed."""
         return State(*map(float, numbers))
+
+    @staticmethod
+    def at_start(system: System) -> State:
+        """The initial state of a system."""
+        start = system.initial
+        return State(start.slip_speed, start.plate_angle, start.plate_speed)
+
+    def starting(self, system: System) -> System:
+        """A system with this for its initial state."""
+        return replace(system, initial=Initial(*self.numbers))
 
     @property
     def numbers(self) -> tuple[float, float, float]:

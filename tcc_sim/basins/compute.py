@@ -22,6 +22,7 @@ from tcc_sim.continuation.problem import Floats
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
 from tcc_sim.result import Result
+from tcc_sim.trajectory import State
 
 MOST_CELLS = 4_000_000
 ATTRACTORS_SHOWN = 12
@@ -148,7 +149,7 @@ def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
 
 def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
     """(len(first), 3) initial states of one row of the plane."""
-    out = np.tile(system.initial.numbers, (len(plane[0].values), 1))
+    out = np.tile(State.at_start(system).numbers, (len(plane[0].values), 1))
     out[:, PLANE_KEYS.index(plane[0].key)] = plane[0].values
     out[:, PLANE_KEYS.index(plane[1].key)] = plane[1].values[row]
     return out
@@ -160,7 +161,7 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
     """
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
     unit = np.concatenate([edges, halton(DEFAULT_SETTINGS.seeds, 2)])
-    out = np.tile(system.initial.numbers, (len(unit) + 1, 1))
+    out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
     for axis, part in zip(plane, unit.T):
         low, high = min(axis.values), max(axis.values)
         out[1:, PLANE_KEYS.index(axis.key)] = low + (high - low) * part

@@ -32,6 +32,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.output.terminal import say
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 KEY = "friction.kinetic_coefficient"
@@ -100,7 +101,8 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
     seconds, branch = least_seconds(lambda: branch_through(first), REPEATS)
     found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
-    return Followed(len(branch.points), seconds, found, "default settings"), system.begun_at(shooting.nodes(z)[0])
+    started = State.of(shooting.nodes(z)[0]).starting(system)
+    return Followed(len(branch.points), seconds, found, "default settings"), started
 
 
 def model(system: System) -> str:

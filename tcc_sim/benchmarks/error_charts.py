@@ -21,6 +21,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.terms import peak_load, terms_of
+from tcc_sim.trajectory import State
 
 Record = dict[str, Any]
 CYCLES = 2
@@ -127,7 +128,7 @@ def one_step(system: System, step: float) -> Any:
     """Sections of SDIRK3 with whole steps of at most `step` in a cycle, no sub-steps."""
     terms, cycle = terms_of(system), system.cycle
     count = max(math.ceil(cycle / step - 1e-9), 1)
-    state = np.array(system.initial.numbers)
+    state = np.array(State.at_start(system).numbers)
     section = [state.copy()]
     for n in range(CYCLES):
         advance(state, n * cycle, cycle / count, count, terms, None, None)

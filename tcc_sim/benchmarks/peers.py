@@ -25,6 +25,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_along, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.trajectory import State
 
 TIMEOUT = 60.0
 """Seconds that a peer may take for one run."""
@@ -62,7 +63,7 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle
     ends.
     """
-    terms, y = terms_of(system), np.array(system.initial.numbers)
+    terms, y = terms_of(system), np.array(State.at_start(system).numbers)
     atol = np.asarray(rtol * _sizes(system))
     ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
 
@@ -90,7 +91,7 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
         from sksundae.cvode import CVODE
     except ImportError:
         raise Failed("not installed") from None
-    terms, y = terms_of(system), np.array(system.initial.numbers)
+    terms, y = terms_of(system), np.array(State.at_start(system).numbers)
 
     def rates(t: float, y: Floats, out: Floats) -> None:
         out[:] = rates_of(t, y, terms)
@@ -213,7 +214,7 @@ def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> 
     job = {"linear": [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness], "limit": system.saturation_mean,
            "mean": e.mean_torque, "amplitude": e.torque_amplitude, "frequency": e.frequency, "cycles": cycles,
            "steps_per_cycle": steps_per_cycle, "theta": theta,
-           "initial": list(system.initial.numbers)}
+           "initial": list(State.at_start(system).numbers)}
     try:
         ended = subprocess.run([interpreter, str(Path(__file__).with_name("siconos_relay.py"))], input=json.dumps(job),
                                capture_output=True, text=True, timeout=TIMEOUT, check=False, env=_plain_environment())

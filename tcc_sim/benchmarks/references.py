@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tcc_sim.model.parameters import System
+from tcc_sim.trajectory import State
 
 Floats = NDArray[np.float64]
 POINTS = 129
@@ -127,7 +128,7 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     Unfinished
         SciPy gave up.
     """
-    law, y = Law(system), np.array(system.initial.numbers)
+    law, y = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.empty(cycles), np.zeros(3)
     section[0] = y
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
@@ -156,7 +157,7 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
     Unfinished
         SciPy gave up, or took more than EVALUATIONS.
     """
-    law, y = Law(system, EVALUATIONS), np.array(system.initial.numbers)
+    law, y = Law(system, EVALUATIONS), np.array(State.at_start(system).numbers)
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
     t, changed, largest, atol = 0.0, -math.inf, np.abs(y), rtol * _scales(system)
     while t < duration:

@@ -17,7 +17,7 @@ from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.benchmarks.references import Unfinished, reference
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import Status, solve
-from tcc_sim.trajectory import Cycles, Floats
+from tcc_sim.trajectory import Cycles, Floats, State
 
 CYCLES, QUICK_CYCLES = 3000, 1000
 """Engine cycles from the initial state: Fig. 2 with the set-valued law takes some 700 to settle."""
@@ -64,7 +64,7 @@ def steady_reference(system: System, cycles: int, method: str, rtol: float) -> d
         return out
     begun = run.cycles.section[cycles // found.period * found.period]
     try:
-        truth = reference(system.begun_at(begun), found.period, method, rtol)
+        truth = reference(State.of(begun).starting(system), found.period, method, rtol)
     except Unfinished:
         return out
     out["max_slip_speed"] = float(truth.largest.max())

@@ -93,7 +93,7 @@ def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> R
 
 def settled(system: System) -> System:
     """The same system with the initial state that it has come to after SETTLING engine cycles."""
-    return system.begun_at(solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final.numbers)
+    return solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final.starting(system)
 
 
 def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:

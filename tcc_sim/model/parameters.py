@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -151,11 +151,6 @@ class Initial(Group):
     plate_angle: float = quantity(0.0, "initial plate angle theta2", "rad", -1e3, 1e3)
     plate_speed: float = quantity(0.0, "initial plate speed", "rad/s", -1e5, 1e5)
 
-    @property
-    def numbers(self) -> tuple[float, float, float]:
-        """Slip speed, plate angle and plate speed."""
-        return self.slip_speed, self.plate_angle, self.plate_speed
-
 
 @dataclass(frozen=True)
 class System:
@@ -185,10 +180,6 @@ class System:
             return None
         from tcc_sim.model.course import course_of
         return course_of(self.engine, self.pressure, self.inputs)
-
-    def begun_at(self, numbers: Iterable[float]) -> System:
-        """The same with another initial state: slip speed (rad/s), plate angle (rad), plate speed (rad/s)."""
-        return dataclasses.replace(self, initial=Initial(*map(float, numbers)))
 
     def cycle_start(self, number: Any) -> Any:
         """When engine cycles of these numbers, an array or one, start: where phi = 2 pi n; s."""

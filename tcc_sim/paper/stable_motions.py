@@ -33,7 +33,7 @@ from tcc_sim.paper.seen_motions import RUNS, seen_in
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.sweeps.workers import workers
-from tcc_sim.trajectory import Floats
+from tcc_sim.trajectory import Floats, State
 
 SMOOTHING = "friction.smoothing"
 NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}
@@ -158,7 +158,7 @@ class Motion:
 
 def _attractors(system: System) -> list[Attractor]:
     """The attractors found from (13) and from points spread over states."""
-    own = np.array(system.initial.numbers)
+    own = np.array(State.at_start(system).numbers)
     return find_attractors(DrivelineMotion(system), [own, *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))])
 
 
