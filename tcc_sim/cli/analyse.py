@@ -66,17 +66,21 @@ def run(arguments: argparse.Namespace) -> int:
                    verify=arguments.verify, damping=arguments.damping, window=window,
                    joints=arguments.joints, progress=True)
     lines, results = found.lines(), found.json()
-    if arguments.out is not None or arguments.orders:
+    drawn: object = found
+    # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
+    whole = arguments.plot is not None and found.scene.system.course is not None
+    if arguments.out is not None or arguments.orders or whole:
         recording = read(arguments.recording, arguments.scene, arguments.joints)
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
+        drawn = samples if whole else found
     if arguments.orders:
         from tcc_sim.analysis.orders import orders_of
 
-        orders = orders_of(samples)
+        drawn = orders = orders_of(samples)
         results["orders"] = orders.as_json()
         lines += order_lines(orders)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), head=True)
-    draw(arguments, orders if arguments.orders else found, arguments.recording.name)
+    draw(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, lambda: results, lines)
     return 0

@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.plant.closed_loop import closed_loop
 from tcc_sim.recording.trajectory_bag import write_trajectory
+from tcc_sim.replay.recorded import read
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory
 
@@ -91,6 +93,22 @@ def test_the_table_and_the_files(capsys, recording, tmp_path):
                   "largest |slip speed|"):
         assert words in out
     assert json.loads((tmp_path / "a.json").read_text())["frequency"] == 75.0
+
+
+@pytest.mark.parametrize(("profile", "whole"), [({}, False), ({"engine.frequency_times": (0.0, 2.0),
+                                                               "engine.frequency_values": (150.0, 180.0)}, True)])
+def test_of_a_manoeuvre_the_whole_is_drawn(monkeypatch, recording, tmp_path, profile, whole):
+    pytest.importorskip("matplotlib")
+    drawn = []
+    monkeypatch.setattr("tcc_sim.views.plots.plot", lambda result, part, *_, **__: (drawn.append(result), part.touch()))
+    run = replace(read(recording).trajectory(), system=load_scene("slip").with_values(profile).system, cycles=None)
+    path = tmp_path / "driven.mcap"
+    write_trajectory(path, run, load_scene("slip").with_values(profile).text())
+    assert main(["analyse", str(path), "--plot", str(tmp_path / "run.png")]) == 0
+    assert isinstance(drawn[0], Trajectory) == whole
+    if whole:
+        assert drawn[0].t[[0, -1]].tolist() == [0.0, 2.0]
+        assert drawn[0].system.course is not None
 
 
 def test_existing_files_are_replaced_only_by_force(capsys, recording, tmp_path):
