@@ -66,7 +66,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
-             for name in ("tcc_model.h", SOURCES[version])}
+             for name in ("tcc_model.h", "fmi_shared.h", SOURCES[version])}
     texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{kernel()}"
     parts = "".join([*texts.values(), header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])

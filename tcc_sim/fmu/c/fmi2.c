@@ -20,26 +20,10 @@ typedef struct {
     void (*stepFinished)(fmi2ComponentEnvironment, fmi2Status);
     fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
-#ifdef _WIN32
-#define FMI2_Export __declspec(dllexport)
-#elif defined(__GNUC__)
-#define FMI2_Export __attribute__((visibility("default")))
-#else
-#define FMI2_Export
-#endif
 #ifdef FMI2_FUNCTION_PREFIX
-#define TCC_PASTE(a, b) a##b
-#define TCC_NAME(prefix, name) TCC_PASTE(prefix, name)
-#define F(name) TCC_NAME(FMI2_FUNCTION_PREFIX, name)
-#else
-#define F(name) name
+#define TCC_PREFIX FMI2_FUNCTION_PREFIX
 #endif
-#else
-#define F(name) name
 #endif
-
-#define FUNCTION(name, ...) FMI2_Export fmi2Status F(name)(__VA_ARGS__); fmi2Status F(name)(__VA_ARGS__)
-#define OTHER(type, name, ...) FMI2_Export type F(name)(__VA_ARGS__); type F(name)(__VA_ARGS__)
 
 typedef struct {
     tcc_plant plant;
@@ -58,19 +42,12 @@ static fmi2Status answer(Instance *i, tcc_answer found)
     return statuses[found];
 }
 
-static fmi2Status unsupported(fmi2Component c, const char *what)
-{
-    return answer(c, tcc_say(&((Instance *)c)->plant, TCC_ERROR, "%s", what));
-}
+#define V(name) fmi2##name
+#define STATE(before, after) fmi2##before##FMUstate##after
+#include "fmi_shared.h"
 
 OTHER(const char *, fmi2GetTypesPlatform, void) { return "default"; }
 OTHER(const char *, fmi2GetVersion, void) { return "2.0"; }
-
-FUNCTION(fmi2SetDebugLogging, fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
-{
-    (void)c; (void)on; (void)n; (void)categories;
-    return fmi2OK;
-}
 
 OTHER(fmi2Component, fmi2Instantiate, fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
       const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
@@ -90,8 +67,6 @@ OTHER(fmi2Component, fmi2Instantiate, fmi2String name, fmi2Type type, fmi2String
     return NULL;
 }
 
-OTHER(void, fmi2FreeInstance, fmi2Component c) { free(c); }
-
 FUNCTION(fmi2SetupExperiment, fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
          fmi2Boolean stop_defined, fmi2Real stop)
 {
@@ -107,9 +82,6 @@ FUNCTION(fmi2EnterInitializationMode, fmi2Component c)
 {
     return answer(c, tcc_enter_initialization(&((Instance *)c)->plant, ((Instance *)c)->start_time));
 }
-
-FUNCTION(fmi2ExitInitializationMode, fmi2Component c) { return answer(c, tcc_exit_initialization(&((Instance *)c)->plant)); }
-FUNCTION(fmi2Terminate, fmi2Component c) { return answer(c, tcc_terminate(&((Instance *)c)->plant)); }
 
 FUNCTION(fmi2Reset, fmi2Component c)
 {
@@ -154,27 +126,6 @@ FUNCTION(fmi2DoStep, fmi2Component c, fmi2Real now, fmi2Real length, fmi2Boolean
 }
 
 FUNCTION(fmi2CancelStep, fmi2Component c) { return unsupported(c, "no step is under way"); }
-FUNCTION(fmi2GetFMUstate, fmi2Component c, fmi2FMUstate *s) { return answer(c, tcc_keep(&((Instance *)c)->plant, s)); }
-FUNCTION(fmi2SetFMUstate, fmi2Component c, fmi2FMUstate s) { return answer(c, tcc_restore(&((Instance *)c)->plant, s)); }
-
-FUNCTION(fmi2FreeFMUstate, fmi2Component c, fmi2FMUstate *s)
-{
-    (void)c;
-    if (s) { free(*s); *s = NULL; }
-    return fmi2OK;
-}
-
-FUNCTION(fmi2SerializedFMUstateSize, fmi2Component c, fmi2FMUstate s, size_t *n)
-{
-    (void)c; (void)s;
-    *n = sizeof(tcc_kept);
-    return fmi2OK;
-}
-
-FUNCTION(fmi2SerializeFMUstate, fmi2Component c, fmi2FMUstate s, fmi2Byte bytes[], size_t n)
-{
-    return answer(c, tcc_serialise(&((Instance *)c)->plant, s, bytes, n));
-}
 
 FUNCTION(fmi2DeSerializeFMUstate, fmi2Component c, const fmi2Byte bytes[], size_t n, fmi2FMUstate *s)
 {

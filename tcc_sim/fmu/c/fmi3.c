@@ -31,26 +31,10 @@ typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Floa
                                                fmi3Boolean, fmi3Boolean *, fmi3Float64 *);
 typedef void (*fmi3LockPreemptionCallback)(void);
 typedef void (*fmi3UnlockPreemptionCallback)(void);
-#ifdef _WIN32
-#define FMI3_Export __declspec(dllexport)
-#elif defined(__GNUC__)
-#define FMI3_Export __attribute__((visibility("default")))
-#else
-#define FMI3_Export
-#endif
 #ifdef FMI3_FUNCTION_PREFIX
-#define TCC_PASTE(a, b) a##b
-#define TCC_NAME(prefix, name) TCC_PASTE(prefix, name)
-#define F(name) TCC_NAME(FMI3_FUNCTION_PREFIX, name)
-#else
-#define F(name) name
+#define TCC_PREFIX FMI3_FUNCTION_PREFIX
 #endif
-#else
-#define F(name) name
 #endif
-
-#define FUNCTION(name, ...) FMI3_Export fmi3Status F(name)(__VA_ARGS__); fmi3Status F(name)(__VA_ARGS__)
-#define OTHER(type, name, ...) FMI3_Export type F(name)(__VA_ARGS__); type F(name)(__VA_ARGS__)
 
 typedef struct {
     tcc_plant plant;
@@ -66,18 +50,11 @@ static fmi3Status answer(Instance *i, tcc_answer found)
     return statuses[found];
 }
 
-static fmi3Status unsupported(fmi3Instance c, const char *what)
-{
-    return answer(c, tcc_say(&((Instance *)c)->plant, TCC_ERROR, "%s", what));
-}
+#define V(name) fmi3##name
+#define STATE(before, after) fmi3##before##FMUState##after
+#include "fmi_shared.h"
 
 OTHER(const char *, fmi3GetVersion, void) { return "3.0"; }
-
-FUNCTION(fmi3SetDebugLogging, fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String categories[])
-{
-    (void)c; (void)on; (void)n; (void)categories;
-    return fmi3OK;
-}
 
 static fmi3Instance refuse(fmi3InstanceEnvironment environment, fmi3LogMessageCallback log, const char *why)
 {
@@ -116,17 +93,12 @@ OTHER(fmi3Instance, fmi3InstantiateScheduledExecution, fmi3String name, fmi3Stri
     return refuse(environment, log, "this FMU is for co-simulation only");
 }
 
-OTHER(void, fmi3FreeInstance, fmi3Instance c) { free(c); }
-
 FUNCTION(fmi3EnterInitializationMode, fmi3Instance c, fmi3Boolean tolerance_defined, fmi3Float64 tolerance, fmi3Float64 start,
          fmi3Boolean stop_defined, fmi3Float64 stop)
 {
     (void)tolerance_defined; (void)tolerance; (void)stop_defined; (void)stop;
     return answer(c, tcc_enter_initialization(&((Instance *)c)->plant, start));
 }
-
-FUNCTION(fmi3ExitInitializationMode, fmi3Instance c) { return answer(c, tcc_exit_initialization(&((Instance *)c)->plant)); }
-FUNCTION(fmi3Terminate, fmi3Instance c) { return answer(c, tcc_terminate(&((Instance *)c)->plant)); }
 
 FUNCTION(fmi3Reset, fmi3Instance c)
 {
@@ -193,28 +165,6 @@ FUNCTION(fmi3DoStep, fmi3Instance c, fmi3Float64 now, fmi3Float64 length, fmi3Bo
     *event = *terminate = *early = false;
     *last = tcc_time(&i->plant.model);
     return answer(i, found);
-}
-
-FUNCTION(fmi3GetFMUState, fmi3Instance c, fmi3FMUState *s) { return answer(c, tcc_keep(&((Instance *)c)->plant, s)); }
-FUNCTION(fmi3SetFMUState, fmi3Instance c, fmi3FMUState s) { return answer(c, tcc_restore(&((Instance *)c)->plant, s)); }
-
-FUNCTION(fmi3FreeFMUState, fmi3Instance c, fmi3FMUState *s)
-{
-    (void)c;
-    if (s) { free(*s); *s = NULL; }
-    return fmi3OK;
-}
-
-FUNCTION(fmi3SerializedFMUStateSize, fmi3Instance c, fmi3FMUState s, size_t *n)
-{
-    (void)c; (void)s;
-    *n = sizeof(tcc_kept);
-    return fmi3OK;
-}
-
-FUNCTION(fmi3SerializeFMUState, fmi3Instance c, fmi3FMUState s, fmi3Byte bytes[], size_t n)
-{
-    return answer(c, tcc_serialise(&((Instance *)c)->plant, s, bytes, n));
 }
 
 FUNCTION(fmi3DeserializeFMUState, fmi3Instance c, const fmi3Byte bytes[], size_t n, fmi3FMUState *s)
