@@ -254,7 +254,7 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
         axis.set_ylabel(SECTION)
         style.legend_above(axis)
     for axis in axes:
-        _slipping_away(axis, x, data)
+        shade_slipping_away(axis, x, data)
     for axis in axes[1:]:
         axis.sharex(axes[0])
     for axis in axes[1:len(shown)]:
@@ -280,7 +280,7 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
         axes[-1].set_title(axes[-1].get_title(loc="left"), pad=panels.room_above(curves))
 
 
-def _slipping_away(axis: Any, x: list[float], data: Data) -> None:
+def shade_slipping_away(axis: Any, x: list[float], data: Data) -> None:
     """Where Tsm < Tm: what does not stick slips away."""
     keys = data["parameters"]
     ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]

@@ -151,6 +151,20 @@ def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     assert max(s.value for s in branch.points) > 61.09
 
 
+def test_the_gradient_of_the_amplitudes_is_that_of_differences() -> None:
+    """By central differences, in natural sizes; the largest of them is the largest slip speed."""
+    system = load_scene("fig02").system
+    of = DrivelineMap(system, ("engine.frequency",))
+    shooting = Shooting.single(of, 1, ParameterRange(100.0, 200.0, name="engine.frequency"))
+    z = shooting.unknowns(np.array([[10.0, 0.1, 5.0]]), (150.0,))
+    found = shooting.linearise(z)
+    largest = of.observe(shooting.nodes(z)[0], (150.0,), 0, 1).largest
+    assert float(found.amplitudes.max()) * of.amplitude_scale == pytest.approx(largest, rel=1e-6)
+    for k, step in enumerate(np.eye(len(z)) * 1e-5):
+        ahead, behind = (shooting.linearise(z + sign * step).amplitudes for sign in (1.0, -1.0))
+        assert found.amplitude_gradient[:, k] == pytest.approx((ahead - behind) / 2e-5, rel=1e-3, abs=1e-5)
+
+
 @pytest.mark.parametrize(("key", "values", "words"), [
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
