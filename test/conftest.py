@@ -3,7 +3,10 @@
 import os
 import signal
 
-from tcc_sim.solvers.compiling import kernel_cache
+# Small matrices gain nothing from threads, which wait for each other by counting: a third of the tests' processor time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from tcc_sim.solvers.compiling import kernel_cache  # NumPy reads that when it is loaded.
 
 
 def pytest_configure() -> None:
