@@ -165,8 +165,9 @@ def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
         row[size] = 1.0
         guess = solution.z + room / slope * solution.tangent
         guess[size] = bound
-        found = corrector(here.shooting, guess, row)
-        if found is not None and found.distance <= step_size.settings.farthest * step_size.length:
+        farthest = step_size.settings.farthest * step_size.length
+        found = corrector(here.shooting, guess, row, farthest=farthest)
+        if found is not None and found.distance <= farthest:
             tangent = found.tangent if float(found.tangent @ solution.tangent) > 0.0 else -found.tangent
             new = solution_at(found.z, found.found, tangent)
             if float(tangent @ solution.tangent) > step_size.settings.turn and new.sign == solution.sign:

@@ -73,10 +73,11 @@ FLAT = AmplitudeRow(np.empty(0), np.empty(0))
 
 
 def corrector(equations: Equations, guess: Floats, row: Floats, plane: AmplitudeRow = FLAT,
-              start: Floats | None = None) -> Corrected | None:
+              start: Floats | None = None, farthest: float = 10.0) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
-    It starts at the guess where nothing else is given. None where it does not converge.
+    It starts at the guess where nothing else is given. None where it does not converge, or a step is longer than
+    `farthest`.
     """
     z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
     contraction, settings = 0.0, equations.settings
@@ -99,7 +100,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
             return None
         step = solved[:, 0]
         length, left = float(np.abs(step).max()), float(np.abs(found.residual).max())
-        if not length < 10.0:
+        if not length < farthest:
             return None
         z = z + step
         if (length <= settings.correct_tolerance and left <= settings.residual) or (
@@ -219,7 +220,8 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
         ahead = predictor(known, step_size.length * reach)
         guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
         step_size.tried += 1
-        found = corrector(equations, guess, here.tangent, AmplitudeRow(slopes, amplitudes))
+        found = corrector(equations, guess, here.tangent, AmplitudeRow(slopes, amplitudes),
+                          farthest=settings.farthest * step_size.length)
         if found is not None:
             along = float(found.tangent @ here.tangent + found.slopes @ slopes)
             new = solution_at(found.z, found.found, found.tangent if along > 0.0 else -found.tangent)

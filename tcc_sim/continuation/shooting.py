@@ -7,6 +7,7 @@ Problems, SIAM 1995, Section 4.3.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -115,31 +116,44 @@ class Shooting:
         """Residual and derivative at `z`; raises what the map raises."""
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
-        widths = np.array([w.width(float(u)) for w, u in zip(self.ranges, z[size:])])
         images = self.map.evaluate_each(nodes, values, starts_of(self.segments), self.segments)
-        ends = np.array([image.value for image in images])
-        blocks = np.array([image.jacobian for image in images]) * (scales / scales[:, None])
-        jacobian = np.zeros((size, size + len(widths)))
-        rows, columns, following = places(count, n)
-        jacobian[rows, columns] = blocks
-        jacobian[following] -= 1.0
-        jacobian[:, size:] = np.concatenate([image.by_parameter for image in images]) * (
-            widths / np.tile(scales, count)[:, None])
-        residual = ((ends - (nodes if count == 1 else np.roll(nodes, -1, axis=0))) / scales).ravel()
-        monodromy = images[0].jacobian if count == 1 else product_of(blocks) * scales[:, None] / scales
+        rows = np.concatenate([scales] * count)
+        sizes = np.concatenate([rows, [w.width(u) for w, u in zip(self.ranges, z[size:].tolist())]])
+        ends, following = nodes, nodes
+        if count == 1:
+            image, = images
+            ends, blocks = image.value[None], image.jacobian[None]
+            jacobian = np.concatenate([image.jacobian, image.by_parameter], axis=1)
+        else:
+            ends, following = np.array([image.value for image in images]), np.roll(nodes, -1, axis=0)
+            blocks, jacobian = np.array([image.jacobian for image in images]), np.zeros((size, len(sizes)))
+            jacobian[places(count, n)] = blocks
+            jacobian[:, size:] = np.concatenate([image.by_parameter for image in images])
+        jacobian *= sizes / rows[:, None]
+        jacobian[nodes_after(count, n)] -= 1.0
+        residual = ((ends - following) / scales).ravel()
+        monodromy = images[0].jacobian
+        blocks = blocks * (scales / scales[:, None])
+        if count > 1:
+            monodromy = product_of(blocks) * scales[:, None] / scales
         seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
         if len(seen) < count:
             return Linearised(residual, jacobian, monodromy, blocks)
-        amplitudes = np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale
-        gradient, row = np.zeros((len(amplitudes), size + len(widths))), 0
-        steps, spans = scales / self.map.amplitude_scale, widths / self.map.amplitude_scale
-        for k, image in enumerate(images):
-            assert image.amplitude_gradient is not None
-            end = row + len(image.amplitude_gradient)
-            gradient[row:end, k * n:k * n + n] = image.amplitude_gradient[:, :n] * steps
-            gradient[row:end, size:] = image.amplitude_gradient[:, n:] * spans
-            row = end
-        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments), amplitudes, gradient)
+        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments),
+                          np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale,
+                          self._gradient(images) * (sizes / self.map.amplitude_scale))
+
+    def _gradient(self, images: Sequence[Image]) -> Floats:
+        """(N, d + P) derivatives of the amplitudes of all segments by the nodes and the parameters."""
+        parts = [image.amplitude_gradient for image in images if image.amplitude_gradient is not None]
+        if len(parts) == 1:
+            return parts[0]
+        n, size, row = self.map.dimension, self.size, 0
+        out = np.zeros((sum(map(len, parts)), size + len(self.ranges)))
+        for k, part in enumerate(parts):
+            out[row:row + len(part), k * n:k * n + n], out[row:row + len(part), size:] = part[:, :n], part[:, n:]
+            row += len(part)
+        return out
 
     def cut(self, z: Floats) -> tuple[Shooting, Floats]:
         """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with
@@ -193,13 +207,17 @@ def starts_of(segments: tuple[float, ...]) -> list[float]:
 
 
 @lru_cache(maxsize=64)
-def places(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Rows and columns (count, n, n) of the segments' derivatives in the Jacobian, and those of the nodes after them.
-    """
+def places(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (count, n, n) of the segments' derivatives in the Jacobian."""
     own = np.arange(count * n).reshape(count, n)
-    rows = np.broadcast_to(own[:, :, None], (count, n, n))
-    columns = np.broadcast_to(own[:, None, :], (count, n, n))
-    return rows, columns, (own.ravel(), np.roll(own, -1, axis=0).ravel())
+    return np.broadcast_to(own[:, :, None], (count, n, n)), np.broadcast_to(own[:, None, :], (count, n, n))
+
+
+@lru_cache(maxsize=64)
+def nodes_after(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (count n,) of the nodes in which the segments end."""
+    own = np.arange(count * n)
+    return own, np.roll(own, -n)
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:
