@@ -10,6 +10,7 @@ tangent changes sign: there the curve has met another one, or the corrector has 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -93,8 +94,9 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
                 if len(found.amplitudes) != len(plane.amplitudes):
                     return None
                 matrix[-1] += plane.weights @ found.amplitude_gradient
-                sides[-1, 0] -= float(plane.weights @ (found.amplitudes - plane.amplitudes))
-                away = float(np.linalg.norm(found.amplitudes - plane.amplitudes))
+                apart = found.amplitudes - plane.amplitudes
+                sides[-1, 0] -= float(plane.weights @ apart)
+                away = math.sqrt(apart @ apart)
             solved: Any = np.linalg.solve(matrix, sides)
         except FAILURES:
             return None
@@ -105,7 +107,8 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
         z = z + step
         if (length <= settings.correct_tolerance and left <= settings.residual) or (
                 length <= settings.squared and left <= equations.rounding):
-            tangent: Floats = solved[:, 1] / float(np.linalg.norm(solved[:, 1]))
+            tangent: Floats = np.ascontiguousarray(solved[:, 1])
+            tangent = tangent / math.sqrt(tangent @ tangent)
             slopes = found.amplitude_gradient @ tangent if by_amplitude else plane.weights
             return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), slopes, contraction)
         if length > (settings.slowest if length > settings.squared else 1.0) * last:

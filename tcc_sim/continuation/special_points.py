@@ -7,8 +7,10 @@ Eng. Softw. 28, 1997) with a corrector in every evaluation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -215,17 +217,17 @@ def turned_round(one: Floats, two: Floats, opposite: float) -> bool:
 
 def doubling(m: NDArray[np.complex128]) -> float:
     """det(M + I)."""
-    return float(np.prod(1.0 + m).real)
+    return math.prod((1.0 + m).tolist()).real
 
 
 def torus(m: NDArray[np.complex128]) -> float:
     """Product of lambda_i lambda_j - 1 over pairs: 0 for a complex pair on the unit circle, or a neutral saddle."""
-    return float(np.prod([m[i] * m[j] - 1.0 for i in range(len(m)) for j in range(i)]).real)
+    return math.prod((x * y - 1.0 for x, y in combinations(m.tolist(), 2)), start=1.0 + 0.0j).real
 
 
 def _opposite(one: float, two: float, factors: Sequence[float]) -> bool:
     """Whether a test function has changed its sign, and not by rounding: of its factors, one may be none."""
-    return one * two < 0.0 and max(abs(one), abs(two)) > DEFAULTS.neutral * float(np.prod(factors))
+    return one * two < 0.0 and max(abs(one), abs(two)) > DEFAULTS.neutral * math.prod(factors)
 
 
 def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
@@ -234,13 +236,13 @@ def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
     m, n = a.orbit.multipliers, b.orbit.multipliers
     crossed = a.solution.sign != b.solution.sign
     tests: list[tuple[str, Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = []
+    sizes = [max(pair) for pair in zip(np.abs(m).tolist(), np.abs(n).tolist())]
     if a.slope * b.slope < 0.0:
         tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
-    if _opposite(doubling(m), doubling(n), [1.0 + max(abs(x), abs(y)) for x, y in zip(m, n)]):
+    if _opposite(doubling(m), doubling(n), [1.0 + x for x in sizes]):
         tests.append(("period_doubling", lambda s: doubling(s.orbit.multipliers),
                       lambda s: float(np.abs(s.orbit.multipliers + 1.0).min())))
-    sizes = [max(abs(x), abs(y)) for x, y in zip(m, n)]
-    if _opposite(torus(m), torus(n), [1.0 + x * y for k, x in enumerate(sizes) for y in sizes[:k]]):
+    if _opposite(torus(m), torus(n), [1.0 + x * y for x, y in combinations(sizes, 2)]):
         tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
     if crossed:
         tests.append(("branch_point", lambda s: s.solution.sign,

@@ -28,6 +28,9 @@ from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
 
+BITS = 1 << np.arange(LANES)
+
+
 def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
     """The integrals over engine cycle number `cycle` of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), by quadrature on the
     polynomials of the steps; see (21).
@@ -50,12 +53,12 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
 def terms_for(system: System, changes: Floats) -> Terms:
     """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
     terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-    changed = np.abs(changes).sum(axis=1)
-    if changed[TORQUE_AMPLITUDE] > 0.0 and terms.torque is None:
+    changed = changes.any(axis=1).tolist()
+    if changed[TORQUE_AMPLITUDE] and terms.torque is None:
         terms = terms._replace(torque=(0.0, omega))
-    if changed[LOAD_AMPLITUDE] > 0.0 and terms.pulsation is None:
+    if changed[LOAD_AMPLITUDE] and terms.pulsation is None:
         terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
-    if changed[EXCESS_RATIO] > 0.0 and terms.stribeck is None:
+    if changed[EXCESS_RATIO] and terms.stribeck is None:
         terms = terms._replace(stribeck=(0.0, system.friction.decay))
     return terms
 
@@ -80,7 +83,7 @@ class Prepared:
         lanes = np.zeros((len(NUMBERS), groups * LANES))
         lanes[:, 3:self.count] = changes
         self.by = np.ascontiguousarray(lanes.reshape(len(NUMBERS), groups, LANES).transpose(1, 0, 2))
-        self.forced = self.by.any(axis=1) @ (1 << np.arange(LANES))
+        self.forced = lanes.any(axis=0).reshape(groups, LANES) @ BITS
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; a smooth flow has no margins."""
@@ -88,28 +91,27 @@ class Prepared:
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
         """`over` for several starts, states (m, 3), by one compiled call."""
-        parts = np.zeros(len(states), PART)
-        firsts, lasts = np.floor(starts), np.floor(ends)
-        parts["first"], parts["cycles"] = firsts, lasts - firsts
-        parts["tau"], parts["tail"] = (starts - firsts) * self.period, (ends - lasts) * self.period
+        groups, count, period = len(self.by), len(states), self.period
+        firsts, lasts = list(map(math.floor, starts)), list(map(math.floor, ends))
+        tails = [(end - last) * period for end, last in zip(ends, lasts)]
+        whole = [last - first + (tail > 0.0) for first, last, tail in zip(firsts, lasts, tails)]
+        most = max(last - first for first, last in zip(firsts, lasts)) + 1
+        parts = np.zeros(count, PART)
+        parts["first"], parts["cycles"] = firsts, [last - first for first, last in zip(firsts, lasts)]
+        parts["tau"], parts["tail"] = [(start - first) * period for start, first in zip(starts, firsts)], tails
         parts["state"] = states
-        most = int(parts["cycles"].max()) + 1
-        groups, count = len(self.by), len(parts)
         tangents, heights = np.empty((count, groups, 3, LANES)), np.empty((count, most))
         climbs = np.empty((count, most, groups, LANES))
         room = room_of(groups, most)
         room.tangent.groups["by"], room.tangent.groups["forced"] = self.by, self.forced
         tangent = room.tangent._replace(torque=self.torque)
         integrate_parts(parts, self.setup, room.memory, room.store, tangent, tangents, heights, climbs)
-        if (parts["status"] != DONE).any():
-            k = int(np.flatnonzero(parts["status"] != DONE)[0])
-            raise NumericalFailure(f"smoothed: {STATUSES[int(parts['status'][k])].value} after phase {starts[k]:g} of "
-                                   "the engine cycle")
-        by = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1)
-        peaks, end = climbs.reshape(count, most, -1), self.count
-        whole = (parts["cycles"] + (parts["tail"] > 0.0)).tolist()
+        for start, status in zip(starts, parts["status"].tolist()):
+            if status != DONE:
+                raise NumericalFailure(f"smoothed: {STATUSES[status].value} after phase {start:g} of the engine cycle")
+        by, peaks = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1), climbs.reshape(count, most, -1)
         moves, modes, stuck = parts["moves"].tolist(), parts["mode"].tolist(), parts["stick_time"].tolist()
-        before, after, passed = parts["before"], parts["after"], parts["state"]
+        before, after, passed, end = parts["before"], parts["after"], parts["state"], self.count
         return [Stroboscopic(passed[k], by[k, :, :3], by[k, :, 3:end],
                              event_sequence(before[k, :moves[k]], after[k, :moves[k]], modes[k]), heights[k, :n],
                              peaks[k, :n, :3], peaks[k, :n, 3:end], stuck[k]) for k, n in enumerate(whole)]
