@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, ClassVar
 
@@ -77,7 +77,7 @@ class Loads:
 
     def columns(self) -> list[Floats]:
         """The arrays in order."""
-        return [getattr(self, item.name) for item in fields(self)]
+        return list(vars(self).values())
 
 
 @dataclass(frozen=True)

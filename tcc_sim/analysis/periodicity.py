@@ -77,8 +77,9 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     tolerance : relative to the size of the motion
     maximum : longest period looked for, engine cycles
     """
-    points = _scaled(cycles)
-    most = min(maximum, len(points) // 3) if enough_after_a_gap(cycles) else 0
+    first = _after_gap(cycles)
+    points = _scaled(cycles, first)
+    most = min(maximum, len(points) // 3) if _enough(cycles, first) else 0
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
@@ -100,14 +101,25 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
 
 def enough_after_a_gap(cycles: Cycles) -> bool:
     """Whether the cycles after the last gap are enough for a period; fewer look like one by chance."""
-    broken = np.flatnonzero(~_observed(cycles))
-    return not len(broken) or len(cycles) - 1 - int(broken[-1]) >= AFTER_A_GAP
+    return _enough(cycles, _after_gap(cycles))
+
+
+def _enough(cycles: Cycles, first: int) -> bool:
+    """The same, where the cycles after the last gap begin with number `first`."""
+    return first == 0 or len(cycles) - first >= AFTER_A_GAP
+
+
+def _after_gap(cycles: Cycles) -> int:
+    """Number of the first cycle after the last one that was not observed; 0 where there is no gap."""
+    observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest)
+    return 0 if observed.all() else int(np.flatnonzero(~observed)[-1]) + 1
 
 
 def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLERANCE) -> bool:
     """Whether the section of the cycles that follow stays within `tolerance` of the last period of those before."""
     last = cycles.section[len(cycles.section) - period:]
-    apart = (further.section - last[(np.arange(len(further.section)) - 1) % period]) / _sizes(cycles)
+    apart = further.section - last[(np.arange(len(further.section)) - 1) % period]
+    apart /= _sizes(cycles.section, cycles.highest, cycles.lowest)
     return bool(np.abs(apart).max() <= tolerance)
 
 
@@ -177,25 +189,25 @@ def _limit(points: Floats, period: int) -> Floats | None:
     if general is None or general[0] > MISFIT:
         return None
     fewer = (_decay(points, period, m) for m in range(1, len(general[1])))
-    misfit, coefficients, rate = next((x for x in fewer if x is not None and x[0] <= max(EXACT, 2.0 * general[0])),
-                                      general)
+    misfit, coefficients = next((x for x in fewer if x is not None and x[0] <= max(EXACT, 2.0 * general[0])), general)
+    rate = _rate(coefficients)
     if rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
         return None
     modes = len(coefficients)
     first, second = (_decay(part, period, modes) for part in np.array_split(points, 2))
-    if first is None or second is None or second[2] < DOUBTFUL * first[2]:
+    if first is None or second is None or _rate(second[1]) < DOUBTFUL * _rate(first[1]):
         return None
     ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]
     limit: Floats = (ends[-1] - np.tensordot(coefficients, ends[:-1], 1)) / (1.0 - float(coefficients.sum()))
     return limit if _largest(limit - points[-period:]) <= DISTANCE else None
 
 
-def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats, float] | None:
-    """Misfit, coefficients and rate, per period, of the linear recurrence that the differences of points follow; None
-    where there are too few of them.
+def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | None:
+    """Misfit and coefficients of the linear recurrence that the differences of points follow; None where there are too
+    few of them.
 
-    The differences d_n = x_(n+p) - x_n of a linear map with m modes satisfy d_(n+mp) = sum_i c_i d_(n+ip), and decay as
-    the powers of the roots of z^m - sum_i c_i z^i. Every equation counts relative to its own size.
+    The differences d_n = x_(n+p) - x_n of a linear map with m modes satisfy d_(n+mp) = sum_i c_i d_(n+ip). Every
+    equation counts relative to its own size.
     """
     difference = points[period:] - points[:-period]
     count = len(difference) - modes * period
@@ -208,9 +220,16 @@ def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats, floa
     columns = (columns / size[None, :, None]).reshape(modes + 1, -1)
     coefficients = np.linalg.lstsq(columns[:-1].T, columns[-1], rcond=None)[0]
     misfit = columns[-1] - coefficients @ columns[:-1]
-    roots = np.roots([1.0, *-coefficients[::-1]]) if modes > 1 else coefficients
-    return (math.sqrt(float(misfit @ misfit) / len(misfit)), coefficients,
-            -math.log(float(np.abs(roots).max(initial=1e-300))))
+    return math.sqrt(float(misfit @ misfit) / len(misfit)), coefficients
+
+
+def _rate(coefficients: Floats) -> float:
+    """Rate of the decay of such a recurrence, per period: it goes as the powers of the roots of z^m - sum_i c_i z^i,
+    which are the eigenvalues of its companion matrix.
+    """
+    companion = np.eye(len(coefficients), k=-1)
+    companion[0] = coefficients[::-1]
+    return -math.log(max(float(np.abs(np.linalg.eigvals(companion)).max()), 1e-300))
 
 
 def _period_of(limit: Floats, left: float, tolerance: float) -> int:
@@ -224,33 +243,25 @@ def _period_of(limit: Floats, left: float, tolerance: float) -> int:
     return len(limit)
 
 
-def _scaled(cycles: Cycles) -> Floats:
-    """The section points after the last unobserved cycle, (n, 3), in units of the motion's size."""
-    broken = np.flatnonzero(~_observed(cycles))
-    first = int(broken[-1]) + 1 if len(broken) else 0
+def _scaled(cycles: Cycles, first: int) -> Floats:
+    """The section points from cycle `first` on, (n, 3), in units of the motion's size."""
     points = cycles.section[first:]
-    finite = np.isfinite(points).all(axis=1)
+    finite = np.isfinite(points)
     if not finite.all():
-        points = points[int(np.flatnonzero(~finite)[-1]) + 1:]
+        points = points[int(np.flatnonzero(~finite.all(axis=1))[-1]) + 1:]
     if not len(points):
         return points
-    scaled: Floats = points / _sizes(cycles[first:] if first else cycles, points)
+    scaled: Floats = points / _sizes(points, cycles.highest[first:], cycles.lowest[first:])
     return scaled
 
 
-def _observed(cycles: Cycles) -> NDArray[np.bool_]:
-    """Which cycles were observed, (n,)."""
-    return np.isfinite(cycles.highest) & np.isfinite(cycles.lowest)
-
-
-def _sizes(cycles: Cycles, points: Floats | None = None) -> Floats:
+def _sizes(points: Floats, *speeds: Floats) -> Floats:
     """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the
     largest angle on the section.
     """
-    points = cycles.section if points is None else points
-    speed = max(_largest(cycles.highest), _largest(cycles.lowest), _largest(points[:, [0, 2]]))
-    angle = max(_largest(points[:, 1]), 1e-6 * speed)
-    return np.array([speed or 1.0, angle or 1.0, speed or 1.0])
+    v, angle, w = np.abs(points).max(axis=0).tolist() if len(points) else (0.0, 0.0, 0.0)
+    speed = max(v, w, *map(_largest, speeds))
+    return np.array([speed or 1.0, max(angle, 1e-6 * speed) or 1.0, speed or 1.0])
 
 
 def _largest(x: Floats) -> float:

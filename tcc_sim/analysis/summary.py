@@ -149,17 +149,17 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     points = points[np.isfinite(points).all(axis=1)]
     seconds = float(cycle[observed].sum()) if isinstance(cycle, np.ndarray) else int(observed.sum()) * cycle
     fraction = min(max(float(cycles.stick_time[observed].sum()) / seconds, 0.0), 1.0)
-    out = Summary(
+    loads: dict[str, Any] = {}
+    if cycles.loads is not None:
+        energy, power, high, low, breakaways = (column[observed] for column in cycles.loads.columns())
+        loads = {"clutch_energy": float(energy.sum()), "peak_power": float(power.max()),
+                 "max_shaft_torque": float(high.max()), "min_shaft_torque": float(low.min()),
+                 "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
+    return Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
         section=[(float(p[1]), float(p[0])) for p in points], stick_fraction=fraction, regime=regime_of(fraction),
         cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0,
-        runaway=runaway)
-    if cycles.loads is None:
-        return out
-    energy, power, high, low, breakaways = (column[observed] for column in cycles.loads.columns())
-    return replace(out, clutch_energy=float(energy.sum()), peak_power=float(power.max()),
-                   max_shaft_torque=float(high.max()), min_shaft_torque=float(low.min()),
-                   breakaways=int(breakaways.sum()) if np.isfinite(breakaways).all() else None)
+        runaway=runaway, **loads)
 
 
 def slip_grows(cycles: Cycles) -> bool:

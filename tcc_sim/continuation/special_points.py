@@ -217,7 +217,7 @@ def turned_round(one: Floats, two: Floats, opposite: float) -> bool:
 
 def doubling(m: NDArray[np.complex128]) -> float:
     """det(M + I)."""
-    return math.prod((1.0 + m).tolist()).real
+    return float(math.prod((1.0 + m).tolist()).real)
 
 
 def torus(m: NDArray[np.complex128]) -> float:

@@ -27,7 +27,6 @@ from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
-
 BITS = 1 << np.arange(LANES)
 
 
@@ -53,7 +52,7 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
 def terms_for(system: System, changes: Floats) -> Terms:
     """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
     terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-    changed = changes.any(axis=1).tolist()
+    changed: list[bool] = np.any(changes, axis=1).tolist()
     if changed[TORQUE_AMPLITUDE] and terms.torque is None:
         terms = terms._replace(torque=(0.0, omega))
     if changed[LOAD_AMPLITUDE] and terms.pulsation is None:
