@@ -12,13 +12,8 @@ from typing import Any
 
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, WorkersLost, require
+from tcc_sim.sweeps.settings import DEFAULTS
 
-CONNECT_TIMEOUT = 8.0
-"""Seconds that the scheduler has to answer."""
-PATIENCE = 60.0
-"""Seconds that a scheduler may be silent, or without workers, before a sweep that it works on is given up."""
-LOST_WORKERS = 10
-"""How many workers may die over one task before the task is given up."""
 ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 """Protocol, host and port."""
 
@@ -43,13 +38,13 @@ class Scheduler:
         return self._threads
 
     def check(self) -> None:
-        """Raise WorkersLost where scheduler or workers have been gone for PATIENCE seconds."""
+        """Raise WorkersLost where scheduler or workers have been gone for `patience` seconds."""
         self._threads = self._ask()
         if self._threads:
             self._seen = time.monotonic()
-        elif time.monotonic() - self._seen > PATIENCE:
+        elif time.monotonic() - self._seen > DEFAULTS.patience:
             gone = "has no workers" if self._client.status == "running" else "is gone"
-            raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {PATIENCE:g} s now")
+            raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {DEFAULTS.patience:g} s now")
 
     def _ask(self) -> int:
         """Threads of all workers; 0 where no answer comes."""
@@ -60,7 +55,7 @@ class Scheduler:
 
 
 @contextmanager
-def cluster(address: str, connect: float = CONNECT_TIMEOUT) -> Iterator[tuple[Executor, Scheduler]]:
+def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator[tuple[Executor, Scheduler]]:
     """An executor on the workers of the scheduler at `address`, which has `connect` seconds to answer, and who of
     them is there.
 
@@ -91,7 +86,7 @@ def cluster(address: str, connect: float = CONNECT_TIMEOUT) -> Iterator[tuple[Ex
         there = Scheduler(client, address, connect)
         if not there.threads():
             raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
-        executor = client.get_executor(pure=False, retries=LOST_WORKERS)
+        executor = client.get_executor(pure=False, retries=DEFAULTS.lost_workers)
         try:
             yield executor, there
         finally:

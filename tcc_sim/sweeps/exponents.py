@@ -29,38 +29,11 @@ from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
-from tcc_sim.trajectory import Floats, State, Status
+from tcc_sim.sweeps.settings import DEFAULTS
+from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
 
-CONFIDENCE = 0.95
-BATCHES = 20
-"""Means of consecutive runs of cycles; they are long enough to be nearly independent."""
-ALIGNING_CYCLES = 50
-"""Cycles in which the tangent vector turns to the direction of largest growth, not counted."""
-NEUTRAL = 0.02
-"""Half width per cycle, in natural logarithm, up to which an interval that holds 0 counts as a zero exponent."""
-FINE, COARSE = 1e-7, 1e-6
-"""Tolerances of a mean growth; their difference over the same cycles is taken for the error of the finer."""
-COMPARED = 4
-"""One cycle of so many is taken at both tolerances."""
 FIRST = np.array([1.0, 0.01, 1.0])
 """The tangent vector at the start, of no particular direction: stick knows nothing of a change of slip speed alone."""
-TOGETHER = 1000
-"""Cycles whose tangent maps are worked out in one call."""
-PERIODIC_FINE, PERIODIC_COARSE = 1e-10, 1e-9
-POLISHINGS = 4
-"""Newton steps towards the periodic motion."""
-CLOSED = 1e-9
-"""Largest distance of a state from its image after a period, relative to the size of the motion."""
-NEARBY = 0.1
-"""Largest way to the periodic motion, relative to the size of the motion."""
-PASSED = 1e-6
-"""Logarithm of a multiplier above which a periodic motion is unstable, so that no motion can have settled on it."""
-LONG_PERIOD = 128
-"""Longest period of a motion that is looked for before it is called anything else, engine cycles."""
-CONVERGED = 1e-6
-"""Largest difference, relative to the size of the motion, of bump averages over the halves of a section on a torus."""
-LONGEST_PERIOD = 512
-"""Engine cycles of a period of motion and excitation together."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,7 +44,7 @@ class Lyapunov:
         of sampling, 1/s
     confidence : of the sampling; that of batch means
     cycles : engine cycles averaged, or those of the period
-    diagnosis : periodic (a period up to LONG_PERIOD was found), chaotic (the whole interval is above 0), contracting
+    diagnosis : periodic (a period up to `long_period` was found), chaotic (the whole interval is above 0), contracting
         (it is below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled
         yet, or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0, and averages
         over the section converge as those on a torus do), runaway (slip grows and never sticks), or unresolved
@@ -113,30 +86,31 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     InputError
         Too few cycles.
     """
-    if not 2 * BATCHES <= cycles <= 10_000_000:
-        raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
+    if not 2 * DEFAULTS.batches <= cycles <= 10_000_000:
+        raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * DEFAULTS.batches} to 10000000")
     start = np.array(state.numbers)
     if not np.isfinite(start).all():
-        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
-    excitation = common_cycles(system, LONGEST_PERIOD)
+        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, cycles, "unresolved")
+    excitation = common_cycles(system, DEFAULTS.longest_period)
     together = math.lcm(period, excitation)
-    if 0 < together <= LONGEST_PERIOD:
+    if 0 < together <= DEFAULTS.longest_period:
         return _periodic(system, start, start_cycle, together)
-    growth, difference = tangent_growth(system, start, start_cycle, cycles + ALIGNING_CYCLES)
-    growth, difference = growth[ALIGNING_CYCLES:], difference[ALIGNING_CYCLES // COMPARED:]
-    if not (np.isfinite(growth).all() and np.isfinite(difference).all()):
-        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
+    first = DEFAULTS.aligning_cycles
+    growth, difference, run = tangent_growth(system, start, start_cycle, cycles + first)
+    growth, difference = growth[first:], difference[first // DEFAULTS.compared:]
+    if run is None or not (np.isfinite(growth).all() and np.isfinite(difference).all()):
+        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, cycles, "unresolved")
     mean, half = batch_means(growth)
     half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
     rate = 1.0 / system.cycle
     told = diagnosis(mean, half)
     if told != "chaotic":
-        seen, long, end = _seen(system, state, start_cycle, cycles)
+        seen, long = _seen(run)
         together = math.lcm(long, excitation)
-        if 0 < together <= LONGEST_PERIOD:
-            return _periodic(system, end, start_cycle + cycles, together)
+        if 0 < together <= DEFAULTS.longest_period:
+            return _periodic(system, run.section[-1], start_cycle + len(run), together)
         told = seen if told == "quasi-periodic" or seen == "runaway" else told
-    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles, told)
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, DEFAULTS.confidence, cycles, told)
 
 
 def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
@@ -144,25 +118,21 @@ def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapuno
     only.
     """
     exponent, error = floquet_exponent(system, start, first, period)
-    if (exponent - error) * period * system.cycle > PASSED:
-        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, period, "unresolved")
-    return Lyapunov(exponent, exponent - error, exponent + error, CONFIDENCE, period, "periodic")
+    if (exponent - error) * period * system.cycle > DEFAULTS.passed:
+        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, period, "unresolved")
+    return Lyapunov(exponent, exponent - error, exponent + error, DEFAULTS.confidence, period, "periodic")
 
 
-def _seen(system: System, state: State, first: int, cycles: int) -> tuple[str, int, Floats]:
+def _seen(cycles: Cycles) -> tuple[str, int]:
     """What the section of some cycles shows of a motion whose disturbances neither grow nor die out: runaway,
-    quasi-periodic or unresolved, a long period, 0 for none, and the state to which it has come, (3,).
+    quasi-periodic or unresolved, and a long period, 0 for none.
     """
-    run = solve(system, cycles=cycles, state=state, start_cycle=first)
-    if run.status is not Status.DONE or run.cycles is None:
-        return "unresolved", 0, np.full(3, math.nan)
-    end = run.cycles.section[-1]
-    if slip_grows(run.cycles):
-        return "runaway", 0, end
-    found = periodicity(run.cycles, maximum=LONG_PERIOD)
+    if slip_grows(cycles):
+        return "runaway", 0
+    found = periodicity(cycles, maximum=DEFAULTS.long_period)
     if found.settled:
-        return "periodic", found.period, end
-    return ("quasi-periodic" if change_of_averages(run.cycles.section) <= CONVERGED else "unresolved"), 0, end
+        return "periodic", found.period
+    return ("quasi-periodic" if change_of_averages(cycles.section) <= DEFAULTS.converged else "unresolved"), 0
 
 
 def change_of_averages(points: Floats) -> float:
@@ -184,16 +154,17 @@ def diagnosis(mean: float, half: float) -> str:
         return "chaotic"
     if mean + half < 0.0:
         return "contracting"
-    return "quasi-periodic" if half <= NEUTRAL else "unresolved"
+    return "quasi-periodic" if half <= DEFAULTS.neutral else "unresolved"
 
 
 def batch_means(growth: Floats) -> tuple[float, float]:
-    """Mean and half width of its confidence interval, from the means of BATCHES consecutive runs and Student's t."""
+    """Mean and half width of its confidence interval, from the means of consecutive runs and Student's t."""
     from scipy.stats import t
 
-    width = len(growth) // BATCHES
-    means = growth[len(growth) - BATCHES * width:].reshape(BATCHES, width).mean(axis=1)
-    half = float(t.ppf(0.5 + 0.5 * CONFIDENCE, BATCHES - 1)) * float(means.std(ddof=1)) / math.sqrt(BATCHES)
+    count, confidence = DEFAULTS.batches, DEFAULTS.confidence
+    width = len(growth) // count
+    means = growth[len(growth) - count * width:].reshape(count, width).mean(axis=1)
+    half = float(t.ppf(0.5 + 0.5 * confidence, count - 1)) * float(means.std(ddof=1)) / math.sqrt(count)
     return float(means.mean()), half
 
 
@@ -205,22 +176,23 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
     """
     scale = sizes_of(terms_of(system))
     at, start = state, state
-    image, matrix = mapped(system, at, first, period, PERIODIC_FINE)
+    image, matrix = mapped(system, at, first, period, DEFAULTS.periodic_fine)
     gap = float(np.abs((image - at) / scale).max())
-    for _ in range(POLISHINGS):
-        if not gap > CLOSED:
+    for _ in range(DEFAULTS.polishings):
+        if not gap > DEFAULTS.closed:
             break
         step = np.linalg.lstsq(matrix - np.eye(3), at - image, rcond=1e-10)[0]
         following = at + step
-        further, changed = mapped(system, following, first, period, PERIODIC_FINE)
+        further, changed = mapped(system, following, first, period, DEFAULTS.periodic_fine)
         left = float(np.abs((further - following) / scale).max())
-        if not left < gap or np.abs((following - start) / scale).max() > NEARBY:
+        if not left < gap or np.abs((following - start) / scale).max() > DEFAULTS.nearby:
             break
         at, image, matrix, gap = following, further, changed, left
     exponent = _exponent(matrix, system, period)
-    error = abs(exponent - _exponent(mapped(system, at, first, period, PERIODIC_COARSE)[1], system, period))
-    if not gap <= CLOSED:
-        error += abs(exponent - _exponent(mapped(system, image, first, period, PERIODIC_FINE)[1], system, period))
+    error = abs(exponent - _exponent(mapped(system, at, first, period, DEFAULTS.periodic_coarse)[1], system, period))
+    if not gap <= DEFAULTS.closed:
+        further = mapped(system, image, first, period, DEFAULTS.periodic_fine)[1]
+        error += abs(exponent - _exponent(further, system, period))
     return exponent, error
 
 
@@ -249,35 +221,37 @@ def _exponent(matrix: Floats, system: System, period: int) -> float:
     return math.log(max(largest, 1e-300)) / (period * system.cycle)
 
 
-def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats]:
-    """Logarithm of the growth of a tangent vector in every engine cycle, (cycles,) array, and how much less it is at
-    the coarser tolerance, in one of COMPARED cycles; NaN from where the steps fail.
+def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats, Cycles | None]:
+    """Logarithm of the growth of a tangent vector in every engine cycle, (cycles,) array, how much less it is at the
+    coarser tolerance, in one of so many cycles, and the cycles themselves; NaN and None where the steps fail.
     """
-    growth, difference = np.full(cycles, np.nan), np.full(cycles // COMPARED, np.nan)
+    every, runs = DEFAULTS.compared, list[Cycles]()
+    growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)
     i1, i2, _, stiffness = terms_of(system).linear
     energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
-    fine, coarse = (prepared(system, (), tolerance) for tolerance in (FINE, COARSE))
+    fine, coarse = (prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
     vector = FIRST  # Its growth is among those that the caller leaves out.
-    for begin in range(0, cycles, TOGETHER):
-        count = min(TOGETHER, cycles - begin)
+    for begin in range(0, cycles, DEFAULTS.together):
+        count = min(DEFAULTS.together, cycles - begin)
         run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin)
         if run.status is not Status.DONE or run.cycles is None:
-            break
+            return growth, difference, None
+        runs.append(run.cycles)
         section, numbers = run.cycles.section, range(first + begin, first + begin + count)
-        compared = range(COMPARED - 1 - begin % COMPARED, count, COMPARED)
+        compared = range(every - 1 - begin % every, count, every)
         ends = [n + 1.0 for n in numbers]
         try:
             maps = [m.derivative for m in fine.each(section[:-1], list(numbers), ends)]
             rough = {c: coarse.over(section[c], numbers[c], ends[c]).derivative for c in compared}
         except NumericalFailure:
-            break
+            return growth, difference, None
         for c, matrix in enumerate(maps):
             following = matrix @ vector
             size = float(np.linalg.norm(energy @ following))
             growth[begin + c] = math.log(size)
             if c in rough:
                 other = float(np.linalg.norm(energy @ (rough[c] @ vector)))
-                difference[(begin + c) // COMPARED] = growth[begin + c] - math.log(other)
+                difference[(begin + c) // every] = growth[begin + c] - math.log(other)
             vector = following / size
         state = section[-1]
-    return growth, difference
+    return growth, difference, concatenated(runs)

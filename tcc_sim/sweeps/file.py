@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tcc_sim.errors import InputError
+from tcc_sim.sweeps.settings import DEFAULTS
 
 FORMAT = "tcc_sim sweep_points 1"
-LONGEST_LINE = 1 << 28
 """Bytes; the first line of a sweep over a million values has a tenth of that."""
 SUM = ', "crc32": "%08x"}\n'
 SUM_LENGTH = len(SUM % 0)
@@ -63,8 +63,8 @@ class SweepFile:
         whole = 0
         with path.open("rb") as stream:
             for number in range(1, 1 << 62):
-                line = stream.readline(LONGEST_LINE)
-                if not line.endswith(b"\n") and len(line) < LONGEST_LINE:
+                line = stream.readline(DEFAULTS.longest_line)
+                if not line.endswith(b"\n") and len(line) < DEFAULTS.longest_line:
                     # The end: nothing, or a line that was cut short, of which the first must be this sweep's own,
                     # whatever was said besides.
                     if number == 1 and not (first.startswith(line) or line.startswith(_beginning(wanted))):

@@ -15,6 +15,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import SOLVERS, choose
 from tcc_sim.sweeps.exponents import Lyapunov
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
@@ -24,11 +25,6 @@ SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_
                 "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways")
 """Keys of `simulate --json` that a sweep has per value."""
 MAY_BE_NAN = ("section_change", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque")
-SWEPT = 1e-6
-"""Relative tolerance of a sweep that is given none: sections are good to that (fig02: 4e-8, set-valued 2e-7), and over
-the curves of Figs. 4 to 18, 57 values each, the period is that at 1e-10 in all but three of 1995 points."""
-PHASES_TRIED = 1000
-"""Engine cycles among which one is looked for whose phase of the load is that of the neighbour's end."""
 NONE = np.empty(0)
 
 
@@ -124,9 +120,9 @@ def swept(system: System, plan: Plan) -> Plan:
     closely.
     """
     entry = SOLVERS[choose(system, plan.solver)]
-    if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= SWEPT:
+    if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= DEFAULTS.rtol:
         return plan
-    return replace(plan, rtol=SWEPT)
+    return replace(plan, rtol=DEFAULTS.rtol)
 
 
 def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan, start: Start | None) -> list[Point]:
@@ -144,14 +140,14 @@ def handed_over(before: System, end: Start, system: System) -> Start:
 
     The state is that on the section, so the phase of the torque and of its harmonics goes on. The phase of the load is
     2 pi (omega_f/omega) n + psi at cycle n: it goes on too where both systems have the same ratio, whatever the engine
-    frequency. Where the ratio is another one, n is the cycle of all up to PHASES_TRIED at which the load is nearest to
+    frequency. Where the ratio is another one, n is the cycle of the first thousand at which the load is nearest to
     where the other one left it, so that psi keeps its meaning.
     """
     ratio, earlier = system.pressure.frequency_ratio, before.pressure.frequency_ratio
     repeats = common_cycles(system)
     if ratio == earlier or repeats == 1:
         return Start(end.state, end.cycle % repeats if repeats else end.cycle)
-    trial = np.arange(repeats or PHASES_TRIED)
+    trial = np.arange(repeats or DEFAULTS.phases_tried)
     turn = ratio * trial - earlier * end.cycle + (system.pressure.phase - before.pressure.phase) / (2.0 * math.pi)
     apart = np.abs(turn - np.round(turn))
     return Start(end.state, int(np.flatnonzero(apart <= apart.min() + 1e-9)[0]))

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.sweeps.settings import DEFAULTS
 
-MOST_VALUES = 1_000_000
 EVEN = "KEY=START:STOP:COUNT"
 FORMS = "KEY=START:STOP:COUNT, KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
 
@@ -57,8 +57,8 @@ def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError |
         count = int(parts[2])
     except ValueError:
         raise wrong from None
-    if not 1 <= count <= MOST_VALUES:
-        raise InputError(f"{option} has a count of {count}; it must be 1 to {MOST_VALUES}")
+    if not 1 <= count <= DEFAULTS.most_values:
+        raise InputError(f"{option} has a count of {count}; it must be 1 to {DEFAULTS.most_values}")
     if logarithmic and not start * stop > 0.0:
         raise InputError(f"{option} goes from {start:g} to {stop:g}; values that are even in logarithm must be above "
                          "0, or all below it")

@@ -13,7 +13,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result
 from tcc_sim.sweeps.point import SUMMARY_KEYS, Point
-from tcc_sim.sweeps.ranges import MOST_VALUES
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan
 
 NOT_SOLVED = "not solved: the sweep was interrupted"
@@ -44,8 +44,8 @@ class Curve:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.values) <= MOST_VALUES:
-            raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {MOST_VALUES}")
+        if not 1 <= len(self.values) <= DEFAULTS.most_values:
+            raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {DEFAULTS.most_values}")
         for value in self.values:
             replace(self.system, {self.key: value})
 

@@ -14,8 +14,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.sweeps.ranges import MOST_VALUES
 from tcc_sim.sweeps.results import Sweep, extras_of
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
@@ -50,8 +50,8 @@ class Tolerances:
         for key, low, high in self.bounds:
             if not low < high:
                 raise InputError(f"scatter of {key} is {low:g} to {high:g}; the first must be below the second")
-        if not 2 <= self.samples <= MOST_VALUES:
-            raise InputError(f"samples is {self.samples}; it must be 2 to {MOST_VALUES}")
+        if not 2 <= self.samples <= DEFAULTS.most_values:
+            raise InputError(f"samples is {self.samples}; it must be 2 to {DEFAULTS.most_values}")
         if not 0 <= self.seed < 1 << 32:
             raise InputError(f"seed is {self.seed}; it must be 0 to {(1 << 32) - 1}")
 
@@ -141,8 +141,9 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     sampled = tolerances.values()
     if over in sampled:
         raise InputError(f"{over} is swept and scattered; it must be one of the two")
-    if tolerances.samples * max(len(values), 1) > MOST_VALUES:
-        raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be {MOST_VALUES}")
+    if tolerances.samples * max(len(values), 1) > DEFAULTS.most_values:
+        raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be "
+                         f"{DEFAULTS.most_values}")
     first = tolerances.bounds[0][0]
     out = []
     for k in range(tolerances.samples):

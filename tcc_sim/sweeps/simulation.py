@@ -24,12 +24,12 @@ from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import Settling, Start, settle
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
 Called = TypeVar("Called", bound=Callable[..., Any])
-LYAPUNOV_CYCLES = 2000
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Plan:
         the section has settled
     direction : of a sweep: cold starts every point from the scene's initial state; up and down go on from the
         neighbour's last state, from the lowest value or from the highest
-    solver, rtol, step : as `solvers.solve` takes them; a sweep without rtol is solved at `point.SWEPT`
+    solver, rtol, step : as `solvers.solve` takes them; a sweep without rtol is solved at `settings.Settings.rtol`
     section_points : points of the section kept besides those of one period; 0 keeps none
     damping : whether (21) is worked out
     lyapunov : whether the largest Lyapunov exponent is worked out
@@ -62,7 +62,7 @@ class Plan:
     section_points: int = 0
     damping: bool = False
     lyapunov: bool = False
-    lyapunov_cycles: int = LYAPUNOV_CYCLES
+    lyapunov_cycles: int = DEFAULTS.lyapunov_cycles
 
     def __post_init__(self) -> None:
         if self.direction not in DIRECTIONS:

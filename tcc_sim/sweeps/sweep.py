@@ -23,14 +23,11 @@ from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.ranges import MOST_VALUES
 from tcc_sim.sweeps.results import Curve, Grid, Sweep
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.workers import Attendance, first_done, workers
-
-DASK_BATCH = 8
-"""Points in one task on a cluster: a task costs the scheduler about a millisecond."""
 
 Points = list[list[Point | None]]
 """Per curve and value what was found, None for what was not tried yet."""
@@ -89,8 +86,9 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
     """
     if key == second_key:
         raise InputError(f"{key} is swept twice; a grid has two keys")
-    if not 1 <= len(values) * len(second_values) <= MOST_VALUES:
-        raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to {MOST_VALUES}")
+    if not 1 <= len(values) * len(second_values) <= DEFAULTS.most_values:
+        raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to "
+                         f"{DEFAULTS.most_values}")
     row = tuple(map(float, values))
     return [Curve(replace(system, {second_key: float(x)}), key, row) for x in second_values]
 
@@ -138,7 +136,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
             file = SweepFile(out, _header(curves, plan), take, said=said) if out is not None else None
             done = sum(p is not None for found in points for p in found)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
-                for c, i, point in _solved(curves, plan, executor, there, DASK_BATCH if dask else 1, points):
+                for c, i, point in _solved(curves, plan, executor, there, DEFAULTS.dask_batch if dask else 1, points):
                     points[c][i] = point
                     if file is not None:
                         file.append(c, i, point.as_record())

@@ -9,9 +9,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from tcc_sim.errors import WorkersLost
-
-LOOK = 2.0
-"""Seconds without a result after which it is asked whether those who work are still there."""
+from tcc_sim.sweeps.settings import DEFAULTS
 
 
 class Attendance(Protocol):
@@ -63,7 +61,7 @@ def first_done(running: Collection[Future[Any]], there: Attendance) -> set[Futur
     WorkersLost
         Nobody is there to do them any more.
     """
-    while not (done := wait(running, LOOK, FIRST_COMPLETED).done):
+    while not (done := wait(running, DEFAULTS.look, FIRST_COMPLETED).done):
         there.check()
     if any(future.cancelled() or isinstance(future.exception(), CancelledError) for future in done):
         raise WorkersLost("those who worked on it gave it up")

@@ -20,6 +20,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.sweeps.cluster import cluster, within
+from tcc_sim.sweeps.settings import Settings
 from tcc_sim.sweeps.sweep import Plan, sweep
 
 distributed = pytest.importorskip("distributed")
@@ -126,7 +127,7 @@ def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  
             processes.append(started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
                                      "--local-directory", str(tmp_path / "w"), *quiet))
             client.wait_for_workers(1, timeout=120)
-        monkeypatch.setattr("tcc_sim.sweeps.cluster.PATIENCE", 0.5)
+        monkeypatch.setattr("tcc_sim.sweeps.cluster.DEFAULTS", Settings(patience=0.5))
         on_point(lambda count: processes[0].kill())
         assert main([*command, "--dask", address]) == 1
         said = capsys.readouterr().err

@@ -14,8 +14,9 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.point import SWEPT, solve_points
+from tcc_sim.sweeps.point import solve_points
 from tcc_sim.sweeps.ranges import values_of_range
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import repeats_after
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid
 
@@ -45,7 +46,7 @@ def test_every_point_is_what_a_single_solve_gives() -> None:
     values = [0.27, 0.28, 0.3]
     found = sweep(system(0.2), KINETIC, values, Plan(cycles=60, discard=20))
     for value, record in zip(values, found.records):
-        alone = summarise(solve(replace(system(0.2), {KINETIC: value}), cycles=60, rtol=SWEPT), 20)
+        alone = summarise(solve(replace(system(0.2), {KINETIC: value}), cycles=60, rtol=DEFAULTS.rtol), 20)
         assert record is not None
         assert record["max_slip_speed"] == alone.max_slip_speed
         assert [tuple(p) for p in record["section"]] == alone.section
@@ -95,7 +96,8 @@ def test_a_grid_has_a_sweep_for_every_value_of_the_second_key() -> None:
     first, second = grid.sweeps
     assert first.curve.system.pressure.mean == 225e3
     assert second.curve.system.pressure.mean == 250e3
-    alone = summarise(solve(replace(system(0.2), {KINETIC: 0.28, "pressure.mean": 250e3}), cycles=20, rtol=SWEPT))
+    alone = summarise(solve(replace(system(0.2), {KINETIC: 0.28, "pressure.mean": 250e3}), cycles=20,
+                            rtol=DEFAULTS.rtol))
     assert second.column("max_slip_speed")[0] == alone.max_slip_speed
 
 
