@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from given import Given, record, stretch
 
-from tcc_sim.paper.catalogue import paper_system
+from tcc_sim.paper.catalogue import FIGURES, paper_system
 from tcc_sim.paper.claims import Verdict
 from tcc_sim.paper.claims_figures5to7 import AT_036, covered_down_to
 from tcc_sim.paper.criteria import Finding
 from tcc_sim.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.paper.pages import claims_page
-from tcc_sim.paper.stable_motions import StableMotions, ordered_shares
+from tcc_sim.paper.stable_motions import HIGHEST, LOWEST, StableMotions, ordered_shares
 from tcc_sim.solvers import solve
 
 AXIS = np.array([0.865, 0.88, 0.9, 0.915, 0.93])
@@ -50,6 +50,12 @@ def test_both_attractors_of_fig_2_and_a_stable_orbit_at_a_ratio() -> None:
     ratios = np.array([0.45, 0.46])
     assert evidence.periodic_at({}, ratios).tolist() == [True, True]  # mu_k = mu_s: pure stick above 0.412, by (10).
     assert evidence.attractors({"engine.frequency": 0.45 * 387.3}) == [(1, pytest.approx(0.0, abs=0.1))]
+
+
+def test_attractors_are_looked_for_from_all_about_the_motion_of_fig_2() -> None:
+    section = solve(paper_system(FIGURES[2].series[0].values), cycles=50).cycles.section[-9:]
+    assert (section.min(axis=0) > LOWEST).all()
+    assert (section.max(axis=0) < HIGHEST).all()
 
 
 def test_the_jump_near_033_is_found_from_beyond_it() -> None:
