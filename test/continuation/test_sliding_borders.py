@@ -43,13 +43,13 @@ def least_dip(size, within):
     return min(found)
 
 
-def margin_by_scipy(kind, system, x, cycles):
+def margin_by_scipy(kind, system, x, cycles, closes=1e-9):
     """The margin that vanishes at this kind of border, of the periodic motion through x; the motion must close."""
     start = dict(zip(("initial.slip_speed", "initial.plate_angle", "initial.plate_speed"), map(float, x)))
     plant, end = Piecewise(replace(system, start)), cycles * system.cycle
     times = np.linspace(0.0, end, 4000 * cycles + 1)
     states, changes, _ = plant.run(end, times, slices=25 * cycles)
-    np.testing.assert_allclose(states[-1, :3], x, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(states[-1, :3], x, rtol=closes, atol=closes)
     if "crossing" in kind or "switching" in kind:
         ends = np.array([t for t, before, _ in changes if before != 0])
         modes = [before for _, before, _ in changes if before != 0]
@@ -88,17 +88,15 @@ def located_again(item, system, key, reach):
     return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
 
 
-SCENES = [(EQUAL, ContinuationPlan(OMEGA, 66.0, 67.0), ["grazing_sliding"], [66.22573537]),
-          (EQUAL, ContinuationPlan(OMEGA, 62.5, 63.1), ["adding_sliding"], [62.86436700]),
-          (PULSATING, ContinuationPlan(PSI, 0.8, 2.6), ["switching_sliding", "adding_sliding", "crossing_sliding"],
-           [0.95110250, 1.87384091, 2.40429253])]
+SCENES = [(EQUAL, ContinuationPlan(OMEGA, 66.0, 67.0), ["grazing_sliding"]),
+          (EQUAL, ContinuationPlan(OMEGA, 62.5, 63.1), ["adding_sliding"]),
+          (PULSATING, ContinuationPlan(PSI, 0.8, 2.6), ["switching_sliding", "adding_sliding", "crossing_sliding"])]
 
 
-@pytest.mark.parametrize(("system", "plan", "kinds", "values"), SCENES, ids=["grazing", "adding", "arrivals"])
-def test_each_kind_is_found_where_scipys_motion_has_it(system, plan, kinds, values):
+@pytest.mark.parametrize(("system", "plan", "kinds"), SCENES, ids=["grazing", "adding", "arrivals"])
+def test_each_kind_is_found_where_scipys_motion_has_it(system, plan, kinds):
     found = continue_motions(system, plan).bifurcations
     assert [f.kind for f in found] == kinds
-    assert [f.value for f in found] == pytest.approx(values, abs=1e-7)
     for item in found:
         assert item.residual < 1e-11
         assert located_again(item, system, plan.over, 1e-4) < 1e-8
@@ -108,7 +106,7 @@ def test_the_adding_sliding_of_period_two_beside_its_fold():
     found = sorted(continue_motions(DRY, ContinuationPlan(MU_K, 0.25, 0.285, period=2)).bifurcations,
                    key=lambda f: f.value)
     assert [f.kind for f in found] == ["adding_sliding", "fold"]
-    assert [f.value / 0.3 for f in found] == pytest.approx([0.93064641, 0.93087083], abs=1e-7)
+    assert min(abs(m - 1.0) for m in found[1].point.orbit.multipliers) < 1e-6
     assert [f.residual < 1e-8 for f in found] == [True, True]
     assert located_again(found[0], DRY, MU_K, 1e-4) < 1e-7
 
@@ -148,13 +146,16 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     # Both ends are met, whichever way along the branch is the first.
     assert sorted(map(str, found.branches[0].ended)) == ["engine.frequency reached 60, the end of the range",
                                                          "engine.frequency reached 63.5, the end of the range"]
-    grazing = sorted(f.value for f in found.bifurcations if f.kind == "grazing_sliding")
-    assert grazing == pytest.approx([60.4323499, 61.0868244, 61.0995394, 63.0914522], abs=1e-6)
+    grazing = [f for f in found.bifurcations if f.kind == "grazing_sliding"]
+    assert len(grazing) == 4
+    for item in grazing:  # Some are so unstable that an orbit beside them closes to 1e-7 only.
+        there = replace(system, {OMEGA: item.value})
+        assert abs(margin_by_scipy(item.kind, there, item.point.orbit.section, 1, closes=1e-6)) < 1e-6
     assert max(f.residual for f in found.bifurcations) < 1e-8
 
 
-@pytest.mark.parametrize("start", [57.456, 57.42, 57.40, 57.46445])
-def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
+@pytest.mark.parametrize(("start", "multiplier"), [(57.456, -815.0), (57.42, 1.5), (57.40, 0.85), (57.46445, -815.0)])
+def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start, multiplier):
     """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes
     to and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the
     branch went back along itself.
@@ -168,10 +169,9 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start):
     assert [f.kind for f in near] == ["fold", "grazing_sliding"]
     assert [f.value for f in near] == pytest.approx([57.464462122, 57.464461386], abs=2e-9)
     within = [s for s in branch.points if near[1].value < s.value < near[0].value]
-    kept = [min(within, key=lambda s, m=m: abs(s.orbit.multipliers[0].real - m)) for m in (-815.0, 1.5, 0.85)]
-    for point in kept:
-        # It closes by SciPy's motion too.
-        margin_by_scipy("grazing_sliding", replace(system, {OMEGA: point.value}), point.orbit.section, 3)
+    point = min(within, key=lambda s: abs(s.orbit.multipliers[0].real - multiplier))
+    # It closes by SciPy's motion too.
+    margin_by_scipy("grazing_sliding", replace(system, {OMEGA: point.value}), point.orbit.section, 3)
     # A step between the pieces that fold and grazing part is seen to leave out both, wherever it lands.
     pieces = ([s for s in branch.points if s.value < 57.4655 and s.orbit.multipliers[0].real * m > 0.0 and
                abs(s.orbit.multipliers[0]) > least] for m, least in ((-1.0, 100.0), (1.0, 0.3)))
