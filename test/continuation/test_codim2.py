@@ -7,7 +7,9 @@ import pytest
 from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
+from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
+from tcc_sim.continuation.follow_curve import follow_curve
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -251,7 +253,17 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
 def test_a_curve_goes_on_where_its_orbits_are_cut_anew() -> None:
     # Period two has x + y = 1 - b and x y = (1 - b)^2 - a; its derivative has the trace 4 x y + 2 b and the
     # determinant b^2, so it doubles at a = (1 - b)^2 + (1 + b)^2/4.
-    curve, _ = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], settings=Settings(growth=2.5), period=2)
+    settings = Settings(growth=2.2)
+    curve, of = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], settings=settings, period=2)
     assert curve.values == pytest.approx([(1.0 - b) ** 2 + 0.25 * (1.0 + b) ** 2 for b in curve.second], abs=1e-7)
     assert {end.reason for end in curve.ended} == {StopReason.RANGE}
     assert (min(curve.second) < -1.1, max(curve.second)) == (True, pytest.approx(1.5))
+    # Both cycles are one segment at first, and two where a disturbance grows to twice what is allowed over one.
+    found = of_kind(branch_of(at_second(henon, 0.3), 2, P.low, P.high, 0.6, [0.83, -0.13], 2), "period_doubling")
+    whole = Shooting.single(of, 2, P, Q, settings=settings)
+    start = whole.unknowns(found.point.orbit.nodes, (found.value, 0.3))
+    equations = MinimallyAugmented("period_doubling", whole, start)
+    for forward in (True, False):
+        steps = list(follow_curve(equations, equations.start, forward, ((3, 0.0, 1.0), (2, 0.0, 1.0))))
+        cuts = [step.equations.shooting.segments for step in steps]  # type: ignore[union-attr]
+        assert (cuts[0], cuts[-1]) == ((2,), (1, 1))
