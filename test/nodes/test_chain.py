@@ -18,6 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from child_output import without_compiling
 
+from tcc_sim.cli import main
 from tcc_sim.recording.input_sources import input_sources
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
@@ -45,7 +46,7 @@ def demo(scene: str, seconds: str, folder: Path) -> subprocess.CompletedProcess[
     return ended
 
 
-def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
+def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
     ended = demo("minimal", "2", tmp_path)
@@ -62,15 +63,15 @@ def test_demo_records_analyses_and_draws(tmp_path: Path) -> None:
     assert reference is not None
     assert found["max_slip_speed"] == pytest.approx(reference.highest[found["discarded"]:].max(), rel=1e-3)
     assert (made / "overview.png").stat().st_size > 50_000
-    again = command("analyse", "made/recording", "--verify", "--json", "verified.json", folder=tmp_path)
-    assert again.returncode == 0, again.stderr
+    assert main(["analyse", str(made / "recording"), "--verify", "--json", str(tmp_path / "verified.json")]) == 0
     verified = json.loads((tmp_path / "verified.json").read_text())
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
-    refused = command("demo", "--out", "made", folder=tmp_path)
-    assert (refused.returncode, refused.stderr) == (2, "tcc-sim: made exists; name a directory that does not\n")
+    assert main(["demo", "--out", str(made)]) == 2
+    assert capsys.readouterr().err == f"tcc-sim: {made} exists; name a directory that does not\n"
 
 
-def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path) -> None:
+def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path,
+                                                            capsys: pytest.CaptureFixture[str]) -> None:
     """Three processes of nodes; what the controller was asked for and what it did is recorded and judged."""
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
@@ -87,9 +88,8 @@ def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path) -> N
     for topic in ("/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"):
         assert topic in recorded.topics
     assert any(source.commanded == {"actuation_pressure"} for source in input_sources(recorded))
-    again = command("analyse", "made/recording", "--verify", "--json", "-", folder=tmp_path)
-    assert again.returncode == 0, again.stderr
-    verified = json.loads(again.stdout)
+    assert main(["analyse", str(made / "recording"), "--verify", "--json", "-"]) == 0
+    verified = json.loads(capsys.readouterr().out)
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
 
 
