@@ -267,3 +267,5 @@ def test_a_curve_goes_on_where_its_orbits_are_cut_anew() -> None:
         steps = list(follow_curve(equations, equations.start, forward, ((3, 0.0, 1.0), (2, 0.0, 1.0))))
         cuts = [step.equations.shooting.segments for step in steps]  # type: ignore[union-attr]
         assert (cuts[0], cuts[-1]) == ((2,), (1, 1))
+        grown = [float(np.abs(step.solution.found.blocks).max()) for step, cut in zip(steps, cuts) if cut == (2,)]
+        assert 3.5 < max(grown) < 5.0

@@ -75,6 +75,7 @@ def test_a_chart_has_curves_and_their_ends_in_the_units_of_its_axes() -> None:
         axis = drawn.axes[0]
         lines = [line for line in axis.lines if len(line.get_xdata()) == 3]
         assert len({line.get_color() for line in lines}) == len(lines) == 5
+        assert style.GREEN not in {line.get_color() for line in lines}  # That of all other kinds.
         for line in lines:
             np.testing.assert_allclose(line.get_xydata(), [[0.1, 0.25], [0.15, 0.5], [0.3, 0.875]])
         ends = {line.get_marker(): line.get_xydata().tolist() for line in axis.lines if len(line.get_xdata()) == 1}
