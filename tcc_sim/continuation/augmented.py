@@ -40,7 +40,6 @@ class MinimallyAugmented:
     """The equations of a bifurcation in the orbit's nodes, one or two parameters and, for Neimark-Sacker, the angle."""
 
     rounding: ClassVar[float] = 1e-9
-    exact: ClassVar[bool] = False
 
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting

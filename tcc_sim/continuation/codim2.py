@@ -60,7 +60,6 @@ class Border:
     """One equation in two parameters: a margin that vanishes."""
 
     rounding: ClassVar[float] = 1e-12
-    exact: ClassVar[bool] = True
     settings: ClassVar[Settings] = DEFAULTS
 
     def __init__(self, margin: Callable[[float, float], float], ranges: Ranges) -> None:

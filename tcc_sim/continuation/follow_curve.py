@@ -87,6 +87,9 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
             if remeshed < count and _remesh(state, anew=True):
                 tests, remeshed = _tests(state, state.here), count
                 continue
+            if _halves_meet(state):
+                yield CurveStep(state.here, [("generalised_doubling", state.here.z)], state.equations)
+                return StopReason.SPECIAL, 0
             return StopReason.STEP, 0
         if edge is None and any(not low <= new.z[k] <= high for k, low, high in state.bounds):
             state.step_size.length = 0.5 * length
@@ -232,6 +235,15 @@ def _end_between(state: CurveState, new: Solution, special: list[tuple[str, Floa
             special.append(("generalised_doubling", at))
             return special[-1]
     return next((s for s in special if s[0] in ENDING.get(equations.kind, ())), None)
+
+
+def _halves_meet(state: CurveState) -> bool:
+    """Whether a curve is lost beside a generalised doubling: folds of doubled motions of amplitude a lie within the
+    order of a^2 of one, and the doublings of the halves meet them there, so that the equations are singular.
+    """
+    equations = state.augmented
+    return equations is not None and equations.doubled and float(
+        np.linalg.norm(equations.between_halves(state.here.z))) <= equations.settings.halves_met
 
 
 def _located(equations: MinimallyAugmented, here: Solution, new: Solution, name: str) -> Floats | None:

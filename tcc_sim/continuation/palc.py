@@ -23,12 +23,9 @@ from tcc_sim.continuation.shooting import Linearised
 
 
 class Equations(Protocol):
-    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking, and
-    `exact` whether the Jacobian is, so that a tangent tells where a curve goes on as well as its points do.
-    """
+    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking."""
 
     rounding: ClassVar[float]
-    exact: ClassVar[bool]
 
     @property
     def settings(self) -> Settings:
@@ -217,8 +214,6 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
     slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
     reach = float(np.sqrt(1.0 + slopes @ slopes))
     known, refused, settings = behind(here, before, slopes, step_size.settings.nodes), False, step_size.settings
-    if not equations.exact and len(known) > 3:
-        del known[1]
     while step_size.length >= step_size.smallest:
         ahead = predictor(known, step_size.length * reach)
         guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]

@@ -61,6 +61,8 @@ class Settings:
         point: the difference by which it takes derivatives, its last step, and most steps
     branch_point_reach, branch_point_defect : how far it may go, and what may be left of the defect that it carries
     opposite : cosine, but for its sign, beyond which what tells the halves of two orbits apart has turned round
+    halves_met : distance between the halves of a fold's orbit at which a curve that goes no further has come to a
+        generalised doubling, whose parameters are then known to its square
     halves_reach : how far a doubling in which such a branch ends may be from where its halves look the same
     passing, passed : distance from its first point, relative to the step, within which a chord is looked at for a
         closed branch, and within which the branch is at that point
@@ -166,6 +168,7 @@ class Settings:
     branch_point_reach: float = 1e-2
     branch_point_defect: float = 1e-6
     opposite: float = 0.8
+    halves_met: float = 1e-2
     halves_reach: float = 0.1
     passing: float = 0.2
     passed: float = 0.02

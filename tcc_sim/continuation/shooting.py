@@ -77,7 +77,6 @@ class Shooting:
     settings: Settings = DEFAULTS
 
     rounding: ClassVar[float] = 1e-10
-    exact: ClassVar[bool] = True
 
     @staticmethod
     def single(of: ParameterMap, period: int, *ranges: ParameterRange, settings: Settings = DEFAULTS) -> Shooting:

@@ -10,7 +10,7 @@ from textbook_maps import Step, TextbookMap, henon
 from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
 from tcc_sim.continuation.follow_curve import follow_curve
-from tcc_sim.continuation.palc import solution_at
+from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.smoothing_limit import limit_of
@@ -83,13 +83,15 @@ def test_a_generalised_doubling_is_where_the_doubled_motion_changes_its_side() -
     assert curve.values == pytest.approx([0.0] * len(curve.values), abs=1e-9)
 
 
-def test_the_folds_of_doubled_motions_end_in_a_generalised_doubling() -> None:
+@pytest.mark.parametrize("smallest", [1e-9, 2e-3])
+def test_the_folds_of_doubled_motions_end_in_a_generalised_doubling(smallest: float) -> None:
     # The halves of the orbit are one motion there, and the doublings of that one are folds of period two as well.
-    curve, _ = curve_of(quintic, 1, "fold", (0.05, 0.6), [0.7], first=ParameterRange(-0.5, 0.5), period=2)
+    curve, _ = curve_of(quintic, 1, "fold", (0.05, 0.6), [0.7], first=ParameterRange(-0.5, 0.5), period=2,
+                        settings=Settings(smallest_step=smallest))
     assert curve.values == pytest.approx([0.25 * q * q for q in curve.second], abs=1e-8)
     assert {(end.reason, end.what) for end in curve.ended} == {(StopReason.SPECIAL, "generalised doubling"),
                                                                (StopReason.RANGE, "")}
-    assert special(curve) == {"generalised_doubling": pytest.approx((0.0, 0.0), abs=1e-5)}
+    assert special(curve) == {"generalised_doubling": pytest.approx((0.0, 0.0), abs=max(1e-5, 4.0 * smallest**2))}
 
 
 SHORT = 1e-4
@@ -191,6 +193,25 @@ def test_a_curve_that_comes_back_is_closed() -> None:
                         second=ParameterRange(-2.0, 2.0))
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
     assert [p**2 + q**2 for p, q in zip(curve.values, curve.second)] == pytest.approx([1.0] * len(curve.values))
+
+
+def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
+    # Folds on the circle x = 0, p^2 + q^2 = 1; the points behind are 40 degrees apart, so the chord is 20 off.
+    def ring(x, p):
+        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
+                np.array([[0.4 * p[0], 0.4 * p[1]]]))
+
+    def point(degrees: float) -> Solution:
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        return solution_at(z := np.array([0.0, c, s]), equations.linearise(z), np.array([0.0, -s, c]))
+
+    span = ParameterRange(0.0, 1.0)
+    shooting = Shooting.single(TextbookMap(ring, 1), 1, span, span)
+    equations = MinimallyAugmented("fold", shooting, np.array([0.0, 1.0, 0.0]))
+    new = next_solution(equations, point(0.0), [point(-80.0), point(-40.0)], StepSize(equations.settings, 2.0))
+    assert new is not None
+    assert np.hypot(*new.z[1:]) == pytest.approx(1.0, abs=1e-8)
+    assert new.z[2] > 0.0
 
 
 def test_a_curve_stops_after_as_many_points_as_are_allowed() -> None:
