@@ -133,20 +133,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     model = Model(scene.system, keys, measured)
     begin = np.array(list(starts.values()))
     limit = gates.known if noise and set(noise) >= set(levels) else gates.estimated
-    best: Fit | None = None
-    tried = 0
-    for values in _around(keys, begin, gates):
-        tried += 1
-        try:
-            found = fit(model, levels, values, settings, tick=tick)
-        except (NumericalFailure, RuntimeError):   # RuntimeError: SciPy met a singular matrix.
-            continue
-        if best is None or (found.gap > gates.gap, found.chi2) < (best.gap > gates.gap, best.chi2):
-            best = found
-        if found.chi2 < limit and found.gap <= gates.gap:
-            break
-    if best is None:
-        raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
+    best, tried = _best(model, levels, begin, limit, settings, gates, tick)
     joined = best.gap <= gates.gap
     if limit == gates.estimated and best.chi2 < limit and joined:   # Residuals tell the noise better than the signal.
         levels = {name: max(float(np.sqrt(np.mean(column**2))), EXACT * float(np.abs(measured.channels[name]).max()))
@@ -218,6 +205,26 @@ def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str
         if not 0.0 < value < math.inf:
             raise InputError(f"the noise of {name} is {value:g} {CHANNELS[name]}; it must be a number above 0")
     return {name: float((given or {}).get(name, 0.0)) or noise_of(column) for name, column in measured.channels.items()}
+
+
+def _best(model: Model, levels: dict[str, float], begin: Floats, limit: float, settings: Settings, gates: Gates,
+          tick: Callable[[], None] | None) -> tuple[Fit, int]:
+    """The best of the fits from starts around `begin`, up to the first one below the limit, and how many were tried."""
+    best: Fit | None = None
+    tried = 0
+    for values in _around(model.keys, begin, gates):
+        tried += 1
+        try:
+            found = fit(model, levels, values, settings, tick=tick)
+        except (NumericalFailure, RuntimeError):   # RuntimeError: SciPy met a singular matrix.
+            continue
+        if best is None or (found.gap > gates.gap, found.chi2) < (best.gap > gates.gap, best.chi2):
+            best = found
+        if found.chi2 < limit and found.gap <= gates.gap:
+            break
+    if best is None:
+        raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
+    return best, tried
 
 
 def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
@@ -19,7 +20,9 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
-from tcc_sim.trajectory import Floats
+from tcc_sim.sweeps import steady_state
+from tcc_sim.sweeps.steady_state import Settling, Start
+from tcc_sim.trajectory import Floats, State
 
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
@@ -35,8 +38,7 @@ class Settings:
     rtol : of the engine
     closed : largest residual of a periodic motion, in natural sizes
     iterations : most of Newton's method
-    cycles : engine cycles solved from the initial state where no slip speed is asked for
-    longest : largest period in engine cycles that is looked for
+    cycles : most engine cycles solved from the initial state where no slip speed is asked for
     """
 
     parts: int = 512
@@ -44,7 +46,6 @@ class Settings:
     closed: float = 1e-8
     iterations: int = 40
     cycles: int = 400
-    longest: int = 16
 
 
 class Part(NamedTuple):
@@ -186,19 +187,22 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
 
 def _settled(system: System, settings: Settings) -> tuple[int, Floats]:
     """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
-    from tcc_sim.analysis.summary import summarise
-
-    run = solve(system, cycles=settings.cycles, rtol=1e-9, samples_per_cycle=0).raise_for_status()
-    found = summarise(run, discard=settings.cycles // 2)
-    state = np.array(run.final.numbers)
-    if found.period == 0:
-        if found.stick_fraction == 0.0 and abs(system.engine.mean_torque) > system.saturation_mean:
+    i = system.initial
+    start = Start(State(i.slip_speed, i.plate_angle, i.plate_speed), 0)
+    found = steady_state.settle(system, start, Settling(most=settings.cycles), rtol=1e-9)
+    found.run.raise_for_status()
+    cycles = found.cycles
+    assert cycles is not None  # Whole cycles were asked for.
+    kept = cycles[len(cycles) // 2 if found.after is None else found.after:]
+    period = periodicity(kept).period
+    if period == 0:
+        if not kept.stick_time.any() and abs(system.engine.mean_torque) > system.saturation_mean:
             raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
-        raise InputError(f"the scene settles in no motion of a period up to {settings.longest} engine cycles within "
+        raise InputError(f"the scene settles in no motion of a period up to {MAXIMUM_PERIOD} engine cycles within "
                          f"{settings.cycles}; there is nothing to linearise about")
-    return found.period, state
+    return period, cycles.section[-1]
 
 
 def _closed(system: System, period: int, state: Floats, slip: float | None, settings: Settings) -> Periodic:
