@@ -24,9 +24,6 @@ from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
 from tcc_sim.result import Result
 from tcc_sim.trajectory import State
 
-MOST_CELLS = 4_000_000
-ATTRACTORS_SHOWN = 12
-"""Attractors in the text of a result."""
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
 
 Labels = NDArray[np.int16]
@@ -107,7 +104,7 @@ class Basins(Result):
 
     def __repr__(self) -> str:
         """A line for the plane and one for each attractor."""
-        return "\n".join(self.lines(ATTRACTORS_SHOWN))
+        return "\n".join(self.lines(DEFAULT_SETTINGS.attractors_shown))
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
@@ -142,8 +139,9 @@ def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
     if plane[0].key == plane[1].key:
         raise InputError(f"{plane[0].key} is given twice; a plane is made of two keys")
     cells = len(plane[0].values) * len(plane[1].values)
-    if cells > MOST_CELLS:
-        raise InputError(f"the plane has {cells} cells; it must have at most {MOST_CELLS}")
+    if cells > DEFAULT_SETTINGS.most_cells:
+        raise InputError(f"the plane has {cells} cells; it must have at most "
+                         f"{DEFAULT_SETTINGS.most_cells}")
     return plane[0], plane[1]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats, ParameterMap
 from tcc_sim.model.parameters import System
@@ -14,11 +15,6 @@ from tcc_sim.solvers.smoothed import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
 from tcc_sim.trajectory import State
 
-RTOL, CELLS = 1e-8, 1e-6
-"""Relative tolerances of what is said of an attractor, and of the motions that are followed to one: of 1600 cells at
-mu_k/mu_s = 0.85 none has another label than at 1e-10, with either law."""
-CONSTANT = 40.0
-"""Beyond this many times 1/alpha the law's exponential is below 1e-17 of the rest."""
 SECTIONS = {"smoothed": sections.sections, "set_valued": event_driven_sections.sections}
 """Section points of many motions by the engine of either law."""
 
@@ -30,7 +26,7 @@ class DrivelineMotion:
         self.system = system
         self.map: ParameterMap = DrivelineMap(system, ())
         terms = terms_of(system)
-        self._constant = CONSTANT / terms.stribeck[1] if terms.stribeck and terms.stribeck[1] > 0.0 else 0.0
+        self._constant = DEFAULTS.constant / terms.stribeck[1] if terms.stribeck and terms.stribeck[1] > 0.0 else 0.0
         self._drift = terms.mean_torque
         self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and terms.stribeck[1] == 0.0 else 1.0)
         torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
@@ -40,7 +36,7 @@ class DrivelineMotion:
 
     def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
         """(m, cycles + 1, 3) states at the starts of cycles first to first + cycles, NaN behind a failure."""
-        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, CELLS)
+        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, DEFAULTS.rtol_cells)
 
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
         """(m,) whether slip is so fast that friction is constant, and the mean engine torque more than it can hold.
@@ -53,7 +49,7 @@ class DrivelineMotion:
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
         """The largest |slip speed| over some cycles, rad/s."""
-        found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=RTOL).cycles
+        found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=DEFAULTS.rtol).cycles
         assert found is not None
         return max(float(found.highest.max()), -float(found.lowest.min()))
 

@@ -35,8 +35,6 @@ from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.workers import Attendance, first_done, workers
 
 FORMAT = "tcc_sim basin_rows 1"
-AHEAD = 3
-"""Rows handed out per thread, so that Ctrl-C ends soon."""
 Tick = Callable[[], object]
 Row = tuple[list[int], list[int]]
 Stored = tuple[int, int, dict[str, Any]]
@@ -161,7 +159,7 @@ def _rows(state: _Progress, plane: tuple[Axis, Axis], most: int, executor: Execu
     running: dict[Future[Row], int] = {}
     try:
         while True:
-            while len(running) < AHEAD * max(there.threads(), 1):
+            while len(running) < DEFAULTS.ahead * max(there.threads(), 1):
                 row = next(waiting, None)
                 if row is None:
                     break

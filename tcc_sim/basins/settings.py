@@ -34,6 +34,12 @@ class Settings:
     seeds : cells of the plane from which attractors are looked for, beside its corners and middle
     rounds : how often attractors are looked for again from the cells that came to none of those known
     searched : undecided cells from which they are then looked for
+    rtol, rtol_cells : relative tolerances of what is said of an attractor, and of the motions that are followed to one:
+        of 1600 cells at mu_k/mu_s = 0.85 none has another label than at 1e-10, with either law
+    constant : times 1/alpha, a slip speed beyond which the law's exponential is below 1e-17 of the rest
+    most_cells : of a plane
+    attractors_shown : in the text of a result
+    ahead : rows handed out per thread, so that Ctrl-C ends soon
     distances : in cells, over which final states are compared (C. Grebogi et al., Phys. Lett. A 99, 1983)
     """
 
@@ -59,6 +65,12 @@ class Settings:
     seeds: int = 48
     rounds: int = 3
     searched: int = 24
+    rtol: float = 1e-8
+    rtol_cells: float = 1e-6
+    constant: float = 40.0
+    most_cells: int = 4_000_000
+    attractors_shown: int = 12
+    ahead: int = 3
     distances: tuple[int, ...] = (1, 2, 4, 8, 16)
 
 

@@ -113,7 +113,7 @@ class Settings:
     limit_least : smoothing of the scene over that which a trace must have reached to be extrapolated
     limit_farthest : how far the parameter may go on it, in widths of its range: a limit may lie outside
     limit_gain, limit_safety : part of what an extrapolation adds to a straight line that its error is at least; and
-        times an error that is taken. Of 48 limits that the set-valued law has too, the farthest was 2.7 away without
+        times an error that is taken. Of 44 limits that the set-valued law has too, the farthest was 0.8 away without
     limit_stuck : slip speed on the section at which a smoothed motion is one in stick
     limit_solved : error, relative to the range, of a bifurcation of the set-valued law
     """

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.measurement import EXACT, Measurement, noise_of, read_recording, read_table
+from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, Settings, fit
+from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.estimation.verdicts import Gates, Parameter, judged, why_not
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
@@ -136,8 +137,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     best, tried = _best(model, levels, begin, limit, settings, gates, tick)
     joined = best.gap <= gates.gap
     if limit == gates.estimated and best.chi2 < limit and joined:   # Residuals tell the noise better than the signal.
-        levels = {name: max(float(np.sqrt(np.mean(column**2))), EXACT * float(np.abs(measured.channels[name]).max()))
-                  for name, column in best.residuals.items()}
+        least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
+        levels = {name: max(float(np.sqrt(np.mean(column**2))), least[name]) for name, column in best.residuals.items()}
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
     accepted = best.chi2 < limit and joined
     why = "" if accepted else why_not(best, model, begin, levels, limit, gates)

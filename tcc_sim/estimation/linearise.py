@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.estimation.operating_point import Constant, Periodic, Settings, mean_rows, settle, whole
+from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, settle, whole
+from tcc_sim.estimation.settings import DEFAULTS, Settings
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, load_scene
@@ -30,9 +31,6 @@ Complex = NDArray[np.complex128]
 INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
 OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
 """What may be asked for, with its unit."""
-LOW, COUNT = 2.0, 240
-"""Frequencies that are given unless others are asked for: from LOW rad/s to the slipping mode, evenly in logarithm."""
-MOST_FREQUENCIES = 100_000
 
 
 @dataclass(frozen=True)
@@ -176,10 +174,10 @@ def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure",
 def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
     """The frequencies, checked."""
     if asked is None:
-        return np.geomspace(LOW, max(system.natural_frequency, 2.0 * LOW), COUNT)
+        return np.geomspace(DEFAULTS.lowest, max(system.natural_frequency, 2.0 * DEFAULTS.lowest), DEFAULTS.count)
     out = np.asarray(asked, dtype=np.float64).ravel()
-    if not 1 <= len(out) <= MOST_FREQUENCIES:
-        raise InputError(f"there are {len(out)} frequencies; 1 to {MOST_FREQUENCIES} are allowed")
+    if not 1 <= len(out) <= DEFAULTS.most_frequencies:
+        raise InputError(f"there are {len(out)} frequencies; 1 to {DEFAULTS.most_frequencies} are allowed")
     for value in out:
         if not 1e-6 <= value <= 1e6:
             raise InputError(f"a frequency is {value:g} rad/s; it must be 1e-06 to 1e+06 rad/s")

@@ -14,20 +14,11 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.operating_point import Constant, Periodic
+from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import equations
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, holding, terms_of
 from tcc_sim.trajectory import Floats
-
-AMPLITUDE = 2e-3
-"""Of the sine, relative to the mean of the input."""
-RATE = 4000.0
-"""Ticks a second; more where the sine or the engine needs them."""
-TICKS_PER_CYCLE = 64
-SETTLING, PERIODS, LONGEST = 12, 4, 2_000_000
-"""Engine cycles before the fit, least periods of the sine in it, and most ticks."""
-BANDS = 12
-"""Multiples of the motion's frequency whose side bands are fitted."""
 
 
 def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: float) -> complex:
@@ -47,14 +38,14 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
     if mean == 0.0:
         raise InputError(f"the mean of {inputs} is 0; a response about it cannot be simulated with a small sine")
     cycle = system.cycle if isinstance(motion, Periodic) else 2.0 * math.pi / omega
-    step = min(1.0 / RATE, cycle / TICKS_PER_CYCLE, 2.0 * math.pi / (omega * TICKS_PER_CYCLE))
-    before = SETTLING * cycle
-    length = math.ceil(max(PERIODS * 2.0 * math.pi / omega, 24.0 * cycle) / step)
-    if length > LONGEST:
-        raise InputError(f"a response at {omega:g} rad/s takes {length} ticks to simulate; at most {LONGEST} are "
-                         "allowed")
+    step = min(1.0 / DEFAULTS.rate, min(cycle, 2.0 * math.pi / omega) / DEFAULTS.ticks_per_cycle)
+    before = DEFAULTS.settling * cycle
+    length = math.ceil(max(DEFAULTS.periods * 2.0 * math.pi / omega, 24.0 * cycle) / step)
+    if length > DEFAULTS.longest:
+        raise InputError(f"a response at {omega:g} rad/s takes {length} ticks to simulate; at most "
+                         f"{DEFAULTS.longest} are allowed")
     skipped = math.ceil(before / step)
-    height = AMPLITUDE * abs(mean)
+    height = DEFAULTS.amplitude * abs(mean)
     driven, free = (_driven(motion, pressure, (each, omega), step, skipped + length) for each in (height, 0.0))
     states = (driven - free)[skipped:]
     times = np.arange(skipped + 1.0, skipped + length + 1.0) * step
@@ -100,7 +91,7 @@ def _fitted(times: Floats, states: Floats, omega: float, base: float | None) -> 
     """The complex amplitudes at `omega` of the (n, 3) states: Re is in phase with a sine, Im leads by a quarter."""
     columns = [np.sin(omega * times), np.cos(omega * times), np.ones_like(times), times - times.mean()]
     if base is not None:
-        others = [abs(n * base + side * omega) for n in range(1, BANDS + 1) for side in (-1.0, 1.0)]
+        others = [abs(n * base + side * omega) for n in range(1, DEFAULTS.bands + 1) for side in (-1.0, 1.0)]
         apart = 2.0 * math.pi / (times[-1] - times[0])
         kept: list[float] = []
         for value in others:

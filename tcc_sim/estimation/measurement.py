@@ -9,17 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.table import CHANNELS, INPUTS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
-
-EVEN, FEWEST, MOST = 1e-3, 50, 1_000_000
-"""Largest deviation of a step between samples from the others, relative; fewest and most samples."""
-STILL = 1e-12
-"""A channel whose spread is below this part of its size is dead."""
-EXACT = 1e-4
-"""What the real-time solver promises, relative to a signal's largest value: no smaller noise is estimated."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +39,8 @@ class Measurement:
 
     def __post_init__(self) -> None:
         n = len(self.t)
-        if not FEWEST <= n <= MOST:
-            raise InputError(f"{self.source} has {n} samples; {FEWEST} to {MOST} are needed")
+        if not DEFAULTS.fewest <= n <= DEFAULTS.most:
+            raise InputError(f"{self.source} has {n} samples; {DEFAULTS.fewest} to {DEFAULTS.most} are needed")
         if "slip_speed" not in self.channels:
             raise InputError(f"{self.source} has no slip_speed; identification needs it")
         for name, column in (("t", self.t), *self.channels.items(), *self.inputs.items()):
@@ -62,11 +56,11 @@ class Measurement:
             raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
                              f"steps of {usual:.4g} s; identification needs evenly spaced samples: take the part "
                              "before or after")
-        if abs(steps[worst] - usual) > EVEN * usual:
+        if abs(steps[worst] - usual) > DEFAULTS.even * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
                              f"of {usual:.6g} s; identification needs evenly spaced samples")
         for name, column in self.channels.items():
-            if np.ptp(column) <= STILL * max(1.0, float(np.abs(column).max())):
+            if np.ptp(column) <= DEFAULTS.still * max(1.0, float(np.abs(column).max())):
                 raise InputError(f"{self.source}: {name} is {column[0]:g} {CHANNELS[name]} throughout; the channel is "
                                  "dead, or nothing moved")
 
@@ -79,7 +73,7 @@ def read_table(path: Path) -> Measurement:
     InputError
         See `recording.table.read_columns`; or what cannot be used.
     """
-    columns = read_columns(path, (TIME, "slip_speed"), MOST)
+    columns = read_columns(path, (TIME, "slip_speed"), DEFAULTS.most)
     return Measurement(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
                        {name: columns[name] for name in INPUTS if name in columns}, str(path))
 
@@ -132,7 +126,7 @@ def noise_of(signal: Floats) -> float:
     """Standard deviation of the white noise on a signal, from its sixth differences.
 
     A signal of frequency w leaves (w h)^6 of itself in them, white noise sqrt(924) of itself; the median leaves out
-    where the signal has kinks. It is an upper estimate where the sampling is coarse, and at least EXACT.
+    where the signal has kinks. It is an upper estimate where the sampling is coarse, and at least DEFAULTS.exact.
     """
     found = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
-    return max(found, EXACT * float(np.abs(signal).max()))
+    return max(found, DEFAULTS.exact * float(np.abs(signal).max()))

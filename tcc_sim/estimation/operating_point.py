@@ -14,6 +14,7 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation.settings import Settings
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import common_cycles
@@ -28,24 +29,6 @@ PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
 SCALES = np.array([10.0, 0.1, 10.0])
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a motion is found.
-
-    parts : of an engine cycle; even, for Simpson's rule. An input is held over each, which costs (omega h)^2/24
-    rtol : of the engine
-    closed : largest residual of a periodic motion, in natural sizes
-    iterations : most of Newton's method
-    cycles : most engine cycles solved from the initial state where no slip speed is asked for
-    """
-
-    parts: int = 512
-    rtol: float = 1e-10
-    closed: float = 1e-8
-    iterations: int = 40
-    cycles: int = 400
 
 
 class Part(NamedTuple):

@@ -16,7 +16,8 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, linearise
 from tcc_sim.estimation.lock_in import simulated
-from tcc_sim.estimation.operating_point import Settings, settle
+from tcc_sim.estimation.operating_point import settle
+from tcc_sim.estimation.settings import Settings
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
 from tcc_sim.scene import load_scene
