@@ -73,7 +73,7 @@ def _draw(stem: Path, scenes: list[dict[str, Any]], keys: tuple[str, ...]) -> tu
             column = columns.index(record["scene"].removesuffix(SET_VALUED))
             smoothed = record["law"] == "smoothed"
             for axis, (key, _) in zip(axes[:, column], rows):
-                _curves(axis, record, key, handles)
+                draw_curves(axis, record, key, handles)
                 floor = record["reference"]["floor"]
                 line = axis.axhline(floor, color=style.GREY if smoothed else style.RED, linewidth=0.9,
                                     linestyle=(0, (1, 1.5)), zorder=1)
@@ -96,7 +96,7 @@ def _draw(stem: Path, scenes: list[dict[str, Any]], keys: tuple[str, ...]) -> tu
         return style.save_both(drawn, stem)
 
 
-def _curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]) -> None:
+def draw_curves(axis: Any, record: dict[str, Any], key: str, handles: dict[str, Any]) -> None:
     """Every solver's ladder in one panel; what is below its floor is faded."""
     for name, look in looks_of(list(dict.fromkeys(row["solver"] for row in record["results"]))).items():
         rows = [row for row in record["results"] if row["solver"] == name and row[key] is not None]

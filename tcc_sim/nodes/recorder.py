@@ -92,7 +92,7 @@ class Recorder:
         self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
         self.tracks: dict[str, Track] = {}
-        self._next_look = 0.0
+        self.next_look = 0.0
         # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
         # driveline may wait for their subscriber, and then all the others are there.
         self.unsent = UnsentCount()
@@ -126,10 +126,10 @@ class Recorder:
             if self.fsync_period and time.monotonic() >= synced + self.fsync_period - self.drain_period:
                 self.bag.sync()
                 synced = time.monotonic()
-            if time.monotonic() >= self._next_look:
+            if time.monotonic() >= self.next_look:
                 self.bag.check()
                 self.look()
-                self._next_look = time.monotonic() + _LOOK_PERIOD
+                self.next_look = time.monotonic() + _LOOK_PERIOD
             while (left := wake - time.monotonic()) > 0.0:
                 self._spinner.once(left)
 
@@ -157,7 +157,7 @@ class Recorder:
                 self.unsent.add(who, data)
             write(channel, received, info["source_timestamp"], data, number)
         if track.type == JOINT_STATE and not track.messages:
-            self._next_look = 0.0  # Now a scene that is not there yet can be asked for.
+            self.next_look = 0.0  # Now a scene that is not there yet can be asked for.
         track.messages += len(taken)
         track.arrived = time.monotonic()
         if track.stamps is not None:

@@ -72,7 +72,7 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
         maxima = drawn.add_subplot(grid[-1, 1] if wide else grid[-1, :])
         _histories(torques, slip, tail, control)
         _phase_portrait(phase, tail, summary)
-        _maxima(maxima, cycles, first_cycle, summary)
+        draw_maxima(maxima, cycles, first_cycle, summary)
         if control is not None and not controlled:
             mark_events(maxima, control.events, float(tail.t[-1]), tail.cycle)
         style.panel_titles((*panels, phase, maxima), [*titles, "Phase portrait", "Maxima"])
@@ -114,7 +114,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
     torques.tick_params(labelbottom=False)
     style.legend_above(torques)
     slip.plot(t, tail.slip_speed[part], color=style.BLUE, label="slip speed")
-    shaded = _shade_stick(slip, t, tail.state[part])
+    shaded = shade_stick(slip, t, tail.state[part])
     target = control.target if control is not None else None
     if target is not None and len(target.t) and target.t[0] <= t[-1]:
         held = target.until(float(t[-1]))
@@ -128,7 +128,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
         slip.set_xlim(t[0], t[-1])
 
 
-def _shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> bool:
+def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> bool:
     """Shade the intervals in stick; whether there are any."""
     stuck = np.concatenate([[0], (state == 0).astype(np.int8), [0]])
     edges = np.diff(stuck)
@@ -159,7 +159,7 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
     style.legend_above(axis)
 
 
-def _maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
+def draw_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
     """Largest slip speed of each cycle, those that the summary drops in grey."""
     number: NDArray[Any] = first_cycle + np.arange(len(cycles))
     largest = cycles.largest

@@ -219,7 +219,7 @@ def test_points_below_the_floor_are_faded():
             for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
     record = {"results": rows, "reference": {"floor": 1e-8}, "steady": {"closure": None}}
     axis, handles = Figure().subplots(), {}
-    precision_drawing._curves(axis, record, "error_section", handles)
+    precision_drawing.draw_curves(axis, record, "error_section", handles)
     shown = {name: np.isfinite(np.asarray(line.get_ydata())).tolist() for name, line in handles.items()}
     assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
     faded = [line for line in axis.lines if line not in handles.values()]

@@ -244,9 +244,9 @@ def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_numb
     look()
     assert len(set(map(id, subscriptions))) == 1
     states.publish(joint_state(0))
-    found._next_look = float("inf")
+    found.next_look = float("inf")
     until(lambda: found.tracks["/joint_states"].messages == 1, step=found.drain)
-    assert found._next_look == 0.0
+    assert found.next_look == 0.0
     for _ in range(30):
         look()
     assert len(set(map(id, subscriptions))) == 21

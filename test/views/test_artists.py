@@ -96,7 +96,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     summary = SimpleNamespace(discarded=2, cycles=2, max_slip_speed=10.0)
     with style.figure() as drawn:
         axis = drawn.subplots()
-        overview._maxima(axis, cycles, 7, summary)  # type: ignore[arg-type]
+        overview.draw_maxima(axis, cycles, 7, summary)  # type: ignore[arg-type]
         dropped, kept, line = axis.lines
         assert dropped.get_label() == "dropped (1 off scale)"
         assert dropped.get_xydata().tolist() == [[7.0, 90.0], [8.0, 8.0]]
@@ -107,7 +107,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     uneven = Maxima(highest=cycles.highest, lowest=cycles.lowest, starts=np.array([0.0, 1.0, 2.0, 3.0, 5.0]))
     with style.figure() as drawn:
         axis = drawn.subplots()
-        overview._maxima(axis, uneven, 7, summary)  # type: ignore[arg-type]
+        overview.draw_maxima(axis, uneven, 7, summary)  # type: ignore[arg-type]
         assert axis.lines[1].get_xdata().tolist() == [2.0, 3.0]
         assert axis.get_xlabel() == "time (s)"
 
@@ -116,8 +116,8 @@ def test_stick_is_shaded_from_its_first_sample_to_its_last() -> None:
     with style.figure() as drawn:
         axis = drawn.subplots()
         t = np.arange(7.0)
-        assert overview._shade_stick(axis, t, np.array([0, 0, 1, 0, 0, 0, -1]))
+        assert overview.shade_stick(axis, t, np.array([0, 0, 1, 0, 0, 0, -1]))
         ends = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in axis.patches]
         assert ends == [(0.0, 1.0), (3.0, 5.0)]
         assert [patch.get_label() == "stick" for patch in axis.patches] == [True, False]
-        assert not overview._shade_stick(axis, t, np.ones(7))
+        assert not overview.shade_stick(axis, t, np.ones(7))

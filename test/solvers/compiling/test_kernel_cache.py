@@ -46,11 +46,14 @@ def cache(tmp_path, monkeypatch):
     """An empty folder for caches that the package has not looked at yet; what it says is told again."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    monkeypatch.setattr(kernel_cache, "told", set())
+    said = set(kernel_cache.told)
+    kernel_cache.told.clear()
     monkeypatch.syspath_prepend(str(tmp_path))
     kernel_cache.directory.cache_clear()
     yield tmp_path / "caches" / "tcc_sim"
     kernel_cache.directory.cache_clear()
+    kernel_cache.told.clear()
+    kernel_cache.told.update(said)
 
 
 def modules(folder, callee=CALLEE, caller=CALLER, name=""):
