@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.control import Event
+from tcc_sim.trajectory import Cycles
 from tcc_sim.views import control_panels, overview, style, sweeps, twin
 
 
@@ -83,16 +85,9 @@ def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(monkeypatch: p
         assert all(len(line.get_xdata()) == len(t) for line in axis.lines)
 
 
-class Maxima(SimpleNamespace):
-    """Cycles of given extremes."""
-
-    def __len__(self) -> int:
-        return len(self.highest)
-
-
 def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     """A first cycle far above the others is dropped, counted and off the axis; the summary's maximum is a line."""
-    cycles = Maxima(highest=np.array([90.0, 5.0, 9.0, 10.0]), lowest=np.array([0.0, -8.0, 0.0, 0.0]), starts=None)
+    cycles = Cycles(np.zeros((5, 3)), np.array([90.0, 5.0, 9.0, 10.0]), np.array([0.0, -8.0, 0.0, 0.0]), np.zeros(4))
     summary = SimpleNamespace(discarded=2, cycles=2, max_slip_speed=10.0)
     with style.figure() as drawn:
         axis = drawn.subplots()
@@ -104,7 +99,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
         assert set(line.get_ydata()) == {10.0}
         assert axis.get_ylim() == (0.0, 16.0)
         assert axis.get_xlabel() == "engine cycle"
-    uneven = Maxima(highest=cycles.highest, lowest=cycles.lowest, starts=np.array([0.0, 1.0, 2.0, 3.0, 5.0]))
+    uneven = replace(cycles, starts=np.array([0.0, 1.0, 2.0, 3.0, 5.0]))
     with style.figure() as drawn:
         axis = drawn.subplots()
         overview.draw_maxima(axis, uneven, 7, summary)  # type: ignore[arg-type]
