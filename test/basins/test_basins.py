@@ -109,10 +109,9 @@ def _end(x):
 def test_a_strange_attractor_is_one_cloud():
     of = Iterated(henon_chaos, 2, bound=1e9)
     found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2), (0.5, 0.0))])
-    assert [a.period for a in found] == [0]
-    assert found[0].multipliers is None
+    assert [(a.period, a.multipliers) for a in found] == [(0, None)]
     wide = Iterated(henon_chaos, 2, bound=1e9)
-    wide.map.scales = np.array([7.0, 7.0])  # Points of the cloud lie as near to each other in any unit.
+    wide.map.scales = 7.0 * of.map.scales  # Points of the cloud lie as near to each other in any unit.
     assert len(found[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
     mapper = ProximityMapper(found, of.map.scales, 1)
     assert follow(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]

@@ -164,7 +164,9 @@ def test_damping_falls_where_every_curve_is_below_the_last() -> None:
 
 def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
     """(10) by hand for psi = pi: Tm + |Tp G + Tsp| at their phases; and a limit that is not there is none."""
-    for name, found in model.stick_limits_varying(Evidence(1e-9, 1)).values.items():
+    values = model.stick_limits_varying(Evidence(1e-9, 1)).values
+    assert len(values) == 4  # For psi = 0 a lower limit too.
+    for name, found in values.items():
         limit, simulated = found
         assert simulated == pytest.approx(limit, abs=1e-3), name
         omega = limit * OMEGA_N
