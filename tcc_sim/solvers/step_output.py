@@ -83,7 +83,9 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
     behind = 0.0
     mode = output.mode
     start = 0.0
-    while not stays(mode, stick_speed, workspace):
+    for _ in range(2 * degree):  # Rounding may put one crossing upon the other, for ever.
+        if stays(mode, stick_speed, workspace):
+            break
         at = polynomial.stick_crossing(rows, SLIP, degree, start, x, mode, stick_speed, workspace)
         if at > x:
             break

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.model import friction
 from tcc_sim.solvers.smoothed import collocation_tables as tables
 from tcc_sim.solvers.smoothed import stages
-from tcc_sim.solvers.smoothed.state import WORK
+from tcc_sim.solvers.smoothed.state import LAYER, WORK, Place
 
 LINEAR = (0.2, 0.02, 0.6, 3000.0)
 RATE = 150.0
@@ -37,7 +37,7 @@ def test_chebyshev_coefficients_and_powers_give_the_nodal_values_back():
 
 @pytest.mark.parametrize("level", [1, 4, 12])
 def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
-    found = tables.tables(LINEAR, (RATE,), RATE, *tables.ladder_of(50.0, 2.0 * np.pi / RATE, LINEAR))
+    found = tables.tables(LINEAR, (RATE,), RATE, *tables.ladder_of(2e6, 2.0 * np.pi / RATE))
     rung, sources = found.rungs[level], found.sources[level]
     i1, i2, damping, stiffness = LINEAR
     inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(rung["length"])
@@ -120,7 +120,7 @@ def test_a_good_guess_does_not_end_the_iteration_before_its_error_is_known(grip)
     dominant = grip * work["slope"].min() > stages.DOMINANT * rung["diagonal"][-1]
     assert dominant == (grip == 3e4)
     work["slip"] = exact * (1.0 + 1e-6 * np.cos(5.0 * tables.C))
-    assert 0 < stages.solve_stages(rung, 0.02, 1.0, 50.0, None, 1e-12, work) < 12
+    assert 0 < stages.solve_stages(rung, 0.02, Place(LAYER, 1.0, 1e-9, 1e-9), 50.0, 50.0, None, 1e-12, work) < 12
     np.testing.assert_allclose(work["slip"], exact, rtol=0.0, atol=2e-12)
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import smoothed_states
 
-from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed import solve as smoothed
 from tcc_sim.solvers.terms import general_terms, steps_allowed, stick_speed_of, terms_of
@@ -141,6 +141,45 @@ def test_stiff_steps_in_slip_go_on_where_friction_falls():
     assert run.status is Status.DONE
     assert run.statistics.steps + run.statistics.rejected < 1000
     np.testing.assert_allclose(run.cycles.section[-1], reference(p, 1, 1)[-1, :3], rtol=1e-6)
+
+
+def test_a_light_overdamped_plate_is_stepped_over_in_slip():
+    """C23/I2 = 1e9 1/s limits the series to 1e-8 s, far below the shortest step that an engine cycle suggests."""
+    p = problem({"friction.kinetic_coefficient": 0.15, "driveline.damping": 1e3, "driveline.stiffness": 1.0,
+                 "driveline.plate_inertia": 1e-6, "engine.torque_amplitude": 0.0, "pressure.mean": 52083.3,
+                 "pressure.amplitude": 1e4}, state=State(1e4, 0.0, 0.0, 0.0))
+    run = smoothed.solve(p)
+    assert run.status is Status.DONE
+    assert run.statistics.steps + run.statistics.rejected < 1000
+    expected = reference(p, 2, 1)[:, :3]
+    assert np.all(np.abs(run.cycles.section - expected) <= 1e-6 * np.abs(expected).max(axis=0))
+
+
+def anywhere(draw):
+    """Scene keys log-uniform over their allowed ranges, some of them 0; a friction law that is allowed."""
+    def number(low, high, above):
+        size = math.exp(draw.uniform(math.log(low if low > 0.0 else 1e-8 * high), math.log(high)))
+        sign = -1.0 if low < 0.0 and draw.random() < 0.5 else 1.0
+        return 0.0 if low <= 0.0 and not above and draw.random() < 0.15 else sign * size
+
+    keys = {key: number(q.low, q.high, q.above) for key, q in QUANTITIES.items()
+            if isinstance(DEFAULTS[key], float) and math.isfinite(q.high)}
+    share = math.exp(draw.uniform(math.log(0.0501), 0.0))
+    return {**keys, "friction.kinetic_coefficient": share * keys["friction.static_coefficient"]}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_scene_is_crawled_through(seed):
+    """Three engine cycles, or 300 natural periods, of any scene that is allowed take a bounded number of steps."""
+    draw = np.random.default_rng(seed)
+    for _ in range(25):
+        keys = anywhere(draw)
+        system = replace(System(), keys)
+        initial = system.initial
+        run = smoothed.solve(Problem(system, State(initial.slip_speed, initial.plate_angle, initial.plate_speed),
+                                     duration=min(3.0 * system.cycle, 2000.0 / system.natural_frequency)))
+        assert run.status is Status.DONE, keys
+        assert run.statistics.steps + run.statistics.rejected < 100_000, keys
 
 
 def test_slip_that_dies_down_fast_feels_the_whole_exponential():

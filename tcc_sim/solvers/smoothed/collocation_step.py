@@ -22,6 +22,7 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
     Tables,
 )
 from tcc_sim.solvers.smoothed.drive import grip_at_nodes, weigh_torque
+from tcc_sim.solvers.smoothed.series_step import fastest
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.stages import add_slip, follow_manifold, guess, slip_polynomial, solve_stages, to_powers
 from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
@@ -141,16 +142,17 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
             break
         level, worth = rung_below(tables.rungs, level + 1, BEFORE_FOLD * C[beyond] * h), WORTH
     rung = tables.rungs[level]
-    accuracy = CONVERGED * limits.creep_tolerance
+    accuracy, sharpness = CONVERGED * limits.creep_tolerance, limits.sigma
     if control.method == CREEP:
         guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
         follow_manifold(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
     else:
         accuracy = CONVERGED * place.slip_tolerance
+        sharpness = fastest(place.region, limits.sigma, terms.stribeck)
         start = work.slip
         for i in range(NODES):
             start[i] = state.slip_speed
-    used = solve_stages(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, accuracy, work)
+    used = solve_stages(rung, state.slip_speed, place, sharpness, limits.sigma, terms.stribeck, accuracy, work)
     counters.iterations += abs(used)
     counters.iterations_max = max(counters.iterations_max, abs(used))
     if used < 0:

@@ -34,13 +34,10 @@ TERMS = 20
 faster.
 """
 LEVELS = 22
-"""Rungs of a ladder, each shorter than the one before by sqrt 2: from one engine cycle down to 1/1448 of it, and
-further where the smoothing is sharper: the shortest step that is worth taking before breakaway goes as sigma^(-1/2);
-and further where the engine is slow, for what swings by itself in stick."""
-SWINGS = 16.0
-"""Periods of flywheel and plate as one in an engine cycle up to which LEVELS are enough."""
-USUAL = 50.0
-"""The smoothing (s/rad) up to which LEVELS are enough."""
+"""Rungs of a ladder, each shorter than the one before by sqrt 2: at least from an engine cycle down to 1/1448 of it."""
+GAP = 200.0
+"""The shortest rung times the fastest rate of a scene, at most: what is shorter the series bridge, whose steps are
+limited to about 5 times the inverse of that rate."""
 
 Floats = NDArray[np.float64]
 
@@ -119,12 +116,12 @@ for _i in range(DEGREE + 1):
 TO_POWERS = np.rint(TO_POWERS)
 
 
-def ladder_of(sigma: float, period: float, linear: Linear) -> tuple[int, int]:
-    """The longest rung, at most one engine cycle: its length is 2^(-top/2) s; and the number of rungs."""
+def ladder_of(fastest: float, period: float) -> tuple[int, int]:
+    """The longest rung, at most one engine cycle: its length is 2^(-top/2) s; and the number of rungs that are needed
+    where the fastest rate is `fastest`, 1/s.
+    """
     top = math.ceil(-2.0 * math.log2(period) - 1e-9)
-    swings = period * math.sqrt(linear[3] / (linear[0] + linear[1])) / (2.0 * math.pi)
-    sharper, slower = max(math.log2(sigma / USUAL), 0.0), max(2.0 * math.log2(swings / SWINGS), 0.0)
-    return top, LEVELS + math.ceil(sharper) + math.ceil(slower)
+    return top, max(LEVELS, 1 + math.ceil(2.0 * math.log2(fastest / GAP) - top))
 
 
 @lru_cache(maxsize=16)

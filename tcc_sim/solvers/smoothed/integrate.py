@@ -37,10 +37,10 @@ from tcc_sim.solvers.smoothed.state import (
 )
 from tcc_sim.solvers.smoothed.switching import (
     after_collocation,
+    after_refusal,
     after_series,
     begin_cycle,
     choose_method,
-    leave_if_short,
     not_a_number,
 )
 from tcc_sim.solvers.step_output import Store, record
@@ -87,7 +87,14 @@ def locate(state: Any, loaded: bool, control: Any, limits: Limits, terms: Terms,
             sign = 1.0 if drive.torque / i1 + spring / i2 >= 0.0 else -1.0
     elif size <= limits.far * (1.0 + EDGE):
         region = FALLING
+        slip_tolerance = min(slip_tolerance, limits.falling_tolerance)
     return Place(region, sign, slip_tolerance, speed_tolerance)
+
+
+@fast
+def edge_of(place: Place, limits: Limits) -> float:
+    """The slip speed, rad/s, at which a region outside the layer ends on the way down."""
+    return limits.far if place.region == SLIDING else limits.layer
 
 
 @fast
@@ -99,12 +106,12 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
     """
     if not loaded:
         return math.inf
-    if place.region == LAYER or method != SERIES:
+    if place.region == LAYER or method == CREEP:
         level, accuracy = -limits.nearly_zero, 0.1 * limits.nearly_zero
         if stribeck is None:
             return math.inf
     else:
-        level = limits.far if place.region == SLIDING else limits.layer
+        level = edge_of(place, limits)
         accuracy = 0.1 * EDGE * level
     return float(polynomial.crossing_of(work.rows, SLIP, degree, x, place.sign, level, accuracy, work.bernstein))
 
@@ -162,7 +169,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             x = min(step.x, (stop - tau) / step.unit) if step.status != REFUSED else 0.0
         if step.status == REFUSED:
             counters.rejected += 1
-            leave_if_short(control, limits, tables)
+            after_refusal(control, limits, tables)
             continue
         if not x > 0.0:
             return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
@@ -171,6 +178,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
         crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
         reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
+        if crossing == 0.0 and place.region != LAYER:  # By rounding of a step that was cut there it is not yet inside.
+            state.slip_speed = place.sign * edge_of(place, limits)
+            continue
         if 0.0 < crossing < x:
             x = crossing
             reached = False

@@ -50,7 +50,7 @@ from tcc_sim.solvers.smoothed.sensitivity_series import (
 )
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.stages import eliminate_rows, evaluate_law
+from tcc_sim.solvers.smoothed.stages import eliminate_rows, law_at_nodes
 from tcc_sim.solvers.smoothed.state import LAYER, SLIDING, Place, Step
 from tcc_sim.solvers.terms import Terms
 
@@ -234,7 +234,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Changes of the slip speed at the nodes of a collocation step."""
     rung, h = tables.rungs[level], tables.rungs[level].length
-    evaluate_law(0, work.slip, work.law, work.slope, place.sign, limits.sigma, stribeck)
+    law_at_nodes(place, limits.sigma, stribeck, work)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]

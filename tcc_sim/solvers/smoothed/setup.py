@@ -29,6 +29,9 @@ TANH_LEFT_OUT = 0.3
 """What of tanh is left out outside the layer, 1 - tanh(sigma |v|), per relative tolerance asked for."""
 EXPONENTIAL_LEFT_OUT = 0.03
 """What of the Stribeck exponential is left out far from v = 0, per relative tolerance asked for."""
+FALLING = 1e-2
+"""Largest error of alpha v in one step where the exponential varies: however large v is elsewhere in the motion, a step
+from the edge of the layer must not come back to it by its error."""
 RESOLVED = 1e3
 """Error of a change that decays within one series step, relative to it, per tolerance of the step: it is made again
 smaller by what decays afterwards."""
@@ -43,7 +46,7 @@ class Limits(NamedTuple):
     sigma : smoothing factor, s/rad
     rtol : tolerance of a series step relative to the motion
     slip_floor, speed_floor : sizes below which v and theta2' count as this large
-    layer_tolerance : largest error of v of a series step in the layer
+    layer_tolerance, falling_tolerance : largest error of v of a step in the layer, and where the exponential varies
     creep_tolerance : largest error of v of a step in stick
     layer : |v| up to which tanh(sigma v) is kept
     far : |v| up to which the Stribeck exponential is kept
@@ -51,6 +54,7 @@ class Limits(NamedTuple):
     stick_speed : |v| where mubar peaks; stick lies below
     peak, creep_speed : the largest mubar with which stick is stepped over, and |v| there
     base_rate : the rates that are there in every region, added up
+    fastest : those and friction's own in stick, where it is largest
     strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
     beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
     rest : a plate speed that is none; below it numbers become denormal and a series costs twenty times as much
@@ -66,6 +70,7 @@ class Limits(NamedTuple):
     slip_floor: float
     speed_floor: float
     layer_tolerance: float
+    falling_tolerance: float
     creep_tolerance: float
     layer: float
     far: float
@@ -74,6 +79,7 @@ class Limits(NamedTuple):
     peak: float
     creep_speed: float
     base_rate: float
+    fastest: float
     strength: float
     beta: float
     kappa: float
@@ -110,15 +116,18 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     torques += 0.0 if terms.torque is None else abs(terms.torque[0])
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
+    strength = beta * peak_load(terms)
+    base_rate = (math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
+                 + load_frequency(terms))
     order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
-        layer_tolerance=min(1e-3, 300.0 * local) / sigma, creep_tolerance=min(CREEP * max(rtol, 1e-13), 1e-2) / sigma,
+        layer_tolerance=min(1e-3, 300.0 * local) / sigma,
+        falling_tolerance=FALLING / stribeck[1] if stribeck is not None and stribeck[1] > 0.0 else math.inf,
+        creep_tolerance=min(CREEP * max(rtol, 1e-13), 1e-2) / sigma,
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
-        creep_speed=creep_speed,
-        base_rate=(math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
-                   + load_frequency(terms)),
-        strength=beta * peak_load(terms), beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
+        creep_speed=creep_speed, base_rate=base_rate, fastest=base_rate + strength * sigma * peak,
+        strength=strength, beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
         order=order, linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
         resolved=math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
         forgotten=-math.log(local), steps=steps_allowed(terms, period))

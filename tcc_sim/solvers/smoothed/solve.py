@@ -125,7 +125,7 @@ def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
         longest, period = longest_and_shortest_cycle(terms.course)
     limits = limits_of(terms, terms_of(system), period, rtol)
     waves = waves_of(terms)
-    top, levels = collocation_tables.ladder_of(limits.sigma, longest, terms.linear)
+    top, levels = collocation_tables.ladder_of(limits.fastest, longest)
     if terms.course is None:
         tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top,
                                            levels)

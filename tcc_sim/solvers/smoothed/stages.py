@@ -13,6 +13,7 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import exp, largest, limited, magnitude, row_of, unrolled, with_sign
 from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
+from tcc_sim.solvers.smoothed.state import SLIDING, Place
 
 ITERATIONS_MAXIMUM = 20
 DOMINANT = 6.0
@@ -193,15 +194,25 @@ def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: St
 
 
 @fast
-def solve_stages(rung: Any, v: float, sign: float, sigma: float, stribeck: Stribeck, accuracy: float,
-                 work: Any) -> int:
-    """Newton's method from the guess in work.slip, mubar changing with v as fast as sigma.
+def law_at_nodes(place: Place, sigma: float, stribeck: Stribeck, work: Any) -> None:
+    """mubar and its slope at the nodes; where mubar is constant it stays so: a step is cut at the edge of a region."""
+    if place.region == SLIDING:
+        for i in range(NODES):
+            work.law[i], work.slope[i] = place.sign, 0.0
+    else:
+        evaluate_law(0, work.slip, work.law, work.slope, place.sign, sigma, stribeck)
+
+
+@fast
+def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: float, stribeck: Stribeck,
+                 accuracy: float, work: Any) -> int:
+    """Newton's method from the guess in work.slip, mubar changing with v as fast as `sharpness`, s/rad.
 
     Returns the iterations used, negative where they did not converge to `accuracy` (rad/s).
     """
     slip, law, slope, grip, change = work.slip, work.law, work.slope, work.grip, work.change
     measure, coupling, diagonal = work.measure, rung.coupling, rung.diagonal
-    evaluate_law(0, slip, law, slope, sign, sigma, stribeck)
+    law_at_nodes(place, sigma, stribeck, work)
     last = 1e300
     for count in range(1, ITERATIONS_MAXIMUM + 1):
         evaluate_residual(0, coupling, slip, law, grip, work.balance, rung.start, v, change)
@@ -217,17 +228,17 @@ def solve_stages(rung: Any, v: float, sign: float, sigma: float, stribeck: Strib
         size = measure[0]
         if not size < 1e300:
             return -count
-        step = FOLLOWED / (sigma * size) if sigma * size > FOLLOWED else 1.0
+        step = FOLLOWED / (sharpness * size) if sharpness * size > FOLLOWED else 1.0
         for i in range(NODES):
             slip[i] += step * change[i]
         if count > 1:
             contraction = min(size / last, contraction)
-        if step == 1.0 and (2.0 * sigma * size + contraction) * size <= accuracy:
+        if step == 1.0 and (2.0 * sharpness * size + contraction) * size <= accuracy:
             return count
         if STALLED * last < size <= ROUNDED * accuracy:
             return count
         if count > 4 and size > 2.0 * last:
             return -count
         last = size
-        evaluate_law(0, slip, law, slope, sign, sigma, stribeck)
+        law_at_nodes(place, sigma, stribeck, work)
     return -ITERATIONS_MAXIMUM

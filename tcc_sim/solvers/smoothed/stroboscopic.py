@@ -76,7 +76,7 @@ class Prepared:
             # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
             limits = limits._replace(far=max(limits.far, far_of(1.0, terms.stribeck[1], rtol, limits.layer)))
         self.setup = setup._replace(waves=setup.waves.copy(), limits=limits)
-        ladder = collocation_tables.ladder_of(limits.sigma, self.period, terms.linear)
+        ladder = collocation_tables.ladder_of(limits.fastest, self.period)
         self.torque = collocation_tables.response(terms.linear, *ladder).torque
         groups = math.ceil(self.count / LANES)
         lanes = np.zeros((len(NUMBERS), groups * LANES))

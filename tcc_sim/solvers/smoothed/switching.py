@@ -13,15 +13,15 @@ from typing import Any
 
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
-from tcc_sim.solvers.smoothed.collocation_tables import Tables
+from tcc_sim.solvers.smoothed.collocation_tables import LEVELS, Tables
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place
 from tcc_sim.solvers.smoothed.step_size import growth, rung_below
 from tcc_sim.solvers.terms import Terms
 
-WORTH_SHORTEST = 2.0
-"""The same for the shortest rung, below which stick is not even tried."""
+WORTH_USUAL = 2.0
+"""The same for the shortest rung of a usual ladder, below which stick is not even tried."""
 RETURN = 3.0
 """Growth of rho since stick was left for the series after which it is tried again."""
 CALM, CALM_MOST = 8, 256
@@ -39,7 +39,8 @@ SLOW = 3.0
 FIRST = 0.2
 """Length of the first step in stick, per engine cycle."""
 PATIENCE, PATIENCE_MOST = 16, 1024
-"""Series steps of equal length after which collocation is tried; doubled each time."""
+"""Series steps of equal length after which collocation is tried; doubled each time until it gets on. And collocation
+steps of one rung after which a longer one is tried."""
 ALIKE = 0.1
 """Relative difference of lengths that count as equal."""
 SERIES_REACH = 3.0
@@ -72,13 +73,13 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
     waits = not (rho > RETURN * control.released or control.waited >= control.calm)
     if waits or control.unsettled > 0.0 or abs(v) >= limits.creep_speed:
         return False
-    shortest = tables.rungs[tables.rungs.shape[0] - 1].length
-    if not rho * shortest > WORTH_SHORTEST or room < shortest:
+    if not rho * tables.rungs[LEVELS - 1].length > WORTH_USUAL or room < tables.rungs[tables.rungs.shape[0] - 1].length:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
-    near = abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
+    near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
+            and abs(v) >= SLOW * abs(delta))
     settled = control.waited >= SETTLED and delta * delta * limits.sigma < CURVED * limits.creep_tolerance
-    if not (near or settled) or abs(v) < SLOW * abs(delta):
+    if not (near or settled):
         return False
     if near:
         state.slip_speed += delta
@@ -106,7 +107,7 @@ def choose_method(place: Place, friction: Friction, room: float, state: Any, con
         control.streak = 0
         control.patience = min(2 * control.patience, PATIENCE_MOST)
         control.method = STIFF
-        control.level = rung_below(tables.rungs, 0, 8.0 * control.last)
+        control.level = min(rung_below(tables.rungs, 0, 8.0 * control.last), tables.rungs.shape[0] - 1)
     return False
 
 
@@ -127,18 +128,34 @@ def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
         control.released = control.slope
         control.waited = 0
         control.calm = min(2 * control.calm, CALM_MOST)
-    elif control.method == STIFF and length * limits.base_rate < SERIES_REACH:
+    elif control.method == STIFF and length * (limits.base_rate + abs(control.slope)) < SERIES_REACH:
         control.method = SERIES
 
 
 @fast
+def after_refusal(control: Any, limits: Limits, tables: Tables) -> None:
+    """A collocation step is tried again on a shorter rung, or the series go on."""
+    control.streak = 0
+    leave_if_short(control, limits, tables)
+
+
+@fast
 def after_collocation(error: float, length: float, control: Any, limits: Limits, tables: Tables) -> None:
-    """The rung of the next step, and whether collocation goes on at all."""
+    """The rung of the next step, and whether collocation goes on at all.
+
+    The error of a step from off the slow manifold, or of rounding, does not go as the power that `growth` takes for
+    granted: after many steps of one length a longer one is tried.
+    """
     longest = length * growth(error)
+    control.streak += 1
     level = control.level
+    if control.streak > PATIENCE and level > 0:
+        longest = max(longest, tables.rungs[level - 1].length)
     while level > 0 and tables.rungs[level - 1].length <= longest:
         level -= 1
     control.level = rung_below(tables.rungs, level, longest)
+    if control.method == STIFF:
+        control.patience = PATIENCE
     leave_if_short(control, limits, tables)
 
 
