@@ -12,7 +12,7 @@ CATCH_UP = 0.1
 """Real time, s, that a late loop makes good by ticks without a wait; beyond it the deadlines are moved."""
 SLICE = 0.05
 """Longest sleep, s, between two looks at whether to stop."""
-LEAD, LEAD_PART = 1e-4, 0.1
+LEAD, LEAD_PART = 3e-5, 0.1
 """Most real time, s and as a part of the period, that a sleep ends ahead of the deadline; the rest is waited for
 awake.
 """
