@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -50,17 +47,15 @@ def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
     held, left_out = held_and_left_out(terms)
     needed = [row.name for row in TOPICS if needs(scene, row)]
     real_time = terms.smoothing is not None
-    looked = _look(scene, real_time)
-    loaded = looked["modules"]
     return {
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
         "terms": {"held": held, "left_out": left_out},
         "kernel": {name: _kind(value) for name, value in zip(terms._fields, terms)},
         "topics": {"held": needed, "left_out": [row.name for row in TOPICS
                                                 if row.name not in needed and row.direction != "beside"]},
-        "modules": {"held": loaded, "left_out": [m for m in OPTIONAL_MODULES if m not in loaded]},
+        "modules": {"held": [], "left_out": list(OPTIONAL_MODULES)},  # What neither engine imports.
         "step": {"tick_s": TICK, "sub_steps": substeps(terms_of(scene.system), TICK), **(_cost(scene) if cost else {}),
-                 **looked["calls"]} if real_time else None,
+                 **count_calls(scene.system)} if real_time else None,
         "closed_forms": closed_forms(scene.system),
     }
 
@@ -79,50 +74,38 @@ def _kind(value: object) -> str:
     return f"{len(value)} numbers" if isinstance(value, tuple) else "number"
 
 
-def _look(scene: Scene, real_time: bool) -> dict[str, Any]:
-    """What only a process of its own can tell: optional packages that an offline solve imports, and calls a sub-step.
-
-    There the kernels run as Python, so that nothing is compiled and their calls can be counted.
-    """
-    code = ("import json, sys\n"
-            "from tcc_sim.output.explanation import count_calls\n"
-            "from tcc_sim.scene import parse_scene\n"
-            "from tcc_sim.solvers import SOLVERS, choose\n"
-            "system = parse_scene(sys.stdin.read(), 'scene').system\n"
-            "SOLVERS[choose(system, 'auto')].load()\n"
-            f"modules = [m for m in {OPTIONAL_MODULES!r} if m in sys.modules]\n"
-            f"print(json.dumps({{'modules': modules, 'calls': count_calls(system) if {real_time} else {{}}}}))")
-    ended = subprocess.run([sys.executable, "-c", code], input=scene.text(), capture_output=True, text=True, check=True,
-                           env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
-    found: dict[str, Any] = json.loads(ended.stdout)
-    return found
-
-
 def count_calls(system: System) -> dict[str, dict[str, float]]:
-    """Calls per sub-step of the first tick, where the kernels are not compiled: `own_calls`, `general_calls`."""
+    """Calls per sub-step of the first tick, whose kernel runs as Python: `own_calls`, `general_calls`."""
     from tcc_sim.solvers.fixed_step import Stepper, advance
+
     found: dict[str, dict[str, float]] = {}
-    kept = {name: getattr(np, name) for name in FUNCTIONS}
     for which, terms in (("own_calls", terms_of(system)), ("general_calls", general_terms(system))):
         counts = dict.fromkeys(FUNCTIONS.values(), 0.0)
 
         def counted(name: str, counts: dict[str, float] = counts) -> Callable[[Any], Any]:
             def call(x: Any) -> Any:
                 counts[FUNCTIONS[name]] += 1.0
-                return kept[name](x)
+                return getattr(np, name)(x)
             return call
 
         stepper = Stepper(system, TICK)
         n = stepper.substeps
-        try:
-            for name in FUNCTIONS:
-                setattr(np, name, counted(name))
-            advance(stepper.state, 0.0, TICK / n, n, terms, True, None)
-        finally:
-            for name, function in kept.items():
-                setattr(np, name, function)
+        run = _interpreted(advance, SimpleNamespace(**{**vars(np), **{name: counted(name) for name in FUNCTIONS}}), {})
+        run(stepper.state, 0.0, TICK / n, n, terms, True, None)
         found[which] = {name: count / n for name, count in counts.items()}
     return found
+
+
+def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[..., Any]:
+    """A kernel as Python, and all those that it calls, with another NumPy."""
+    if kernel not in known:
+        names = {**kernel.py_func.__globals__, "np": numpy}
+        known[kernel] = FunctionType(kernel.py_func.__code__, names)
+        for name in kernel.py_func.__code__.co_names:
+            if hasattr(names.get(name), "py_func"):
+                names[name] = _interpreted(names[name], numpy, known)
+    out: Callable[..., Any] = known[kernel]
+    return out
 
 
 def _cost(scene: Scene) -> dict[str, Any]:

@@ -102,17 +102,18 @@ def _sub_step(state: Floats, start: float, h: float, plate: tuple[float, float, 
 def _over(terms: Terms, course: Floats | None, torque: float, load: float) -> Terms:
     """`terms` with so much more of engine torque and saturation torque; `course` is room for that of the sum."""
     if course is not None:
-        course[:, TORQUE] = terms.course[:, TORQUE] + torque  # type: ignore[index]
-        course[:, LOAD] = terms.course[:, LOAD] + load  # type: ignore[index]
+        for i in range(len(course)):
+            course[i, TORQUE] = terms.course[i, TORQUE] + torque  # type: ignore[index]
+            course[i, LOAD] = terms.course[i, LOAD] + load  # type: ignore[index]
     return Terms(terms.linear, terms.mean_torque + torque, terms.torque, terms.harmonics, terms.mean_load + load,
                  terms.pulsation, terms.smoothing, terms.stribeck, course)
 
 
 @compiled
 def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, course: Floats | None, held: Floats,
-             by: Floats, states: Floats, derivatives: Floats) -> None:
+             by: Floats, states: Floats, derivatives: Floats, state: Floats, room: Floats) -> None:
     """See `advance_windows`, whose results are filled in."""
-    h, state, room, width = step / n, np.empty(3), np.empty((3, 3, by.shape[1])), states.shape[1] - 1
+    h, width = step / n, states.shape[1] - 1
     whole = plate_of(h * GAMMA, terms.linear)
     for j in range(len(starts)):
         state[:] = starts[j]
@@ -160,5 +161,5 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     if held is None:
         held = np.zeros((len(starts) * width, 2))
     _advance(starts, first, step, n, terms, None if terms.course is None else terms.course.copy(), held, columns,
-             states, derivatives)
+             states, derivatives, np.empty(3), np.empty((3, 3, count)))
     return states, derivatives

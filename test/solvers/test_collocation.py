@@ -2,12 +2,12 @@
 solves.
 """
 
-import numba
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model import friction
+from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.smoothed import collocation_tables as tables
 from tcc_sim.solvers.smoothed import stages
 from tcc_sim.solvers.smoothed.state import LAYER, WORK, Place
@@ -67,12 +67,12 @@ def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
     np.testing.assert_allclose(balance, free, atol=1e-9 * np.abs(free).max() + 1e-9 / h)
 
 
-@numba.njit
+@compiled
 def law(work, sign, sigma, stribeck):
     stages.evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
 
 
-@numba.njit
+@compiled
 def correct(work, rung, v):
     stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.grip, work.balance, rung.start, v, work.change)
     stages.eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)

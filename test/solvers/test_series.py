@@ -2,11 +2,11 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 
 from tcc_sim.solvers import series
+from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, EXCESS, LOAD, ROWS, SLIP, SPEED, TANH
 
 LINEAR = (0.2, 0.02, 0.6, 3000.0)
@@ -67,7 +67,7 @@ def test_added_sines_are_their_taylor_series():
     np.testing.assert_allclose(rows[ENGINE, :10], taylor(lambda t: 3 * np.sin(0.7 + 0.4 * t), 10, 1.0), atol=1e-14)
 
 
-@numba.njit
+@compiled
 def expand(order, rows, unit, sign, pulsation, decay, excess, sigma, tanh, sech, kept):
     series.expand(order, rows, unit, LINEAR, sign, pulsation, decay, excess, sigma, tanh, sech, kept)
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.integrate import RK45
 
 from tcc_sim.solvers.comparison.runge_kutta import KEPT_PER_CYCLE, slopes
-from tcc_sim.solvers.compiling.compiled import compiled_without_allocation
+from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats
 
@@ -83,7 +83,7 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
     return Piece(np.concatenate(found), ended, steps)
 
 
-@compiled_without_allocation
+@compiled
 def _rates(t: float, y: Floats, terms: Any, out: Floats, row: int) -> None:
     """y' into a row of `out`; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
     out[row, 0], out[row, 2] = slopes(t, y[0], y[1], y[2], terms)
@@ -92,7 +92,7 @@ def _rates(t: float, y: Floats, terms: Any, out: Floats, row: int) -> None:
         out[row, 3] = y[0] + y[2]
 
 
-@compiled_without_allocation
+@compiled
 def _advance(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: Any, tables: Tables, rtol: float,
              atol: Floats, marks: Floats, spacing: float, least: float, rows: Floats) -> tuple[int, int, int]:
     """Steps until `end`, AT_ONCE of them or `rows` is full; `at` is time, length of the next step and time of the last

@@ -52,34 +52,50 @@ def lsoda(problem: Problem) -> Trajectory:
 
 
 @compiled
-def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
-    """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
+def _rates(t: float, y: Floats, terms: Terms, out: Floats) -> None:
+    """See `rates_of`."""
     slip, plate = slopes(t, y[0], y[1], y[2], terms)
-    out = np.empty_like(y)
     out[0] = slip
     out[1] = y[2]
     out[2] = plate
     if len(y) > 3:
         out[3] = y[0] + y[2]
+
+
+def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
+    """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
+    out = np.empty_like(y)
+    _rates(t, y, terms, out)
     return out
 
 
 @compiled
+def _rates_along(t: Floats, y: Floats, terms: Terms, out: Floats) -> None:
+    """See `rates_along`."""
+    for i in range(len(t)):
+        _rates(t[i], y[i], terms, out[i])
+
+
 def rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
     """`rates_of` at every time of (n,) for the states of (n, m)."""
     out = np.empty_like(y)
-    for i in range(len(t)):
-        out[i] = rates_of(t[i], y[i], terms)
+    _rates_along(t, y, terms, out)
+    return out
+
+
+def jacobian(t: float, y: Floats, terms: Terms) -> Floats:
+    """The derivative of `rates_of` with respect to y."""
+    out = np.zeros((len(y), len(y)))
+    _jacobian(t, y, terms, out)
     return out
 
 
 @compiled
-def jacobian(t: float, y: Floats, terms: Any) -> Floats:
-    """The derivative of `rates_of` with respect to y."""
+def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
+    """See `jacobian`."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * torques_now(t, piece_at(terms.course, t), terms.course, terms)[1]
     flywheel, plate, damping, stiffness = terms.linear
-    out = np.zeros((len(y), len(y)))
     out[0, 0] = -rate * (1.0 / flywheel + 1.0 / plate)
     out[0, 1] = stiffness / plate
     out[0, 2] = damping / plate
@@ -90,7 +106,6 @@ def jacobian(t: float, y: Floats, terms: Any) -> Floats:
     if len(y) > 3:
         out[3, 0] = 1.0
         out[3, 2] = 1.0
-    return out
 
 
 def _scales(problem: Problem, terms: Terms) -> Floats:

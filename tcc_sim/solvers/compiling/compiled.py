@@ -1,73 +1,182 @@
-"""The one place that compiles: Numba, with compiled code kept on disk under the text of what each kernel can call.
+"""Kernels: Python functions that are compiled once for each kind of arguments, and then called without the compiler.
 
-Numba's own cache looks only at the file of the function itself, so a change in a file that it calls would be missed.
+Numba compiles (`linked`); what it makes is kept on disk (`kernel_cache`) and called through llvmlite and ctypes, so
+that a process that finds its kernels there never loads Numba, three quarters of the time of a short command.
 """
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+import importlib.util
 import os
-import sys
+import threading
 from collections.abc import Callable
+from functools import cache, cached_property
+from pathlib import Path
+from struct import Struct
+from types import FunctionType
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core.types.misc import unliteral
+import llvmlite
+import numpy as np
+from llvmlite import binding
 
 from tcc_sim.model import course, equations, friction
-from tcc_sim.solvers.compiling.kernel_cache import KernelCache
-
-try:
-    from tcc_sim.solvers.compiling.linked import OWN_TEXT, PartCompiler, WholeCompiler
-except ImportError:  # Numba has moved what it calls its own.
-    OWN_TEXT, PartCompiler, WholeCompiler = "", None, None  # type: ignore[assignment,misc]
-
-if os.environ.get("TCC_SIM_COMMAND") and "scipy.linalg" not in sys.modules:
-    # Numba loads SciPy's linear algebra where it is there: 0.2 s of every command, and no kernel multiplies matrices.
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
-    try:
-        import numba.np.arraymath
-    finally:
-        del sys.modules["scipy.linalg"]
+from tcc_sim.solvers.compiling import kernel_cache
+from tcc_sim.solvers.compiling.kernel_text import Reach
 
 Function = TypeVar("Function", bound=Callable[..., object])
+Kind = tuple[Any, ...]
+Words = list[float]
 
-TESTED = (0, 57), (0, 68)
-"""First and last version of Numba whose inner parts `linked` is known to fit; beyond, kernels are compiled as Numba
-compiles any function, which takes about twice as long."""
-LINKED = WholeCompiler is not None and TESTED[0] <= tuple(map(int, numba.__version__.split(".")[:2])) <= TESTED[1]
+SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type(None): ""}
+C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
+"""NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
+REMEMBERED = 256
+_lock = threading.RLock()
+_tuples: dict[int, tuple[Any, Kind, Words]] = {}
+"""Tuples of numbers that were laid out before, by their identity: most calls give the same terms again."""
 
 
-def compiled(function: Function, linked: bool = LINKED, **options: bool) -> Function:
-    """Compile on first call for the argument types given; None arguments leave their branches out.
+class Kernel:
+    """A function that Python calls compiled. Another kernel that calls it takes it in as a part of its own.
 
-    The compiled code is kept on disk between processes (`kernel_cache`), releases the interpreter lock, and keeps IEEE
-    arithmetic. Called from another compiled function it is a part of that (`linked`).
+    entries : what was loaded for each kind of arguments
     """
-    numba_options: dict[str, Any] = {"nogil": True, "error_model": "numpy", **options}
-    how = {"pipeline_class": WholeCompiler} if linked else {}
-    dispatcher = numba.njit(function, **how, **numba_options)
-    if dispatcher is function:  # NUMBA_DISABLE_JIT gives the function back as it is.
-        return function
-    dispatcher._cache = KernelCache(function, options, OWN_TEXT if linked else "")  # type: ignore[arg-type]
-    if linked:
-        part = numba.njit(function, pipeline_class=PartCompiler, **numba_options)
-        dispatcher.get_call_template = lambda kinds, names: part.get_call_template(
-            tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
-        dispatcher.get_overload = part.get_overload
-    return cast(Function, dispatcher)
+
+    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
+        self.py_func, self.options = function, options
+        self.__name__, self.__doc__ = function.__name__, function.__doc__
+        self.entries: dict[Kind, Callable[[Words], Any]] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call with floats, integers, None, arrays, records, and tuples of these."""
+        words: Words = []
+        kind, _ = _laid_out(arguments, words)
+        entry = self.entries.get(kind) or self._entry(kind, arguments, words)
+        return entry(words)
+
+    @cached_property
+    def part(self) -> Any:
+        """What Numba knows of it."""
+        from tcc_sim.solvers.compiling.linked import dispatcher
+
+        return dispatcher(self)
+
+    @cached_property
+    def reach(self) -> Reach:
+        """What it can call, and how that is compiled."""
+        return Reach(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
+
+    def _entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> Callable[[Words], Any]:
+        """Load or compile what is called for these arguments, one thread at a time."""
+        with _lock:
+            if kind not in self.entries:
+                name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
+                safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
+                which = hashlib.sha256(repr(kind).encode()).hexdigest()[:16]
+                self.entries[kind] = kernel_cache.kept(
+                    f"{safe}-{self.reach.digest[:24]}-{which}", self.reach.size,
+                    lambda: self.part.written(arguments), lambda content: loaded(content, words))
+            return self.entries[kind]
 
 
-def compiled_without_allocation(function: Function) -> Function:
-    """`compiled` for functions that create no array: their arguments are not reference-counted.
-
-    Numba counts with atomic instructions at every call, a good part of the time of a kernel made of short functions.
+def _laid_out(values: tuple[Any, ...], words: Words) -> tuple[Kind, bool]:
+    """Add the numbers of arguments, and the addresses of arrays, to `words`; their kind, and whether all are numbers.
     """
-    return compiled(function, _nrt=False)
+    kind: list[Any] = []
+    numbers = True
+    for value in values:
+        type_ = type(value)
+        letter = SCALARS.get(type_)
+        if letter is not None:
+            kind.append(letter)
+            if letter:
+                words.append(value)
+        elif isinstance(value, tuple):
+            known = _tuples.get(id(value))
+            if known is None:
+                inner: Words = []
+                shape, simple = _laid_out(value, inner)
+                known = value, (type_, shape), inner
+                numbers = numbers and simple
+                if simple:
+                    if len(_tuples) >= REMEMBERED:
+                        _tuples.clear()
+                    _tuples[id(value)] = known
+            kind.append(known[1])
+            words += known[2]
+        else:
+            numbers = False
+            if type_ is np.ndarray:
+                flags = value.flags.num
+                order = C_ORDER if flags & C_ORDER else FORTRAN_ORDER
+                kind.append((value.dtype, value.ndim, flags & (order | WRITABLE)))
+            elif isinstance(value, np.void):
+                kind.append(value.dtype)
+            else:
+                raise TypeError(f"a kernel is given {value!r}; it takes floats, integers, arrays and tuples of these")
+            words.append(id(value))
+    return tuple(kind), numbers
+
+
+@cache
+def _compiler() -> tuple[str, ...]:
+    """The compiler, the processor and how kernels are linked, without loading Numba."""
+    numba, room = importlib.util.find_spec("numba"), Path(__file__).parent
+    texts = Path(numba.origin).with_name("_version.py"), room / "linked.py", room / "unrolled.py"  # type: ignore
+    return (*(text.read_text() for text in texts), llvmlite.__version__, binding.get_process_triple(),
+            binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
+            *(os.environ.get(f"NUMBA_{name}", "") for name in ("OPT", "CPU_NAME", "CPU_FEATURES", "ENABLE_AVX")))
+
+
+def loaded(content: bytes, words: Words) -> Callable[[Words], Any]:
+    """Compiled code (see `linked.written`) as a function of words like these.
+
+    Raises
+    ------
+    UnusableFile
+        The code needs a function that this process does not have.
+    """
+    outputs, names, code = content.split(b"\n", 2)
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+    for name in names.decode().split():
+        if not binding.address_of_symbol(name):  # LLVM would end the process.
+            raise kernel_cache.UnusableFile(f"{name} is missing")
+    engine.add_object_file(binding.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)(engine.get_function_address("kernel"))
+    packing = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
+    unpacking, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
+    room, place = ctypes.c_char * (packing.size + unpacking.size), packing.size
+
+    def entry(words: Words) -> Any:
+        block = room()
+        packing.pack_into(block, 0, *words)
+        if call(block):
+            raise ArithmeticError("a kernel has failed")
+        found = unpacking.unpack_from(block, place)
+        return found if several else found[0] if found else None
+
+    entry.engine = engine  # type: ignore[attr-defined]
+    return entry
+
+
+def compiled(function: Function, **options: Any) -> Function:
+    """Compile on first call for the kind of arguments given; None arguments leave their branches out.
+
+    The compiled code creates no array, releases the interpreter lock, and keeps IEEE arithmetic.
+    """
+    return cast(Function, Kernel(function, {"_nrt": False, **options}))  # type: ignore[arg-type]
 
 
 def fast(function: Function) -> Function:
-    """`compiled_without_allocation`, with products and sums fused where the processor can."""
-    return compiled(function, _nrt=False, fastmath={"contract"})  # type: ignore[arg-type]
+    """`compiled`, with products and sums fused where the processor can."""
+    return compiled(function, fastmath={"contract"})
 
 
 smoothed = compiled(friction.smoothed)

@@ -29,11 +29,9 @@ class Reach:
     """
 
     def __init__(self, function: FunctionType, *context: object) -> None:
-        self.size = 0
-        self._hash = hashlib.sha256()
-        self._seen: dict[object, object] = {}
+        self.size, self._hash, self._seen = 0, hashlib.sha256(), {}  # type: ignore[var-annotated]
         self._add(sys.version_info[:2], *context)
-        self._function(function)
+        self._take(function, set())
         self.digest = self._hash.hexdigest()
 
     def _add(self, *words: object) -> None:
@@ -42,19 +40,45 @@ class Reach:
             data = word if isinstance(word, bytes) else repr(word).encode()
             self._hash.update(len(data).to_bytes(8, "little") + data)
 
-    def _function(self, function: FunctionType) -> None:
-        """Take a function with everything that its names mean."""
-        self._add(function.__module__, function.__qualname__)
-        if id(function) in self._seen:
-            return
-        self._seen[id(function)] = function
-        names = sorted(self._code(function.__code__, function.__doc__))
-        self._value("defaults", function.__defaults__, names)
-        for name in names:
-            if name in function.__globals__:
-                self._value(name, function.__globals__[name], names)
-        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):
-            self._value(name, cell.cell_contents, names)
+    def _take(self, value: Any, names: set[str]) -> None:
+        """Take what a name stands for; `names` are those that the function looks up, in modules too."""
+        if isinstance(getattr(value, "py_func", None), FunctionType):
+            self._add(sorted(map(repr, getattr(value, "options", {}).items())))
+            value = value.py_func
+        self._add(type(value).__name__)
+        if isinstance(value, FunctionType | type | BuiltinFunctionType):
+            self._add(value.__module__, value.__qualname__)
+        if isinstance(value, FunctionType | ModuleType):
+            key = id(value), isinstance(value, ModuleType) and tuple(sorted(names))
+            if key in self._seen:
+                return
+            self._seen[key] = value
+        if isinstance(value, FunctionType):
+            names = self._code(value.__code__, value.__doc__)
+            named = {name: value.__globals__[name] for name in sorted(names) if name in value.__globals__}
+            cells = [cell.cell_contents for cell in value.__closure__ or ()]
+            for item in (*named.items(), value.__defaults__, *cells):
+                self._take(item, names)
+        elif isinstance(value, ModuleType):  # Of one outside this package only kernels and numbers.
+            self._add(value.__name__)
+            own = value.__name__.startswith(_PACKAGE)
+            for name in sorted(names & vars(value).keys()):
+                item = vars(value)[name]
+                if item is not value and (own or hasattr(item, "py_func") or isinstance(item, _PLAIN)):
+                    self._take((name, item), names)
+        elif isinstance(value, tuple | list):
+            self._add(len(value))
+            for item in value:
+                self._take(item, names)
+        elif isinstance(value, np.ndarray):
+            self._add(value.dtype, value.shape, value.tobytes())
+        elif isinstance(value, type):
+            self._add(list(value) if issubclass(value, Enum) else getattr(value, "_fields", ()))
+        elif not isinstance(value, BuiltinFunctionType):
+            self._add(value if isinstance(value, _PLAIN) else _ADDRESS.sub("", repr(value)))
+            file = getattr(sys.modules.get(type(value).__module__), "__file__", None)
+            if type(value).__module__.startswith(_PACKAGE) and file is not None:  # What its class does.
+                self._add(Path(file).read_bytes())
 
     def _code(self, code: CodeType, documentation: str | None = None) -> set[str]:
         """Take the instructions and constants of a code object; the names that it looks up."""
@@ -67,50 +91,3 @@ class Reach:
             elif number or constant != documentation:
                 self._add(constant)
         return names
-
-    def _value(self, name: str, value: Any, names: list[str]) -> None:
-        """Take what a name stands for."""
-        self._add(name)
-        function = getattr(value, "py_func", None) or getattr(value, "_defn", None)
-        if isinstance(function, FunctionType):
-            self._add(sorted(map(repr, getattr(value, "targetoptions", {}).items())))
-            self._function(function)
-        elif isinstance(value, FunctionType):
-            self._function(value)
-        elif isinstance(value, ModuleType):
-            self._module(value, names)
-        elif isinstance(value, _PLAIN):
-            self._add(type(value).__name__, value)
-        elif isinstance(value, tuple | list):
-            self._add(type(value).__name__, len(value))
-            for item in value:
-                self._value("", item, names)
-        elif isinstance(value, np.ndarray):
-            self._add(value.dtype, value.shape, value.tobytes())
-        elif isinstance(value, type):
-            fields = list(value) if issubclass(value, Enum) else getattr(value, "_fields", ())
-            self._add(value.__module__, value.__qualname__, fields)
-        elif isinstance(value, BuiltinFunctionType):
-            self._add(value.__module__, value.__qualname__)
-        else:
-            self._add(type(value).__qualname__, _ADDRESS.sub("", repr(value)))
-            self._file(type(value).__module__)
-
-    def _module(self, module: ModuleType, names: list[str]) -> None:
-        """Take what the names mean in a module; of one outside this package only kernels and numbers."""
-        key = module.__name__, tuple(names)
-        self._add(module.__name__)
-        if key in self._seen:
-            return
-        self._seen[key] = module
-        own = module.__name__.startswith(_PACKAGE)
-        for name in names:
-            value = vars(module).get(name, module)
-            if value is not module and (own or hasattr(value, "py_func") or isinstance(value, _PLAIN)):
-                self._value(name, value, names)
-
-    def _file(self, module: str) -> None:
-        """Take the whole text of a module of this package, where an object of another kind comes from it."""
-        file = getattr(sys.modules.get(module), "__file__", None)
-        if module.startswith(_PACKAGE) and file is not None:
-            self._add(Path(file).read_bytes())

@@ -1,36 +1,48 @@
 """How a kernel of many small functions is compiled: all of them together, and nothing that is not called.
 
 Numba optimises each function that another one calls with all that it calls in turn, and makes machine code of it and
-entries for Python and for C. A part of a kernel is called by neither, so that is thrown away, and half the time of a
-first run with it. Here a part stays as it was written out; the kernel that is called takes in every part that it
-reaches, and only then is optimised. The passes over the text that no kernel needs are left out as well.
+entries for Python and for C. Here a function stays as it was written out; the kernel that Python calls takes in every
+one that it reaches, and only then is optimised. The passes over the text that no kernel needs are left out as well.
+
+Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
+other, the addresses of the objects that are arrays and records, and room for what it gives back.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
-from pathlib import Path
+from functools import cache
 from typing import Any
 
-from numba import _dynfunc
-from numba.core import compiler
+import numba
+from llvmlite import binding, ir
+from numba import types
+from numba.core import cgutils, compiler
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler_machinery import PassManager, register_pass
-from numba.core.funcdesc import PythonFunctionDescriptor
-from numba.core.lowering import Lower
-from numba.core.typed_passes import NativeLowering
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager
+from numba.core.types.misc import unliteral
+from numba.core.typing import signature
+from numba.core.typing.templates import AbstractTemplate
+from numba.extending import lower_builtin, typeof_impl
+from numba.np.arrayobj import populate_array
 
-OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-"""Part of the key of compiled code."""
+from tcc_sim.solvers.compiling.compiled import Kernel
+from tcc_sim.solvers.compiling.unrolled import Unrolled
+
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
           "NativeLowering", "NoPythonBackend"}
 """Numba's passes for what makes no array: without closures, array expressions, context managers and annotations."""
+WORD, REAL = ir.IntType(64), ir.DoubleType()
+HEAD = object.__basicsize__
+"""Bytes of a Python object before its own fields (`PyArrayObject` and `PyVoidScalarObject` of NumPy's headers)."""
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A function that waits to be linked: neither optimised nor made machine code."""
+    """A function that waits to be linked: neither optimised nor made machine code, so that it has no address."""
+
+    codegen = property(lambda self: self)
 
     def add_llvm_module(self, ll_module: Any) -> None:
         """Take what the function was written out as."""
@@ -40,89 +52,157 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Remember what it calls."""
         self._linking_libraries.append(library)
 
-    def parts(self) -> Iterator[Any]:
-        """What it calls, directly or not."""
-        for library in self._linking_libraries:
-            yield library
-            if isinstance(library, PartLibrary):
-                yield from library.parts()
-
     def finalize(self) -> None:
-        """Nothing can be added any more; whoever links it may inline it, or leave it out."""
+        """Nothing can be added any more."""
         self._raise_if_finalized()
-        for function in self._final_module.functions:
-            if not function.is_declaration and function.linkage.name == "external":
-                function.linkage = "linkonce_odr"
         self._shared_module = self._final_module
         self._finalized = True
 
+    def get_pointer_to_function(self, _name: str) -> int:
+        """It has none, and nobody asks for more than to put it away."""
+        self._ensure_finalized()
+        return 0
 
-class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A kernel that Python calls, with all the parts that it reaches."""
-
-    def add_linking_library(self, library: Any) -> None:
-        """Remember what it calls, and what that calls."""
-        super().add_linking_library(library)
-        if isinstance(library, PartLibrary):
-            self._linking_libraries.extend(library.parts())
-
-    def _optimize_final_module(self) -> None:
-        """Optimise all together; nobody else calls the parts, so one that is called at one place is always inlined."""
-        for function in self._final_module.functions:
-            if not function.is_declaration and function.linkage.name == "linkonce_odr":
-                function.linkage = "internal"
-        passes, builder = self.codegen._module_pass_manager()  # Numba's first round is for what counts references.
-        passes.run(self._final_module, builder)
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class PartLowering(NativeLowering):  # type: ignore[misc]
-    """Write a part out."""
-
-    _name = "part_lowering"
-
-    def run_pass(self, state: Any) -> bool:
-        """As Numba does, without an entry for Python, for C, or an address."""
-        context, flags = state.targetctx, state.flags
-        library = PartLibrary(context.codegen(), state.func_id.func_qualname)
-        descriptor = PythonFunctionDescriptor.from_specialized_function(
-            state.func_ir, state.typemap, state.return_type, state.calltypes, mangler=context.mangler,
-            inline=flags.forceinline, noalias=flags.noalias, abi_tags=[flags.get_mangle_string()])
-        with context.push_code_library(library):
-            lower = Lower(context, library, descriptor, state.func_ir, metadata=state.metadata)
-            lower.lower()
-        library.finalize()
-        nowhere = _dynfunc.make_function(descriptor.lookup_module(), state.func_id.func_name, "", 0, lower.env,
-                                         (library,))
-        context.insert_user_function(nowhere, descriptor, [library])
-        state.library = library
-        state["cr"] = compiler._LowerResult(descriptor, lower.call_helper, cfunc=nowhere, env=lower.env)
-        return True
-
-
-def passes(state: Any, lowering: type[NativeLowering]) -> list[PassManager]:
-    """Numba's passes, those that are needed where nothing is allocated, with a way to write a function out."""
-    out = PassManager("kernel")
-    for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(state).passes:
-        if state.flags.nrt or step.__name__ in NEEDED:
-            out.add_pass(lowering if step is NativeLowering else step, description)
-    out.finalize()
-    return [out]
+    def set_env(self, _name: str, _env: Any) -> None:
+        """What Python objects a function needs: none."""
 
 
 class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
     """Compiles a function as other compiled functions call it."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """The passes."""
-        return passes(self.state, PartLowering)
+        """Numba's passes, those that are needed where nothing is allocated."""
+        self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        out = PassManager("kernel")
+        for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
+            if step.__name__ in NEEDED:
+                out.add_pass(step, description)
+        out.finalize()
+        return [out]
 
 
-class WholeCompiler(compiler.CompilerBase):  # type: ignore[misc]
-    """Compiles a function as Python calls it."""
+def dispatcher(kernel: Kernel) -> Any:
+    """A kernel as Numba knows functions."""
+    out = numba.njit(kernel.py_func, pipeline_class=PartCompiler, nogil=True, error_model="numpy",
+                     no_cpython_wrapper=True, no_cfunc_wrapper=True, **kernel.options)
+    template = out.get_call_template
+    out.get_call_template = lambda kinds, names: template(
+        tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
+    out.written = lambda arguments: written(out, arguments)
+    return out
 
-    def define_pipelines(self) -> list[PassManager]:
-        """The passes."""
-        self.state.library = WholeLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
-        self.state.library.enable_object_caching()
-        return passes(self.state, NativeLowering)
+
+@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+def _(kernel: Kernel, _context: Any) -> Any:
+    return types.Dispatcher(kernel.part)
+
+
+@typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]
+def _(text: Unrolled, _context: Any) -> Any:
+    return _typed(text)
+
+
+@cache
+def _typed(text: Unrolled) -> Any:
+    """The type of a text that is run while compiling."""
+    class Template(AbstractTemplate):  # type: ignore[misc]
+        key = text
+
+        def generic(self, kinds: Any, _names: Any) -> Any:
+            return signature(types.void, *kinds)
+
+    lower_builtin(text, types.VarArg(types.Any))(text.write)
+    return types.Function(Template)
+
+
+@global_compiler_lock  # type: ignore[untyped-decorator]
+def written(part: Any, arguments: tuple[Any, ...]) -> bytes:
+    """The machine code of a kernel for arguments like these, after a line with the format of what it gives back (as
+    `struct` has it, in brackets where it is a tuple) and one with the names of the functions that it needs.
+    """
+    kinds = tuple(map(numba.typeof, arguments))
+    part.compile(kinds)
+    made = part.overloads[kinds]
+    codegen = made.target_context.codegen()
+    module = codegen._create_empty_module("kernel")
+    outputs = _write_entry(made.target_context, module, made.fndesc, kinds)
+    whole = binding.parse_assembly(str(module))
+    libraries = [made.library]
+    for library in libraries:
+        whole.link_in(library._get_module_for_linking(), preserve=True)
+        libraries += [called for called in dict.fromkeys(library._linking_libraries) if called not in libraries]
+    for function in whole.functions:
+        if not function.is_declaration and function.name != "kernel":
+            function.linkage = "internal"  # What is called at one place is always inlined.
+    passes, builder = codegen._module_pass_manager()
+    passes.run(whole, builder)
+    needed = [function for function in whole.functions
+              if function.is_declaration and not function.name.startswith("llvm.")]
+    for function in needed:
+        function.name = function.name.removeprefix("numba_")  # What it names its own way is C's frexp and ldexp.
+    names = " ".join(function.name for function in needed)
+    code: bytes = codegen._tm.emit_object(whole)
+    return f"{outputs}\n{names}\n".encode() + code
+
+
+def _write_entry(context: Any, module: Any, descriptor: Any, kinds: tuple[Any, ...]) -> str:
+    """Write what Python calls: it takes the arguments from the block, and puts what comes back behind them."""
+    function = ir.Function(module, ir.FunctionType(ir.IntType(32), [WORD.as_pointer()]), "kernel")
+    builder = ir.IRBuilder(function.append_basic_block())
+    places = _places(builder, function.args[0])
+    arguments = [_taken(context, builder, places, kind) for kind in kinds]
+    returned = descriptor.restype
+    status, value = context.call_conv.call_function(builder, context.declare_function(module, descriptor), returned,
+                                                    kinds, arguments)
+    several = isinstance(returned, types.BaseTuple)
+    values = cgutils.unpack_tuple(builder, value) if several else [value]
+    formats = ""
+    for kind, item in zip(returned if several else [returned], values):
+        if not isinstance(kind, types.NoneType):
+            formats += FORMATS[kind]
+            whole = item if item.type in (WORD, REAL) else builder.zext(item, WORD)
+            builder.store(whole, builder.bitcast(next(places), whole.type.as_pointer()))
+    builder.ret(status.code)
+    return f"({formats})" if several else formats
+
+
+FORMATS = {types.float64: "d", types.int64: "q", types.boolean: "?7x"}
+"""How `struct` reads a word."""
+
+
+def _places(builder: Any, block: Any) -> Iterator[Any]:
+    """The words of a block, one after the other."""
+    while True:
+        yield block
+        block = builder.gep(block, [ir.Constant(WORD, 1)])
+
+
+def _taken(context: Any, builder: Any, places: Iterator[Any], kind: Any) -> Any:
+    """An argument out of its words."""
+    if isinstance(kind, types.NoneType):
+        return context.get_dummy_value()
+    if isinstance(kind, types.BaseTuple):
+        return context.make_tuple(builder, kind, [_taken(context, builder, places, item) for item in kind])
+    place = next(places)
+    if kind == types.float64:
+        return builder.load(builder.bitcast(place, REAL.as_pointer()))
+    word = builder.load(place)
+    if kind == types.boolean:
+        return builder.trunc(word, ir.IntType(1))
+    if isinstance(kind, types.Record):
+        return builder.inttoptr(_field(builder, word, HEAD + 8), context.get_value_type(kind))
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder)
+        shape, strides = (_field(builder, word, HEAD + place) for place in (16, 24))
+        populate_array(array, builder.inttoptr(_field(builder, word, HEAD), array.data.type),
+                       [_field(builder, shape, 8 * i) for i in range(kind.ndim)],
+                       [_field(builder, strides, 8 * i) for i in range(kind.ndim)],
+                       context.get_abi_sizeof(context.get_data_type(kind.dtype)), None)
+        return array._getvalue()
+    return word
+
+
+def _field(builder: Any, start: Any, offset: int) -> Any:
+    """A word of a structure."""
+    place = builder.add(start, ir.Constant(WORD, offset))
+    return builder.load(builder.inttoptr(place, WORD.as_pointer()))

@@ -9,21 +9,12 @@ text computes the same thing, which is how it is tested.
 from __future__ import annotations
 
 import functools
-import hashlib
-import inspect
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-OWN_TEXT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-"""Compiled code is kept under the text of the functions that it names, which does not reach into methods: so this is
-named too."""
 REAL = ir.DoubleType()
 WHOLE = ir.IntType(64)
 SHIFTER = 6755399441055744.0
@@ -96,7 +87,7 @@ class Storage:
         array = context.make_array(kind)(context, builder, argument)
         self.builder = builder
         self.start = builder.bitcast(array.data, REAL.as_pointer())
-        self.strides = cgutils.unpack_tuple(builder, array.strides)
+        self.strides = _items(builder, array.strides)
         self.shape = getattr(kind, "shape", (0,))
         self.length = self.shape[-1]
         self.known: dict[Any, Name] = {}
@@ -220,8 +211,8 @@ def _called(function: str, x: Name, *others: Any) -> Name:
     shape = x.value.type
     count = getattr(shape, "count", 0)
     operands = [x.value, *(x._operand(o) for o in others)]
-    kind = ir.FunctionType(shape, [shape] * len(operands))
-    made = cgutils.get_or_insert_function(x.builder.module, kind, f"{function}.{f'v{count}' if count else ''}f64")
+    name, module = f"{function}.{f'v{count}' if count else ''}f64", x.builder.module
+    made = module.globals.get(name) or ir.Function(module, ir.FunctionType(shape, [shape] * len(operands)), name)
     return Name(x.builder, x.builder.call(made, operands))
 
 
@@ -237,15 +228,40 @@ def _spread(builder: Any, value: Any, shape: Any) -> Any:
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), shape.count), None))
 
 
+def _items(builder: Any, value: Any) -> list[Any]:
+    """What a tuple or a fixed array holds."""
+    return [builder.extract_value(value, i) for i in range(len(value.type))]
+
+
 def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
     """An argument as the staged text sees it: None, tuples and whole arrays keep their shape."""
-    if isinstance(kind, types.NoneType):
+    if kind.name == "none":
         return None
-    if isinstance(kind, types.BaseTuple):
-        return tuple(_named(context, builder, k, a) for k, a in zip(kind, cgutils.unpack_tuple(builder, argument)))
-    if isinstance(kind, types.Array):
+    if hasattr(kind, "types"):
+        return tuple(_named(context, builder, k, a) for k, a in zip(kind, _items(builder, argument)))
+    if hasattr(kind, "dtype"):
         return Storage(context, builder, kind, argument)
     return Name(builder, argument)
+
+
+class Unrolled:
+    """What stands for a text in compiled functions; `linked` says what calling it means."""
+
+    def __init__(self, text: Callable[..., Any]) -> None:
+        self.py_func = text
+
+    def write(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Run the text, which writes the code."""
+        names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
+        end = builder.append_basic_block("reached")
+        for k in self.py_func(*names) or ():
+            further = builder.append_basic_block(f"beyond_{k}")
+            reached = builder.icmp_signed("<=", arguments[0], ir.Constant(arguments[0].type, k))
+            builder.cbranch(reached, end, further)
+            builder.position_at_end(further)
+        builder.branch(end)
+        builder.position_at_end(end)
+        return context.get_dummy_value()
 
 
 def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
@@ -257,29 +273,4 @@ def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
         written: the code ends at the first yield with k at or above the order asked for. Or an ordinary function, whose
         order is ignored.
     """
-    count = len(inspect.signature(text).parameters)
-
-    def implement(_typing: Any, order: Any, *kinds: Any) -> Any:
-        def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
-            end = builder.append_basic_block(f"reached_{OWN_TEXT[:8]}")
-            for k in text(*names) or ():
-                further = builder.append_basic_block(f"beyond_{k}")
-                reached = builder.icmp_signed("<=", arguments[0], ir.Constant(arguments[0].type, k))
-                builder.cbranch(reached, end, further)
-                builder.position_at_end(further)
-            builder.branch(end)
-            builder.position_at_end(end)
-            return context.get_dummy_value()
-
-        return types.void(order, *kinds), write
-
-    def typed(typing: Any, order: Any, *kinds: Any) -> Any:
-        return implement(typing, order, *kinds)
-
-    # An intrinsic's parameters are read from its signature, where there is no *args.
-    named = ["typing", "order", *(f"a{i}" for i in range(count))]
-    typed.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in named])
-    made: Callable[..., None] = intrinsic(typed)
-    return made
+    return cast(Callable[..., None], Unrolled(text))

@@ -18,7 +18,6 @@ from tcc_sim.solvers.event_driven.step import (
     LAW_VARIES,
     NO_EVENT,
     REST,
-    SHAPE,
     Step,
     monotone,
     slip_arc,
@@ -58,15 +57,23 @@ class Setup(NamedTuple):
     event_limit: int
 
 
+class Work(NamedTuple):
+    """Work space: of the series, of Bernstein coefficients, and of stiff arcs (None without them)."""
+
+    rows: Any
+    bernstein: Any
+    nodes: Any
+    matrices: Any
+
+
 class Memory(NamedTuple):
-    """What one solve changes as it goes; `nodes` and `matrices` are the work space of stiff arcs, None without them."""
+    """What one solve changes as it goes."""
 
     state: Any
     drive: Any
     counters: Any
     output: Any
-    nodes: Any
-    matrices: Any
+    work: Work
 
 
 @fast
@@ -224,9 +231,7 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
     Goes on where `memory` is; returns how it ended. `angle` is None where theta1 is not asked for.
     """
     bounds, terms, waves, phase, event_limit = setup
-    state, drive, counters, output, nodes, matrices = memory
-    rows = np.zeros(SHAPE)
-    workspace = np.zeros(polynomial.WORKSPACE)
+    state, drive, counters, output, (rows, workspace, nodes, matrices) = memory
     period = bounds.period
     all_cycles = whole + (1 if rest > 0.0 else 0)
     while output.cycle < all_cycles:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
@@ -29,7 +27,7 @@ from tcc_sim.solvers.event_driven.sensitivity import (
     unresolved,
 )
 from tcc_sim.solvers.event_driven.setup import Bounds
-from tcc_sim.solvers.event_driven.step import FALLING_ORDER, SHAPE, Step, monotone
+from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone
 from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.terms import Terms
 
@@ -120,16 +118,27 @@ def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any)
     return height, place, sign
 
 
+@fast
+def note_start(n: int, v: float, columns: Any, heights: Any, climbs: Any) -> None:
+    """The height of a cycle at its start."""
+    heights[n] = abs(v)
+    for block in range(columns.shape[0]):
+        for lane in range(LANES):
+            climbs[n, block, lane] = math.copysign(1.0, v) * columns[block, 0, lane]
+
+
 @compiled
 def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rates: Rates, state: Any, drive: Any,
-                        output: Any, moves: Any, disturbed: Disturbed, wanted: bool, least: Any, work: Any) -> int:
+                        output: Any, moves: Any, disturbed: Disturbed, wanted: bool, least: Any, work: Any,
+                        room: Any) -> int:
     """From `state.tau` seconds into cycle `first` over `passes` ends of cycles to `tail` seconds behind the last one.
 
     wanted, least : whether margins are looked for, and where they are kept
+    room : arrays (SHAPE), (WORKSPACE) and (3) to work in
     """
     bounds, terms, waves, phase, _ = setup
     numbers, columns, heights, climbs = disturbed
-    rows, workspace, places = np.zeros(SHAPE), np.zeros(polynomial.WORKSPACE), np.zeros(3)
+    rows, workspace, places = room
     period, steps, n = bounds.period, 0, 0
     total = passes + (1 if tail > 0.0 else 0)
     state.shift = load_phase(phase[0], phase[1], float(first))
@@ -137,8 +146,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
     state.first_mode = state.mode
     if state.mode == STICK:
         columns[:, 0, :] = 0.0
-    heights[0] = abs(state.slip_speed)
-    climbs[0] = math.copysign(1.0, state.slip_speed) * columns[:, 0, :]
+    note_start(0, state.slip_speed, columns, heights, climbs)
     while n < total:
         finish = period if n < passes else tail
         mode, tau, shift = state.mode, state.tau, state.shift
@@ -192,6 +200,5 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                 state.tau -= period
                 state.load_edge -= period
                 state.shift = load_phase(phase[0], phase[1], float(first + n))
-                heights[n] = abs(state.slip_speed)
-                climbs[n] = math.copysign(1.0, state.slip_speed) * columns[:, 0, :]
+                note_start(n, state.slip_speed, columns, heights, climbs)
     return ARRIVED

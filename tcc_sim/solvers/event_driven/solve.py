@@ -30,14 +30,17 @@ from tcc_sim.solvers.event_driven.integrate import (
     UNKNOWN,
     Memory,
     Setup,
+    Work,
     integrate,
 )
 from tcc_sim.solvers.event_driven.modes import FREE, STATE, STICK
 from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
+from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.loads import loads_of, room_for_loads
 from tcc_sim.solvers.per_system import per_system
+from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
 from tcc_sim.solvers.terms import Terms, terms_of
@@ -66,9 +69,10 @@ def setup_of(system: System, rtol: float) -> Setup:
                  (system.pressure.frequency_ratio, system.pressure.phase), event_limit(terms, system.cycle))
 
 
-def stiff_work(bounds: Bounds) -> tuple[NDArray[Any], NDArray[Any]] | tuple[None, None]:
-    """Nodes and matrices of stiff arcs, where there are any."""
-    return (np.zeros(VALUES), np.zeros(MATRICES)) if bounds.stiff_slip or bounds.stiff_stick else (None, None)
+def work_of(bounds: Bounds) -> Work:
+    """Work space for a solve."""
+    stiff = (np.zeros(VALUES), np.zeros(MATRICES)) if bounds.stiff_slip or bounds.stiff_stick else (None, None)
+    return Work(np.zeros(SHAPE), np.zeros(WORKSPACE), *stiff)
 
 
 class Scratch(threading.local):
@@ -111,13 +115,13 @@ def solve(problem: Problem) -> Trajectory:
     cycles, samples = np.zeros((whole + 2, CYCLE.itemsize // 8)), np.zeros((len(times), 5))
     cycles[0, :3] = s.slip_speed, s.plate_angle, s.plate_speed
     moves = scratch.room_for(MOVES + limit)
-    nodes, matrices = stiff_work(setup.bounds)
+    work = work_of(setup.bounds)
     loads = room_for_loads(problem)
     given = (setup._replace(waves=setup.waves.copy()),
-             Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], nodes, matrices),
+             Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], work),
              Store(cycles.view(CYCLE)[:, 0], samples, problem.samples_per_cycle, moves, loads),
              True if problem.flywheel_angle else None)
-    variant = problem.flywheel_angle, loads is None, nodes is None, terms.pulsation is None, terms.stribeck is None
+    variant = problem.flywheel_angle, loads is None, work.nodes is None, terms.pulsation is None, terms.stribeck is None
     if variant not in _compiled:
         integrate(problem.start_cycle, 0, 0.0, STEP_MAXIMUM, *given)
         _compiled.add(variant)  # Compiling is not solving.

@@ -27,6 +27,7 @@ from tcc_sim.solvers.event_driven.sensitivity_integrate import (
     integrate_disturbed,
 )
 from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
+from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
@@ -37,6 +38,7 @@ from tcc_sim.solvers.key_derivatives import (
     TORQUE_AMPLITUDE,
     key_derivatives,
 )
+from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.step_output import MOVE, OUTPUT
 from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
@@ -99,7 +101,8 @@ class Prepared:
         heights, climbs = np.zeros(n), np.zeros((n, self.blocks, LANES))
         disturbed = Disturbed(self.numbers, columns, heights, climbs)
         ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, at[0], drive[0], output[0],
-                                    moves, disturbed, margins, least, work[0])
+                                    moves, disturbed, margins, least, work[0],
+                                    (np.zeros(SHAPE), np.zeros(WORKSPACE), np.zeros(3)))
         if ended != ARRIVED:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
         last_state, seen = at[0], moves[:int(output[0]["moves"])]
