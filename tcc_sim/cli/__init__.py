@@ -107,8 +107,6 @@ def _check_verb(words: list[str]) -> str:
 def main(argv: list[str] | None = None) -> int:
     """Run one verb and give the exit status."""
     words = sys.argv[1:] if argv is None else argv
-    if argv is None:
-        os.environ.setdefault("TCC_SIM_COMMAND", "1")  # The process is a command's own: see `compiled`.
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
         status: int = import_module(f"tcc_sim.cli.{_module(arguments.verb)}").run(arguments)

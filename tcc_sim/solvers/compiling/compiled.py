@@ -22,6 +22,7 @@ import llvmlite
 import numpy as np
 from llvmlite import binding
 
+from tcc_sim.errors import TccError
 from tcc_sim.model import course, equations, friction
 from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.kernel_text import Reach
@@ -60,8 +61,10 @@ class Kernel:
     @cached_property
     def part(self) -> Any:
         """What Numba knows of it."""
-        from tcc_sim.solvers.compiling.linked import dispatcher
-
+        try:
+            from tcc_sim.solvers.compiling.linked import dispatcher
+        except ImportError as error:
+            raise TccError(f"kernels cannot be compiled: Numba has moved parts since 0.68 ({error})") from error
         return dispatcher(self)
 
     @cached_property

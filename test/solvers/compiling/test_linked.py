@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from tcc_sim.solvers.compiling.compiled import fast, loaded
+from tcc_sim.solvers.compiling.compiled import compiled, fast, loaded
+from tcc_sim.solvers.compiling.kernel_cache import UnusableFile
 from tcc_sim.solvers.compiling.linked import PartLibrary, written
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
@@ -86,3 +90,58 @@ def test_nothing_has_an_address_but_the_kernel_with_all_its_parts(monkeypatch):
         names = [function.name for function in library.get_defined_functions()]
         assert names
         assert not any(library._codegen._engine.is_symbol_defined(name) for name in names)
+
+
+class Pair(NamedTuple):
+    first: float
+    rest: tuple[int, NDArray[np.float64]]
+
+
+@compiled
+def told(matrix, record, pair, flag, nothing):
+    """Something of every kind of argument, which no two of them could give alike."""
+    if nothing is not None:
+        return -1.0, 0, flag
+    record.count += 1
+    weight = 0.0
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            weight += matrix[i, j] * 10.0**i * 1000.0**j
+    return weight + pair.first, pair.rest[0] + int(pair.rest[1][-1]) + record.count, not flag
+
+
+MATRIX = np.arange(12.0).reshape(3, 4)
+
+
+@pytest.mark.parametrize("matrix", [MATRIX, np.asfortranarray(MATRIX), MATRIX[:, ::2], MATRIX[::-1], MATRIX[1:2]],
+                         ids=["rows", "columns", "steps", "backwards", "one"])
+@pytest.mark.parametrize("writable", [True, False])
+def test_arguments_of_every_kind_arrive_as_they_are(matrix, writable):
+    matrix = matrix.view() if writable else matrix.copy(order="K")
+    matrix.setflags(write=writable)
+    record = np.zeros(2, np.dtype([("other", np.float64), ("count", np.int64)]))[1]
+    pair = Pair(0.5, (7, np.arange(5.0)[::2]))
+    weights = 10.0**np.arange(matrix.shape[0])[:, None] * 1000.0**np.arange(matrix.shape[1])
+    for count in (1, 2):
+        assert told(matrix, record, pair, True, None) == ((matrix * weights).sum() + 0.5, 11 + count, False)
+    assert record["count"] == 2
+    assert told(matrix, record, pair, True, 1.0) == (-1.0, 0, True)
+
+
+def test_a_tuple_that_has_gone_is_not_taken_for_another_at_its_place():
+    @compiled
+    def total(pair):
+        return pair[0] + pair[1]
+
+    assert [total((float(i), 1.0)) for i in range(600)] == [i + 1.0 for i in range(600)]
+
+
+@pytest.mark.parametrize("given", ["text", [1.0], 1j, np.float32(1.0), {}])
+def test_what_no_kernel_takes_is_refused(given):
+    with pytest.raises(TypeError, match="it takes floats, integers, arrays and tuples"):
+        everything(given, None)
+
+
+def test_code_that_needs_what_is_not_there_is_compiled_anew():
+    with pytest.raises(UnusableFile, match="no_such_function is missing"):
+        loaded(b"d\nno_such_function\n", [])
