@@ -110,17 +110,26 @@ def _over(terms: Terms, course: Floats | None, torque: float, load: float) -> Te
 
 
 @compiled
+def _keep(state: Floats, room: Floats, values: Floats, derivatives: Floats) -> None:
+    """Copy the state and its derivatives."""
+    for i in range(3):
+        values[i] = state[i]
+        for c in range(room.shape[2]):
+            derivatives[i, c] = room[_START, i, c]
+
+
+@compiled
 def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, course: Floats | None, held: Floats,
              by: Floats, states: Floats, derivatives: Floats, state: Floats, room: Floats) -> None:
     """See `advance_windows`, whose results are filled in."""
     h, width = step / n, states.shape[1] - 1
     whole = plate_of(h * GAMMA, terms.linear)
     for j in range(len(starts)):
-        state[:] = starts[j]
         room[_START] = 0.0
         for i in range(3):
+            state[i] = starts[j, i]
             room[_START, i, i] = 1.0
-        states[j, 0], derivatives[j, 0] = state, room[_START]
+        _keep(state, room, states[j, 0], derivatives[j, 0])
         for k in range(width):
             tick = j * width + k
             applied = _over(terms, course, held[tick, 0], held[tick, 1])
@@ -134,7 +143,7 @@ def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, co
                     part = break_after(course, start, left)
                 _sub_step(state, start, left, whole if left == h else plate_of(left * GAMMA, terms.linear), applied,
                           by, room)
-            states[j, k + 1], derivatives[j, k + 1] = state, room[_START]
+            _keep(state, room, states[j, k + 1], derivatives[j, k + 1])
 
 
 def advance_windows(starts: Floats, first: float, step: float, width: int, n: int, terms: Terms, held: Floats | None,
