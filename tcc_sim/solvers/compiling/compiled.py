@@ -10,6 +10,7 @@ import ctypes
 import hashlib
 import importlib.util
 import os
+import re
 import threading
 from collections.abc import Callable
 from functools import cache, cached_property
@@ -22,7 +23,6 @@ import llvmlite
 import numpy as np
 from llvmlite import binding
 
-from tcc_sim.errors import TccError
 from tcc_sim.model import course, equations, friction
 from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.kernel_text import Reach
@@ -30,10 +30,13 @@ from tcc_sim.solvers.compiling.kernel_text import Reach
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
 Words = list[float]
+Entry = Callable[[tuple[Any, ...], Words], Any]
 
 SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type(None): ""}
 C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
+TESTED = "0.57", "0.68"
+"""First and last version of Numba whose inner parts `linked` fits; with others Numba compiles in every process."""
 REMEMBERED = 256
 _lock = threading.RLock()
 _tuples: dict[int, tuple[Any, Kind, Words]] = {}
@@ -49,33 +52,39 @@ class Kernel:
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         self.py_func, self.options = function, options
         self.__name__, self.__doc__ = function.__name__, function.__doc__
-        self.entries: dict[Kind, Callable[[Words], Any]] = {}
+        self.entries: dict[Kind, Entry] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         """Call with floats, integers, None, arrays, records, and tuples of these."""
         words: Words = []
         kind, _ = _laid_out(arguments, words)
         entry = self.entries.get(kind) or self._entry(kind, arguments, words)
-        return entry(words)
+        return entry(arguments, words)
 
     @cached_property
     def part(self) -> Any:
         """What Numba knows of it."""
-        try:
+        if fits():
             from tcc_sim.solvers.compiling.linked import dispatcher
-        except ImportError as error:
-            raise TccError(f"kernels cannot be compiled: Numba has moved parts since 0.68 ({error})") from error
-        return dispatcher(self)
+
+            return dispatcher(self)
+        from tcc_sim.solvers.compiling.known import known
+
+        return known(self)
 
     @cached_property
     def reach(self) -> Reach:
         """What it can call, and how that is compiled."""
         return Reach(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
 
-    def _entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> Callable[[Words], Any]:
+    def _entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> Entry:
         """Load or compile what is called for these arguments, one thread at a time."""
         with _lock:
-            if kind not in self.entries:
+            if kind not in self.entries and not fits():
+                kernel_cache.announce(self.reach.size, f"in every process, since Numba {_numba()[0]} is not one of "
+                                      f"{TESTED[0]} to {TESTED[1]}, whose code can be kept")
+                self.entries[kind] = lambda arguments, words: self.part(*arguments)
+            elif kind not in self.entries:
                 name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
                 safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
                 which = hashlib.sha256(repr(kind).encode()).hexdigest()[:16]
@@ -125,17 +134,31 @@ def _laid_out(values: tuple[Any, ...], words: Words) -> tuple[Kind, bool]:
 
 
 @cache
+def _numba() -> tuple[str, str]:
+    """Numba's version and what it says of it, without loading Numba."""
+    found = importlib.util.find_spec("numba")
+    text = Path(found.origin).with_name("_version.py").read_text()  # type: ignore[union-attr, arg-type]
+    return str(re.search(r'"version": "([^"]*)"', text)[1]), text  # type: ignore[index]
+
+
+def fits() -> bool:
+    """Whether what Numba compiles can be kept on disk."""
+    first, last, version = (tuple(map(int, re.findall(r"\d+", text)[:2])) for text in (*TESTED, _numba()[0]))
+    return first <= version <= last
+
+
+@cache
 def _compiler() -> tuple[str, ...]:
     """The compiler, the processor and how kernels are linked, without loading Numba."""
-    numba, room = importlib.util.find_spec("numba"), Path(__file__).parent
-    texts = Path(numba.origin).with_name("_version.py"), room / "linked.py", room / "unrolled.py"  # type: ignore
-    return (*(text.read_text() for text in texts), llvmlite.__version__, binding.get_process_triple(),
+    room = Path(__file__).parent
+    texts = room / "known.py", room / "linked.py", room / "unrolled.py"
+    return (_numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, binding.get_process_triple(),
             binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
             *(os.environ.get(f"NUMBA_{name}", "") for name in ("OPT", "CPU_NAME", "CPU_FEATURES", "ENABLE_AVX")))
 
 
-def loaded(content: bytes, words: Words) -> Callable[[Words], Any]:
-    """Compiled code (see `linked.written`) as a function of words like these.
+def loaded(content: bytes, words: Words) -> Entry:
+    """Compiled code (see `linked.written`) as a function of arguments and their words.
 
     Raises
     ------
@@ -157,7 +180,7 @@ def loaded(content: bytes, words: Words) -> Callable[[Words], Any]:
     unpacking, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
     room, place = ctypes.c_char * (packing.size + unpacking.size), packing.size
 
-    def entry(words: Words) -> Any:
+    def entry(_: tuple[Any, ...], words: Words) -> Any:
         block = room()
         packing.pack_into(block, 0, *words)
         if call(block):

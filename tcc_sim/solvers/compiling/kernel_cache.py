@@ -125,10 +125,7 @@ def kept(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes]
             tell("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
             with suppress(OSError):
                 path.unlink()
-    seconds = SECONDS_PER_BYTE * size
-    if seconds >= WORTH_SAYING:
-        how_often = "once" if place is not None else "in every process, since they cannot be kept"
-        tell("compiling", f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
+    announce(size, "once" if place is not None else "in every process, since they cannot be kept")
     content = make()
     if place is not None:
         remove_unused(place, time.time())
@@ -137,6 +134,13 @@ def kept(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes]
         except OSError as error:
             tell("cache", f"compiled kernels are not kept: {_reason(error)}")
     return load(content)
+
+
+def announce(size: int, how_often: str) -> None:
+    """Say that something is compiled, where it takes a while."""
+    seconds = SECONDS_PER_BYTE * size
+    if seconds >= WORTH_SAYING:
+        tell("compiling", f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
 
 
 def _write(path: Path, content: bytes) -> None:

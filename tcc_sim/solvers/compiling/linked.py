@@ -11,7 +11,6 @@ other, the addresses of the objects that are arrays and records, and room for wh
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache
 from typing import Any
 
 import numba
@@ -21,14 +20,10 @@ from numba.core import cgutils, compiler
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
-from numba.core.types.misc import unliteral
-from numba.core.typing import signature
-from numba.core.typing.templates import AbstractTemplate
-from numba.extending import lower_builtin, typeof_impl
 from numba.np.arrayobj import populate_array
 
 from tcc_sim.solvers.compiling.compiled import Kernel
-from tcc_sim.solvers.compiling.unrolled import Unrolled
+from tcc_sim.solvers.compiling.known import known
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
@@ -83,36 +78,9 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
 
 def dispatcher(kernel: Kernel) -> Any:
     """A kernel as Numba knows functions."""
-    out = numba.njit(kernel.py_func, pipeline_class=PartCompiler, nogil=True, error_model="numpy",
-                     no_cpython_wrapper=True, no_cfunc_wrapper=True, **kernel.options)
-    template = out.get_call_template
-    out.get_call_template = lambda kinds, names: template(
-        tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
+    out = known(kernel, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     out.written = lambda arguments: written(out, arguments)
     return out
-
-
-@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
-def _(kernel: Kernel, _context: Any) -> Any:
-    return types.Dispatcher(kernel.part)
-
-
-@typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]
-def _(text: Unrolled, _context: Any) -> Any:
-    return _typed(text)
-
-
-@cache
-def _typed(text: Unrolled) -> Any:
-    """The type of a text that is run while compiling."""
-    class Template(AbstractTemplate):  # type: ignore[misc]
-        key = text
-
-        def generic(self, kinds: Any, _names: Any) -> Any:
-            return signature(types.void, *kinds)
-
-    lower_builtin(text, types.VarArg(types.Any))(text.write)
-    return types.Function(Template)
 
 
 @global_compiler_lock  # type: ignore[untyped-decorator]

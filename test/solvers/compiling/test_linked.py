@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tcc_sim.solvers.compiling import compiled as compiled_module
+from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.compiled import compiled, fast, loaded
 from tcc_sim.solvers.compiling.kernel_cache import UnusableFile
 from tcc_sim.solvers.compiling.linked import PartLibrary, written
+from tcc_sim.solvers.compiling.unrolled import unrolled
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
 
@@ -84,7 +87,7 @@ def test_nothing_has_an_address_but_the_kernel_with_all_its_parts(monkeypatch):
     def kernel(x):
         return part(x) * part(x)
 
-    assert loaded(written(kernel.part, (4.0,)), [4.0])([4.0]) == 9.0
+    assert loaded(written(kernel.part, (4.0,)), [4.0])((4.0,), [4.0]) == 9.0
     assert len(made) == 2
     for library in made:
         names = [function.name for function in library.get_defined_functions()]
@@ -145,3 +148,30 @@ def test_what_no_kernel_takes_is_refused(given):
 def test_code_that_needs_what_is_not_there_is_compiled_anew():
     with pytest.raises(UnusableFile, match="no_such_function is missing"):
         loaded(b"d\nno_such_function\n", [])
+
+
+def test_a_numba_of_another_version_compiles_in_its_own_way_and_says_so(monkeypatch, capsys):
+    def powers(out, x):
+        """x and its square, into `out`."""
+        out[0, 0], out[0, 1] = x, x * x
+        yield 2
+
+    both = unrolled(powers)
+
+    @fast
+    def part(x, nothing):
+        return x - 1.0 if nothing is None else nothing
+
+    @fast
+    def kernel(values, record, pair):
+        both(2, values, pair[0])
+        record.count += 1
+        return part(values[0, 1], None) * part(2.0, 3.0), record.count
+
+    monkeypatch.setattr(compiled_module, "TESTED", ("0.1", "0.2"))
+    monkeypatch.setattr(kernel_cache, "told", set())
+    monkeypatch.setattr(kernel_cache, "WORTH_SAYING", 0.0)
+    values, record = np.zeros((1, 2)), np.zeros(1, np.dtype([("count", np.int64)]))[0]
+    assert kernel(values, record, Pair(3.0, (7, np.arange(2.0)))) == (24.0, 1)
+    assert values.tolist() == [[3.0, 9.0]]
+    assert "since Numba" in capsys.readouterr().err

@@ -1,0 +1,48 @@
+"""Kernels as Numba knows functions, by what it offers to those who extend it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numba
+from numba import types
+from numba.core.types.misc import unliteral
+from numba.core.typing import signature
+from numba.core.typing.templates import AbstractTemplate
+from numba.extending import lower_builtin, typeof_impl
+
+from tcc_sim.solvers.compiling.compiled import Kernel
+from tcc_sim.solvers.compiling.unrolled import Unrolled
+
+
+def known(kernel: Kernel, **how: Any) -> Any:
+    """A kernel as a function of Numba's; a number that is known while compiling makes no kind of its own."""
+    out = numba.njit(kernel.py_func, nogil=True, error_model="numpy", **how, **kernel.options)
+    template = out.get_call_template
+    out.get_call_template = lambda kinds, names: template(
+        tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
+    return out
+
+
+@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+def _(kernel: Kernel, _context: Any) -> Any:
+    return types.Dispatcher(kernel.part)
+
+
+@typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]
+def _(text: Unrolled, _context: Any) -> Any:
+    return _typed(text)
+
+
+@cache
+def _typed(text: Unrolled) -> Any:
+    """The type of a text that is run while compiling."""
+    class Template(AbstractTemplate):  # type: ignore[misc]
+        key = text
+
+        def generic(self, kinds: Any, _names: Any) -> Any:
+            return signature(types.void, *kinds)
+
+    lower_builtin(text, types.VarArg(types.Any))(text.write)
+    return types.Function(Template)
