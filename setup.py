@@ -12,7 +12,7 @@ VERSION = re.search(r'__version__ = "(.+)"', (HERE / NAME / "__init__.py").read_
 
 # The oldest versions with which the tests pass on Python 3.10 and 3.11, of those without a published vulnerability.
 # `.ci/floors` makes an environment with exactly these and runs the tests in it; newer Pythons need newer wheels.
-INSTALL = ["numpy>=1.22.4", "scipy>=1.10", "numba>=0.57", "PyYAML>=6.0", "tqdm>=4.66.3", "mcap>=1.5", "zstandard>=0.16",
+INSTALL = ["numpy>=1.22.4", "scipy>=1.10", "numba>=0.62", "PyYAML>=6.0", "tqdm>=4.66.3", "mcap>=1.5", "zstandard>=0.16",
            "lz4>=4.2"]
 LINUX = 'platform_system == "Linux" and platform_machine == "x86_64"'
 ROS = [f"{name}; {LINUX}" for name in (

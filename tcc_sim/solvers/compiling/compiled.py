@@ -35,7 +35,7 @@ Entry = Callable[[tuple[Any, ...], Words], Any]
 SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type(None): ""}
 C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
-TESTED = "0.57", "0.68"
+TESTED = "0.62", "0.68"
 """First and last version of Numba whose inner parts `linked` fits; with others Numba compiles in every process."""
 REMEMBERED = 256
 _lock = threading.RLock()
