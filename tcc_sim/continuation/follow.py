@@ -71,6 +71,8 @@ def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
             return stop
         state.step_size.length = min(state.step_size.length, state.longest)
         edge = _at_the_end_of_the_range(state)
+        if edge is here:
+            return _end(StopReason.RANGE, here)
         new = _onward(state) if edge is None else edge
         turned_at_corner = new is None and (new := beyond_corner(here, state.step_size)) is not None
         if new is None:
