@@ -95,12 +95,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis], *, cycles: int = 
     """
     system = system_of(scene)
     axes = check_plane(plane)
-    if over is not None and over.key in (axes[0].key, axes[1].key):
-        raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
-    if not 16 <= cycles <= 1_000_000:
-        raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
-    if jobs is not None and not 1 <= jobs <= 1024:
-        raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
+    _check(axes, over, cycles, jobs)
     systems = [system] if over is None else [replace(system, {over.key: x}) for x in over.values]
     for each in systems:
         DrivelineMotion(each)
@@ -123,6 +118,16 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis], *, cycles: int = 
         if file is not None:
             file.close()
     return out
+
+
+def _check(plane: tuple[Axis, Axis], over: Axis | None, cycles: int, jobs: int | None) -> None:
+    """InputError for what no basins can be worked out for."""
+    if over is not None and over.key in (plane[0].key, plane[1].key):
+        raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
+    if not 16 <= cycles <= 1_000_000:
+        raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
+    if jobs is not None and not 1 <= jobs <= 1024:
+        raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
 
 
 def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
