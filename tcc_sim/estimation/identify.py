@@ -125,11 +125,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     measured, scene = given(measured, load_scene(scene) if isinstance(scene, str) else scene)
     starts = _starts(scene, free)
     keys = tuple(starts)
-    if likelihood is not None and likelihood not in keys:
-        raise InputError(f"the likelihood of {likelihood} was asked for; it must be one of the free keys")
-    if scene.system.friction.law != "smoothed":
-        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
-                         "limit for a large friction.smoothing it is")
+    _check(scene, keys, likelihood)
     levels = _noise(measured, noise)
     model = Model(scene.system, keys, measured)
     begin = np.array(list(starts.values()))
@@ -137,8 +133,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     best, tried = _best(model, levels, begin, limit, settings, gates, tick)
     joined = best.gap <= gates.gap
     if limit == gates.estimated and best.chi2 < limit and joined:   # Residuals tell the noise better than the signal.
-        least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
-        levels = {name: max(float(np.sqrt(np.mean(column**2))), least[name]) for name, column in best.residuals.items()}
+        levels = _noise_of_residuals(measured, best)
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
     accepted = best.chi2 < limit and joined
     why = "" if accepted else why_not(best, model, begin, levels, limit, gates)
@@ -153,6 +148,21 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     return Identification(parameters, correlations, best.chi2, accepted, why, levels, len(best.starts), tried,
                           time.perf_counter() - began, scene.with_values(named) if accepted else scene, measured,
                           best.residuals, profile)
+
+
+def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
+    """InputError for a likelihood of what is not free, and for a law whose parameters are not identified."""
+    if likelihood is not None and likelihood not in keys:
+        raise InputError(f"the likelihood of {likelihood} was asked for; it must be one of the free keys")
+    if scene.system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
+                         "limit for a large friction.smoothing it is")
+
+
+def _noise_of_residuals(measured: Measurement, best: Fit) -> dict[str, float]:
+    """Standard deviation of what a fit leaves, by channel: no less than what counts as exact."""
+    least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
+    return {name: max(float(np.sqrt(np.mean(column**2))), least[name]) for name, column in best.residuals.items()}
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
