@@ -43,6 +43,16 @@ class Tables(NamedTuple):
 TABLES = Tables(RK45.A, RK45.B, RK45.C, RK45.E, RK45.P)
 
 
+class Wanted(NamedTuple):
+    """Which rows are kept: at times, s, no more than a spacing apart, and step ends no nearer to the last row than
+    `least`.
+    """
+
+    marks: Floats
+    spacing: float
+    least: float
+
+
 class Piece(NamedTuple):
     """What a march through a piece of time came to: rows (t, state), how it ended (GOES_ON at `end`), and steps."""
 
@@ -75,8 +85,8 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
     new = y.copy()
     while not found or (at[0] < end and ended == GOES_ON):
         rows = np.empty((len(marks) + 8 * KEPT_PER_CYCLE, 1 + len(y)))
-        used, taken, ended = _advance(at, end, y, new, k, terms, TABLES, rtol, atol, marks, spacing,
-                                      cycle / KEPT_PER_CYCLE, rows)
+        used, taken, ended = _advance(at, end, y, new, k, terms, TABLES, rtol, atol,
+                                      Wanted(marks, spacing, cycle / KEPT_PER_CYCLE), rows)
         marks = marks[np.searchsorted(marks, at[2], side="right"):]
         steps += taken
         found.append(rows[:used].copy())
@@ -93,12 +103,48 @@ def _rates(t: float, y: Floats, terms: Any, out: Floats, row: int) -> None:
 
 
 @compiled
+def _stages(t: float, h: float, y: Floats, new: Floats, k: Floats, terms: Any, tables: Tables) -> None:
+    """The slopes of a step from y into rows 1 to 6 of k, and the state at its end into `new`."""
+    for s in range(1, 7):
+        for i in range(len(y)):
+            total = 0.0
+            for j in range(s):
+                total += k[j, i] * (tables.stages[s, j] if s < 6 else tables.weights[j])
+            new[i] = y[i] + h * total
+        _rates(t + h * (tables.times[s] if s < 6 else 1.0), new, terms, k, s)
+
+
+@compiled
+def _error(h: float, y: Floats, new: Floats, k: Floats, error: Floats, rtol: float, atol: Floats) -> float:
+    """The sum of the squares of a step's errors, relative to what is allowed."""
+    square = 0.0
+    for i in range(len(y)):
+        total = 0.0
+        for j in range(7):
+            total += k[j, i] * error[j]
+        square += (h * total / (atol[i] + rtol * max(abs(y[i]), abs(new[i]))))**2
+    return square
+
+
+@compiled
+def _within(row: Floats, x: float, h: float, y: Floats, k: Floats, interpolant: Floats) -> None:
+    """The state at the share x of a step into row[1:]."""
+    for i in range(len(y)):
+        row[1 + i] = y[i]
+    for j in range(7):
+        p = interpolant[j, 2] + x * interpolant[j, 3]
+        share = h * x * (interpolant[j, 0] + x * (interpolant[j, 1] + x * p))
+        for i in range(len(y)):
+            row[1 + i] += share * k[j, i]
+
+
+@compiled
 def _advance(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: Any, tables: Tables, rtol: float,
-             atol: Floats, marks: Floats, spacing: float, least: float, rows: Floats) -> tuple[int, int, int]:
+             atol: Floats, wanted: Wanted, rows: Floats) -> tuple[int, int, int]:
     """Steps until `end`, AT_ONCE of them or `rows` is full; `at` is time, length of the next step and time of the last
     row, (3,). Gives rows used, steps taken and how it ended.
     """
-    n = len(y)
+    n, marks = len(y), wanted.marks
     t, h, last = at[0], at[1], at[2]
     used, steps, mark, rejected = 0, 0, 0, False
     _rates(t, y, terms, k, 0)
@@ -110,44 +156,26 @@ def _advance(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: A
             return used, steps, TOO_SMALL
         following = min(t + h, end)
         h = following - t
-        for s in range(1, 7):
-            for i in range(n):
-                total = 0.0
-                for j in range(s):
-                    total += k[j, i] * (tables.stages[s, j] if s < 6 else tables.weights[j])
-                new[i] = y[i] + h * total
-            _rates(t + h * (tables.times[s] if s < 6 else 1.0), new, terms, k, s)
-        square = 0.0
-        for i in range(n):
-            total = 0.0
-            for j in range(7):
-                total += k[j, i] * tables.error[j]
-            square += (h * total / (atol[i] + rtol * max(abs(y[i]), abs(new[i]))))**2
+        _stages(t, h, y, new, k, terms, tables)
+        square = _error(h, y, new, k, tables.error, rtol, atol)
         factor = MOST_FACTOR if square == 0.0 else SAFETY * (square / n)**-0.1
         if not square < n:
             h *= max(factor, LEAST_FACTOR) if square < math.inf else LEAST_FACTOR
             rejected = True
             continue
         steps += 1
-        stride = max(spacing, h / PIECES)
+        stride = max(wanted.spacing, h / PIECES)
         while True:
             marked = mark < len(marks) and marks[mark] <= last + stride
             target = marks[mark] if marked else last + stride
             if target >= following:
                 break
             rows[used, 0] = last = target
-            x = (target - t) / h
-            for i in range(n):
-                rows[used, 1 + i] = y[i]
-            for j in range(7):
-                p = tables.interpolant[j, 2] + x * tables.interpolant[j, 3]
-                share = h * x * (tables.interpolant[j, 0] + x * (tables.interpolant[j, 1] + x * p))
-                for i in range(n):
-                    rows[used, 1 + i] += share * k[j, i]
+            _within(rows[used], (target - t) / h, h, y, k, tables.interpolant)
             used += 1
             mark += marked
         marked = mark < len(marks) and marks[mark] == following
-        if marked or following - last >= least or following == end:
+        if marked or following - last >= wanted.least or following == end:
             rows[used, 0] = last = following
             for i in range(n):
                 rows[used, 1 + i] = new[i]
