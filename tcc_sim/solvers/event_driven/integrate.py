@@ -108,8 +108,7 @@ def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, go
            drive)
     if nodes is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
         if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
-            return stiff_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-                             terms.stribeck, state, drive, remaining, rows, nodes, matrices, workspace)
+            return stiff_arc(bounds, terms, waves, state, drive, remaining, rows, nodes, matrices, workspace)
     if state.mode == STICK:
         return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
                          remaining, rows, workspace)

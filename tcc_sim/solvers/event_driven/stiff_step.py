@@ -19,6 +19,7 @@ from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
+from tcc_sim.solvers.terms import Terms
 
 NODES = 8
 """Nodes, and degree of the polynomials: the powers of more would lose digits. The order at the end of a step is 15."""
@@ -176,42 +177,73 @@ def to_powers(rows: Any, row: int, start: float, at: Any, which: int) -> float:
 
 
 @fast
-def stiff_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
-              pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
-              remaining: float, rows: Any, at: Any, m: Any, workspace: Any) -> Step:
+def torques_at_nodes(mean_torque: float, waves: Any, mean_load: float, pulsation: tuple[float, float, float] | None,
+                     h: float, state: Any, at: Any) -> None:
+    """Rows TORQUE and LOAD_NODES of a step of h seconds."""
+    for i in range(NODES):
+        t = state.tau + C[i] * h
+        at[TORQUE, i] = mean_torque
+        for k in range(waves.shape[0]):
+            at[TORQUE, i] += waves[k].amplitude * math.sin(waves[k].rate * t + waves[k].phase)
+        at[LOAD_NODES, i] = mean_load
+        if pulsation is not None:
+            at[LOAD_NODES, i] += pulsation[0] * math.sin(pulsation[1] * t + state.shift)
+
+
+@fast
+def polynomials(bounds: Bounds, state: Any, rows: Any, at: Any) -> float:
+    """Fill the rows with the polynomials through the values at the nodes; returns their last terms, 1 where they are
+    as large as they may be.
+    """
+    goal = max(bounds.truncation, LEAST_TRUNCATION)
+    slip, speed = abs(state.slip_speed), abs(state.plate_speed)
+    for i in range(NODES):
+        slip = max(slip, abs(at[UNKNOWN_SLIP, i]))
+        speed = max(speed, abs(at[UNKNOWN_SPEED, i]))
+    error = to_powers(rows, SPEED, state.plate_speed, at, UNKNOWN_SPEED) / (goal * max(speed, bounds.creep))
+    to_powers(rows, ANGLE, state.plate_angle, at, PLATE)
+    if state.mode != STICK:
+        last = to_powers(rows, SLIP, state.slip_speed, at, UNKNOWN_SLIP)
+        error = max(error, last / (goal * max(slip, bounds.creep)))
+    return float(error)
+
+
+@fast
+def breakaway_margins(ratio: float, linear: Linear, state: Any, drive: Any, rows: Any, at: Any) -> None:
+    """Rows UPWARD and DOWNWARD of a step in stick: what the torque that holds the disks together is short of the
+    breakaway torque.
+    """
+    inertia = linear[0] + linear[1]
+    for row in (UPWARD, DOWNWARD):
+        side = -1.0 if row == UPWARD else 1.0
+        for i in range(NODES):
+            need = (linear[1] * at[TORQUE, i] + linear[0] * (linear[2] * at[UNKNOWN_SPEED, i]
+                                                            + linear[3] * at[PLATE, i])) / inertia
+            at[RESIDUAL, i] = ratio * at[LOAD_NODES, i] + side * need
+        need = (linear[1] * drive.torque + linear[0] * (linear[2] * state.plate_speed
+                                                        + linear[3] * state.plate_angle)) / inertia
+        to_powers(rows, row, ratio * drive.load + side * need, at, RESIDUAL)
+
+
+@fast
+def stiff_arc(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, remaining: float, rows: Any, at: Any,
+              m: Any, workspace: Any) -> Step:
     """A step of any mode of at most `remaining` seconds, no longer than `state.length`, which it adapts."""
-    mode, v0, x0, u0 = state.mode, state.slip_speed, state.plate_angle, state.plate_speed
+    mode, v0, x0, u0, linear = state.mode, state.slip_speed, state.plate_angle, state.plate_speed, terms.linear
     sign = 0.0 if mode == FREE else float(mode)
     inertia = linear[0] + linear[1] if mode == STICK else linear[1]
-    goal = max(bounds.truncation, LEAST_TRUNCATION)
     shortest = SHORTEST * inertia / linear[2]
     while True:
         h = min(state.length, remaining)
-        for i in range(NODES):
-            t = state.tau + C[i] * h
-            at[TORQUE, i] = mean_torque
-            for k in range(waves.shape[0]):
-                at[TORQUE, i] += waves[k].amplitude * math.sin(waves[k].rate * t + waves[k].phase)
-            at[LOAD_NODES, i] = mean_load
-            if pulsation is not None:
-                at[LOAD_NODES, i] += pulsation[0] * math.sin(pulsation[1] * t + state.shift)
+        torques_at_nodes(terms.mean_torque, waves, terms.mean_load, terms.pulsation, h, state, at)
         if mode == STICK:
             for i in range(NODES):
                 at[FRICTION, i] = at[TORQUE, i]
                 at[UNKNOWN_SLIP, i] = 0.0
             done = plate_speeds(h, inertia, linear, x0, u0, at, m)
         else:
-            done = slip_speeds(h, linear, sign, stribeck, v0, x0, u0, 1e-6 * bounds.slip_tolerance ** 0.5, at, m)
-        error = math.inf
-        if done:
-            slip, speed = abs(v0), abs(u0)
-            for i in range(NODES):
-                slip = max(slip, abs(at[UNKNOWN_SLIP, i]))
-                speed = max(speed, abs(at[UNKNOWN_SPEED, i]))
-            error = to_powers(rows, SPEED, u0, at, UNKNOWN_SPEED) / (goal * max(speed, bounds.creep))
-            to_powers(rows, ANGLE, x0, at, PLATE)
-            if mode != STICK:
-                error = max(error, to_powers(rows, SLIP, v0, at, UNKNOWN_SLIP) / (goal * max(slip, bounds.creep)))
+            done = slip_speeds(h, linear, sign, terms.stribeck, v0, x0, u0, 1e-6 * bounds.slip_tolerance ** 0.5, at, m)
+        error = polynomials(bounds, state, rows, at) if done else math.inf
         length = h * min(4.0, max(0.2, 0.8 * max(error, 1e-12) ** (-1.0 / NODES)))
         if error <= 1.0 or h <= shortest:
             state.length = max(length, state.length) if h < state.length else length
@@ -222,14 +254,7 @@ def stiff_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
     if mode == STICK:
         for k in range(NODES + 1):
             rows[SLIP, k] = 0.0
-        for row in (UPWARD, DOWNWARD):
-            side = -1.0 if row == UPWARD else 1.0
-            for i in range(NODES):
-                need = (linear[1] * at[TORQUE, i] + linear[0] * (linear[2] * at[UNKNOWN_SPEED, i]
-                                                                + linear[3] * at[PLATE, i])) / inertia
-                at[RESIDUAL, i] = bounds.ratio * at[LOAD_NODES, i] + side * need
-            need = (linear[1] * drive.torque + linear[0] * (linear[2] * u0 + linear[3] * x0)) / inertia
-            to_powers(rows, row, bounds.ratio * drive.load + side * need, at, RESIDUAL)
+        breakaway_margins(bounds.ratio, linear, state, drive, rows, at)
         return stick_event(bounds, h, 1.0, NODES, rows, workspace)
     if state.at_rest == 1:
         friction = sign * bounds.ratio * drive.load
