@@ -14,7 +14,7 @@ from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed import solve as smoothed
-from tcc_sim.solvers.terms import general_terms, steps_allowed, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import steps_allowed, stick_speed_of, terms_of
 from tcc_sim.trajectory import State, Status
 
 FIG02 = {"pressure.mean": 260417.0, "pressure.amplitude": 52083.4, "friction.kinetic_coefficient": 0.24}
@@ -78,10 +78,16 @@ def test_default_tolerance_is_good_to_a_millionth(name):
     assert np.all(np.abs(coarse.highest - fine.highest) <= 1e-6 * np.abs(fine.highest).max())
 
 
-def test_general_terms_give_the_same_motion():
-    for values in (PERIODIC, FIG02):
+def test_terms_too_small_to_be_felt_give_the_motion_without_them():
+    harmonics = {"engine.harmonic_amplitudes": [1e-12], "engine.harmonic_phases": [0.0]}
+    falling_and_pulsating = {"pressure.amplitude": 1e-9, "friction.kinetic_coefficient": 0.3 - 1e-14}
+    for values, small in ((PERIODIC, falling_and_pulsating), (FIG02, {})):
         p = problem(values, cycles=4, rtol=1e-11)
-        own, general = smoothed.solve(p), smoothed.solve_terms(p, general_terms(p.system))
+        with_all = problem({**values, **harmonics, **small}, cycles=4, rtol=1e-11)
+        terms = terms_of(with_all.system)
+        assert None not in (terms.pulsation, terms.stribeck)
+        assert terms.harmonics is not None
+        own, general = smoothed.solve(p), smoothed.solve(with_all)
         np.testing.assert_allclose(general.cycles.section, own.cycles.section, rtol=1e-8, atol=1e-8)
 
 

@@ -99,17 +99,8 @@ def solve(problem: Problem) -> Trajectory:
     Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states so
     far.
     """
-    return _solve(problem, own_setup(problem.system, _rtol(problem)))
-
-
-def solve_terms(problem: Problem, terms: Terms) -> Trajectory:
-    """`solve` with given terms of the same system, own or general."""
-    return _solve(problem, setup_of(problem.system, terms, _rtol(problem)))
-
-
-def _rtol(problem: Problem) -> float:
-    """The tolerance asked for, or the default one."""
-    return SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
+    rtol = SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
+    return _solve(problem, own_setup(problem.system, rtol))
 
 
 @per_system
