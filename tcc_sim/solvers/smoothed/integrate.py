@@ -19,7 +19,7 @@ from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.drive import edge_after, excite_now, started
 from tcc_sim.solvers.smoothed.sensitivity_carried import carry
 from tcc_sim.solvers.smoothed.sensitivity_step import resolved
-from tcc_sim.solvers.smoothed.series_step import friction_here, series_step
+from tcc_sim.solvers.smoothed.series_step import Friction, friction_here, series_step
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import (
     CREEP,
@@ -34,6 +34,7 @@ from tcc_sim.solvers.smoothed.state import (
     STEP_TOO_SMALL,
     Memory,
     Place,
+    Step,
 )
 from tcc_sim.solvers.smoothed.switching import (
     after_collocation,
@@ -102,8 +103,9 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
                    work: Any) -> float:
     """Where in [0, x] the step leaves what its law was written for: v = 0, or on the way down the edge of a region.
 
-    The first row of work.bernstein holds the slip speed over [0, x]. Infinity where the step stays inside.
+    The first row of work.bernstein takes the slip speed over [0, x]. Infinity where the step stays inside.
     """
+    to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
     if not loaded:
         return math.inf
     if place.region == LAYER or method == CREEP:
@@ -117,11 +119,66 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
 
 
 @fast
-def finish(degree: int, x: float, whole: bool, method: int, terms: Terms, limits: Limits, tables: Tables, level: int,
-           state: Any, angle: Any, work: Any) -> None:
+def step_on(place: Place, friction: Friction, to_edge: float, to_stop: float, loaded: bool, setup: Setup,
+            memory: Memory, tangent: Any) -> tuple[Step, float]:
+    """A step of the method that was chosen, and how much of it is taken: at most `to_stop` seconds.
+
+    to_edge : s until the clamp next acts, over which the excitation is smooth
+    """
+    limits, terms, _, waves, tables = setup
+    state, control, drive, work, counters, _ = memory
+    if control.method == SERIES:
+        step = series_step(place, friction, to_stop, loaded, state, limits, terms, waves, drive, work)
+        x = step.x
+        if tangent is not None:
+            x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive)
+    else:
+        step = collocation_step(place, to_edge, loaded, state, control, limits, terms, waves, drive, tables, work,
+                                counters)
+        x = min(step.x, to_stop / step.unit) if step.status != REFUSED else 0.0
+    return step, x
+
+
+@fast
+def end_of_cycle(tau: float, after: float, period: float, unit: float, x: float) -> float:
+    """Where in [0, x] of a step from `tau` to `after` the engine cycle ends; infinity where it does not."""
+    if after == period:
+        return x
+    return min((period - tau) / unit, x) if after >= period else math.inf
+
+
+@fast
+def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, memory: Memory, store: Store,
+             angle: Any) -> None:
+    """Fill the rows that a step leaves out as long as nobody asks for them: the plate's in creep, and theta1."""
+    limits, _, _, _, tables = setup
+    state, control, _, work, _, _ = memory
+    if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle is not None
+                                    or store.loads is not None):
+        fill_plate(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work)
+    if angle is not None:
+        work.rows[FLYWHEEL, 0] = state.flywheel_angle
+        add_integral(work.rows, degree, step.unit)
+
+
+@fast
+def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limits, terms: Terms, memory: Memory,
+         store: Store, angle: Any) -> None:
+    """Loads, samples, extremes, transitions and section of a step; `cut` is where in it the cycle ends."""
+    state, _, _, work, _, output = memory
+    keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
+    begun = started(first + output.cycle, limits.period, terms.course)
+    record(work.rows, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed,
+           output, store, angle, work.bernstein)
+
+
+@fast
+def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, angle: Any) -> None:
     """The state at the end of a step."""
-    if whole and method != SERIES:
-        end_of(tables.rungs[level], tables.sources, level, limits.kappa, work, state)
+    limits, _, _, _, tables = setup
+    state, control, _, work, _, _ = memory
+    if whole and control.method != SERIES:
+        end_of(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work, state)
     else:
         state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
     if angle is not None:
@@ -158,24 +215,14 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
             continue
         method = control.method
-        if method == SERIES:
-            step = series_step(place, friction, stop - tau, loaded, state, limits, terms, waves, drive, work)
-            x = step.x
-            if tangent is not None:
-                x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive)
-        else:
-            step = collocation_step(place, edge - tau, loaded, state, control, limits, terms, waves, drive, tables,
-                                    work, counters)
-            x = min(step.x, (stop - tau) / step.unit) if step.status != REFUSED else 0.0
+        step, x = step_on(place, friction, edge - tau, stop - tau, loaded, setup, memory, tangent)
         if step.status == REFUSED:
             counters.rejected += 1
             after_refusal(control, limits, tables)
             continue
         if not x > 0.0:
             return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
-        level = control.level
         degree = step.degree if method == SERIES or angle is None else step.degree + 1  # theta1 is an integral.
-        to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
         crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
         reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
         if crossing == 0.0 and place.region != LAYER:  # By rounding of a step that was cut there it is not yet inside.
@@ -187,22 +234,12 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
         whole = x == step.x
         after = stop if reached else tau + x * step.unit
-        if method == CREEP and (not whole or after >= period or store.per_cycle > 0 or angle is not None
-                                or store.loads is not None):
-            fill_plate(tables.rungs[level], tables.sources, level, limits.kappa, work)
-        if angle is not None:
-            work.rows[FLYWHEEL, 0] = state.flywheel_angle
-            add_integral(work.rows, degree, step.unit)
-        cut = min((period - tau) / step.unit, x) if after >= period else math.inf
-        if after == period:
-            cut = x
+        cut = end_of_cycle(tau, after, period, step.unit, x)
+        complete(step, degree, whole, cut, setup, memory, store, angle)
         if tangent is not None:
             carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
-        keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear,
-                   work.bernstein)
-        record(work.rows, degree, step.unit, x, cut, tau, started(first + output.cycle, period, terms.course) + tau,
-               period, limits.stick_speed, output, store, angle, work.bernstein)
-        finish(degree, x, whole, method, terms, limits, tables, level, state, angle, work)
+        keep(step, degree, x, cut, first, limits, terms, memory, store, angle)
+        finish(degree, x, whole, setup, memory, angle)
         if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
             state.tau = after
             return NOT_FINITE
