@@ -36,8 +36,8 @@ from tcc_sim.views.rerun_layout import (
 )
 
 _URL = re.compile(r"rerun(?:\+https?)?://(\[[0-9a-fA-F:]+\]|[^\s/:]+):([0-9]{1,5})/proxy")
-ROOM = 1 << 20
-"""Bytes that a disk with room for a file takes."""
+ROOM, LAYOUT = 1 << 20, 1 << 17
+"""Bytes that a disk with room for a file takes; more than the layout, with which a file begins."""
 _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
 _TIMEOUT = 60.0
@@ -99,6 +99,7 @@ class RerunStream:
         self.recording.set_log_tick_enabled(False)
         layout = blueprint(cycle, controlled)
         if file is not None:
+            _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
             self.recording.save(file, default_blueprint=layout)
         elif spawn:
             _open_viewer(self.recording, layout)
@@ -298,10 +299,10 @@ def _create(file: Path) -> None:
         raise InputError(f"{file} cannot be written: {error.strerror}") from None
 
 
-def _writable(file: Path) -> None:
-    """Raise OSError where a file takes no more, which Rerun does not say."""
+def _writable(file: Path, room: int = ROOM) -> None:
+    """Raise OSError where a file does not take so many bytes more, which Rerun does not say."""
     with file.open("ab") as stream:
-        stream.write(bytes(ROOM))
+        stream.write(bytes(room))
 
 
 def _open_viewer(recording: Any, layout: Any) -> None:

@@ -215,7 +215,7 @@ def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_li
     (True, OSError, "File too large"), (False, TccError, "Rerun file was not written: File-writer thread")])
 def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, still, kind, said):
     """Rerun says that its writer has ended, and not why: whether the disk is full still, or was."""
-    with full_disk(10_000):
+    with full_disk(200_000):
         stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
         stream.samples(*batch(0, 20_000))
         with pytest.raises(RuntimeError):
@@ -226,6 +226,12 @@ def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, still, kind
     if not still:
         with pytest.raises(kind, match=said):
             stream.close()
+
+
+def test_a_disk_that_has_no_room_for_the_layout_is_refused_at_once(tmp_path):
+    """Rerun waits for ever for a writer that ends while it is given the layout."""
+    with full_disk(10_000), pytest.raises(OSError, match="File too large"):
+        RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
 
 
 def test_a_viewer_that_hangs_up_is_named():
