@@ -39,9 +39,9 @@ def dangers(text: str) -> list[str]:
             found += [node.module or ""] if (node.module or "").split(".")[0] in MODULES else names
         elif isinstance(node, ast.Call):
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-            # re.compile is no compile.
+            # re.compile is no compile, nor is that of a function that Numba knows.
             if name in CALLS and not (name == "compile"
-                                      and getattr(getattr(node.func, "value", None), "id", "") == "re"):
+                                      and getattr(getattr(node.func, "value", None), "id", "") in ("re", "part")):
                 found.append(name)
             found += [word.arg for word in node.keywords
                       if word.arg in KEYWORDS and not (isinstance(word.value, ast.Constant) and not word.value.value)]

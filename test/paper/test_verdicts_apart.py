@@ -211,7 +211,8 @@ def test_a_positive_trend_slips_where_no_motion_sticks() -> None:
         def run(system: Any, left: Any = left) -> Any:
             one = np.full(50, next(left))
             cycles = SimpleNamespace(stick_time=one, lowest=one, highest=one)
-            return SimpleNamespace(final=None, cycles=type("Cycles", (), {"__getitem__": lambda self, k: cycles})())
+            every = type("Cycles", (), {"__getitem__": lambda self, k: cycles})()
+            return SimpleNamespace(final=None, solved_cycles=every)
         assert model.positive_trend_slips(Given(runs=run)).verdict == verdict
 
 
@@ -233,7 +234,7 @@ def test_a_period_shows_in_both_or_in_one(apart, verdict) -> None:  # type: igno
 
     def run(system: Any) -> Any:
         turn = np.arange(650) % 2 if next(number) < apart else np.zeros(650)
-        return SimpleNamespace(cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
+        return SimpleNamespace(solved_cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
     assert claims_figure4.shows_in_both(Given(runs=run)).verdict == verdict
 
 
