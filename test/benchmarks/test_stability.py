@@ -90,9 +90,8 @@ def test_what_an_engine_cannot_do_is_refused_with_a_reason():
 
 def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
     """Where no step is left there is no cycle whose power balances."""
-    monkeypatch.setattr("tcc_sim.solvers.smoothed.solve.STEPS_AT_FIRST", -10**9)
-    keys = extremes.plain({"initial.slip_speed": 1e4})
-    found = extremes.examine(keys, "smoothed", SimpleNamespace(why="not asked for"))
+    monkeypatch.setattr("tcc_sim.solvers.event_driven.solve.STEP_MAXIMUM", 4)
+    found = extremes.examine(extremes.plain({}), "event_driven", SimpleNamespace(why="not asked for"))
     assert (found["status"], found["finite"], found["power_residual"]) == ("STEP_LIMIT", True, None)
     json.dumps(found, allow_nan=False)
 
