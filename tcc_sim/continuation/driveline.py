@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.continuation.problem import NO_MARGINS, Floats, Image, Margins, Observation, Values
+from tcc_sim.continuation.settings import DEFAULTS as SETTINGS
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
@@ -16,11 +17,8 @@ from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GRO
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic, prepared
 from tcc_sim.trajectory import Cycles, State, Trajectory
 
-RTOL = 1e-12
 SCALES = (10.0, 0.1, 10.0)
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
-EXACTLY_STUCK = 1e-12
-"""Slip speed, rad/s, below which the set-valued law is taken to stick."""
 
 
 class DrivelineMap:
@@ -51,7 +49,8 @@ class DrivelineMap:
         self._prepared: tuple[Values, Prepared] | None = None
         self._last: tuple[Any, Stroboscopic] | None = None
         if self.piecewise:
-            prepared(system, self.keys, RTOL)  # What has no derivatives is refused before it is followed.
+            # What has no derivatives is refused before it is followed.
+            prepared(system, self.keys, SETTINGS.solver_tolerance)
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -87,7 +86,7 @@ class DrivelineMap:
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""
         if self._prepared is None or self._prepared[0] != values:
-            self._prepared = values, prepared(self.system_at(values), self.keys, RTOL)
+            self._prepared = values, prepared(self.system_at(values), self.keys, SETTINGS.solver_tolerance)
         return self._prepared[1]
 
     def _each(self, states: Floats, values: Values, firsts: Sequence[float],
@@ -109,14 +108,15 @@ class DrivelineMap:
     def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
         """The trajectory itself."""
         x = self._settled(x)
-        return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=RTOL, samples_per_cycle=samples,
+        return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=SETTINGS.solver_tolerance,
+                     samples_per_cycle=samples,
                      state=State.of(x)).raise_for_status()
 
     def cycles_from_start(self, values: Values, count: int) -> Cycles:
         """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map,
         for what is found from them depends on the side of a border on which they end.
         """
-        rtol = RTOL if self.piecewise else None
+        rtol = SETTINGS.solver_tolerance if self.piecewise else None
         return solve(self.system_at(values), cycles=count, rtol=rtol).solved_cycles
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
@@ -134,7 +134,7 @@ class DrivelineMap:
 
     def _settled(self, x: Floats) -> Floats:
         """`x`, with a slip speed that differs from 0 by rounding only at 0 under the set-valued law."""
-        if self.piecewise and abs(x[0]) < EXACTLY_STUCK:
+        if self.piecewise and abs(x[0]) < SETTINGS.stuck:
             x = x.copy()
             x[0] = 0.0
         return x

@@ -174,7 +174,7 @@ def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
             new = solution_at(found.z, found.found, tangent)
             if float(tangent @ solution.tangent) > step_size.settings.turn and new.sign == solution.sign:
                 return point_at(here.shooting, new)
-        step_size.length *= 0.5
+        step_size.length *= step_size.settings.shorter
     return None
 
 

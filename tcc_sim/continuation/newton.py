@@ -18,9 +18,6 @@ from tcc_sim.continuation.problem import FAILURES, Floats, Observation, Paramete
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Linearised, Shooting, product_of
 
-LOST = 1e-8
-"""Reciprocal of a multiplier that the pencil has lost digits of; the product gives it, as it is the largest there."""
-
 
 @dataclass(frozen=True)
 class Orbit:
@@ -81,7 +78,7 @@ def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
         right[(m - 1) * n:, :n] = np.eye(n)
         top, bottom = eig(left, right, right=False, homogeneous_eigvals=True)
         finite = np.argsort(-np.abs(bottom))[:n]
-        large = np.abs(bottom[finite]) < LOST * np.abs(top[finite])
+        large = np.abs(bottom[finite]) < DEFAULTS.lost * np.abs(top[finite])
         values = np.where(large, 0.0, top[finite] / np.where(large, 1.0, bottom[finite]))
         if large.any():
             whole = np.linalg.eigvals(product_of(np.array(blocks)))
@@ -107,7 +104,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
     try:
         found = shooting.linearise(z)
         for _ in range(settings.newton_iterations):
-            step = _newton_step(found.jacobian[:, :size], found.residual)
+            step = _newton_step(found.jacobian[:, :size], found.residual, settings.singular)
             turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
             if turn:
                 step = step / (1.0 - turn)
@@ -120,7 +117,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
                 return z if all(np.abs(z[:size] - k[:size]).max() > settings.same for k in known) else None
             step *= min(1.0, settings.newton_step / length)
             before = _weight(z, known, size) * float(np.linalg.norm(found.residual))
-            for part in (1.0, 0.5, 0.25, 0.1, 0.03):
+            for part in settings.newton_parts:
                 trial = z.copy()
                 trial[:size] += part * step
                 try:
@@ -137,13 +134,13 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
     return None
 
 
-def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
+def _newton_step(jacobian: Floats, residual: Floats, singular: float) -> Floats:
     """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
     step: Any
     try:
         step = np.linalg.solve(jacobian, -residual)
     except np.linalg.LinAlgError:
-        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-12)[0]
+        step = np.linalg.lstsq(jacobian, -residual, rcond=singular)[0]
     out: Floats = step
     return out
 

@@ -71,7 +71,7 @@ FLAT = AmplitudeRow(np.empty(0), np.empty(0))
 
 
 def corrector(equations: Equations, guess: Floats, row: Floats, plane: AmplitudeRow = FLAT,
-              start: Floats | None = None, farthest: float = 10.0) -> Corrected | None:
+              start: Floats | None = None, farthest: float = math.inf) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
     It starts at the guess where nothing else is given. None where it does not converge, or a step is longer than
@@ -99,7 +99,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
             return None
         step = solved[:, 0]
         length, left = float(np.abs(step).max()), float(np.abs(found.residual).max())
-        if not length < farthest:
+        if not length < min(farthest, settings.correct_step):
             return None
         z = z + step
         if (length <= settings.correct_tolerance and left <= settings.residual) or (
@@ -170,10 +170,6 @@ def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
     return Solution(z, tangent, found, float(np.sign(np.linalg.det(np.vstack([found.jacobian, tangent])))))
 
 
-MORE_REFUSED = 1.2
-"""Growth of the step's length at most after a longer one was refused."""
-
-
 @dataclass
 class StepSize:
     """Step-size control; lengths are in natural sizes.
@@ -199,8 +195,8 @@ class StepSize:
         """
         ways = (found.distance / self.settings.wanted, found.contraction / self.settings.contraction)
         factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
-        most = MORE_REFUSED if refused else 2.0
-        return min(self.length * min(max(float(factor), 0.5), most), self.settings.largest_step)
+        most = self.settings.longer_after_refused if refused else self.settings.longer
+        return min(self.length * min(max(float(factor), self.settings.shorter), most), self.settings.largest_step)
 
 
 def next_solution(equations: Equations, here: Solution, before: Sequence[Solution], step_size: StepSize,
@@ -232,7 +228,7 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
                                                                           or astray_beyond(equations, here, new)):
                 step_size.length = step_size.after(found, refused)
                 return new
-        step_size.length *= 0.5
+        step_size.length *= settings.shorter
         refused, known = True, known[:max(len(known) - 2, 2)]
     return None
 

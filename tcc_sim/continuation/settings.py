@@ -15,6 +15,9 @@ class Settings:
 
     Attributes
     ----------
+    solver_tolerance : relative tolerance of the driveline's map: what a step leaves is some 1e-13 then, and the
+        derivatives are good to 2e-7
+    stuck : slip speed, rad/s, below which the set-valued law is taken to stick
     growth : over a segment, above which it is cut: what a step of the solver leaves, some 1e-13, stays below 1e-10
     regrowth : over a segment, in `growth`, above which the orbit is cut anew
     fewer_after : points after which fewer segments are tried
@@ -22,12 +25,17 @@ class Settings:
     newton_tolerance, newton_iterations : last step at which an orbit counts as found, and most steps
     newton_rounding : residual below which no further step is worth taking
     newton_step : longest
+    newton_parts : of a step that are tried in order until the residual falls, or the event sequence stays
+    singular : singular value, relative to the largest one, below which a Jacobian is singular there
+    lost : reciprocal of a multiplier that the pencil of several segments has lost digits of: some 1e-16 is left of it
+        there, so that 1e-8 stands for half the digits. The product of the segments gives it, as it is the largest
     residual : above which nothing counts as an orbit, however short the last step was: where the Jacobian is singular
         (a runaway is one), the shortest step may be none at all
     same : distance below which two orbits are the same
     neutral : distance of a multiplier from the unit circle that may be rounding: what is no further is neither stable
         nor a change of sign of a test function
-    correct_tolerance, correct_iterations : the same as Newton's for the corrector of a continuation
+    correct_tolerance, correct_iterations, correct_step : the same as Newton's for the corrector of a continuation; a
+        longer step ends it
     squared : a step below this leaves an error of its square; the residual before it then decides too
     slowest : share of the step before above which the corrector is given up: a shorter step costs less
     grown, nothing : growth of a residual by the last step above which that has led elsewhere; a residual that is none
@@ -35,6 +43,8 @@ class Settings:
     first_step, flat_step : of a continuation; without the amplitudes among the arclength's coordinates
     smallest_step, largest_step : bounds of the step
     wanted, farthest : distance between predictor and corrector that is aimed at; relative to the step, at most
+    shorter, longer, longer_after_refused : most that a step is shortened and lengthened by, the last where a longer one
+        has just been refused
     turn : least cosine between neighbouring tangents
     branching : step in which a change of the determinant's sign is believed
     nodes : points before the last one from which the next is predicted
@@ -118,6 +128,8 @@ class Settings:
     limit_solved : error, relative to the range, of a bifurcation of the set-valued law
     """
 
+    solver_tolerance: float = 1e-12
+    stuck: float = 1e-12
     growth: float = 1e2
     regrowth: float = 10.0
     fewer_after: int = 20
@@ -126,11 +138,15 @@ class Settings:
     newton_iterations: int = 25
     newton_rounding: float = 1e-12
     newton_step: float = 2.0
+    newton_parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
+    singular: float = 1e-12
+    lost: float = 1e-8
     residual: float = 5e-9
     same: float = 1e-6
     neutral: float = 1e-9
     correct_tolerance: float = 1e-9
     correct_iterations: int = 8
+    correct_step: float = 10.0
     squared: float = 1e-5
     slowest: float = 0.7
     grown: float = 10.0
@@ -142,6 +158,9 @@ class Settings:
     largest_step: float = 0.1
     wanted: float = 2e-3
     farthest: float = 0.3
+    shorter: float = 0.5
+    longer: float = 2.0
+    longer_after_refused: float = 1.2
     turn: float = 0.9
     branching: float = 1e-4
     nodes: int = 3

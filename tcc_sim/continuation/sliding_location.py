@@ -122,7 +122,7 @@ def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
             distance = float(np.linalg.norm(step))
             if distance <= settings.border_finest and abs(value) > settings.border:
                 return located(kind, start, z, found, distance)
-            for part in (1.0, 0.5, 0.25, 0.1, 0.03):
+            for part in settings.newton_parts:
                 trial = z + part * step
                 found = shooting.linearise(trial)
                 if one_sided and found.seen is not None and differ(found.seen.events, start.orbit.seen.events):

@@ -12,7 +12,7 @@ from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_po
 from tcc_sim.continuation.branch_switching import switch
 from tcc_sim.continuation.detection import ClosedBranch
 from tcc_sim.continuation.newton import find_orbit
-from tcc_sim.continuation.palc import predictor
+from tcc_sim.continuation.palc import corrector, predictor
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import Bifurcation, Bracket
@@ -34,6 +34,17 @@ def kinds(branch: Branch) -> list[str]:
 
 def of_kind(branch: Branch, kind: str) -> Bifurcation:
     return next(f for f in branch.bifurcations if f.kind == kind)
+
+
+def test_a_corrector_is_given_up_at_the_first_step_that_is_too_long() -> None:
+    of = TextbookMap(logistic, 1)
+    shooting = Shooting.single(of, 1, ParameterRange(2.0, 4.0))
+    guess, row = np.array([0.7, 0.5]), np.array([0.0, 1.0])  # The fixed point 1 - 1/r is 2/3 at r = 3.
+    assert corrector(shooting, guess, row, farthest=0.03) is None
+    assert of.evaluations == 1
+    found = corrector(shooting, guess, row, farthest=0.04)
+    assert found is not None
+    assert found.z[0] == pytest.approx(2.0 / 3.0, abs=1e-15)
 
 
 def test_fold_and_doubling_of_the_henon_map() -> None:
