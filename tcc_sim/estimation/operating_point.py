@@ -170,9 +170,7 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
 
 def _settled(system: System, settings: Settings) -> tuple[int, Floats]:
     """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
-    i = system.initial
-    start = Start(State(i.slip_speed, i.plate_angle, i.plate_speed), 0)
-    found = steady_state.settle(system, start, Settling(most=settings.cycles), rtol=1e-9)
+    found = steady_state.settle(system, Start(State.at_start(system), 0), Settling(most=settings.cycles), rtol=1e-9)
     found.run.raise_for_status()
     cycles = found.cycles
     assert cycles is not None  # Whole cycles were asked for.
