@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.estimation.normal_equations import Normal
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, Swept, states_of, sweep
+from tcc_sim.model.quantity import quantity
 from tcc_sim.trajectory import Floats
 
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
@@ -53,22 +54,19 @@ class Stage:
 class Settings:
     """How the fit is made.
 
-    stages : from windows all but free to long ones that are all but one motion: short ones with a great weight creep
-    layer : slip speed, rad/s, within which a start in stick is held
-    joined : weight from which on starts in stick are no longer held
-    stuck : slip speeds below so many standard deviations of the noise count as stick in a window's start
-    largest_step : of a parameter's logarithm in one iteration
-    angle_noise : rad, the scale of a plate angle that was not measured
+    The stages go from windows all but free to long ones that are all but one motion: short ones with a great weight
+    creep.
     """
 
     stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
                                  Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
                                  Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
-    layer: float = 0.03
-    joined: float = 1e3
-    stuck: float = 4.0
-    largest_step: float = 0.3
-    angle_noise: float = 1e-4
+    layer: float = quantity(0.03, "slip speed within which a start in stick is held", "rad/s")
+    joined: float = quantity(1e3, "weight from which on starts in stick are no longer held")
+    stuck: float = quantity(4.0, "slip speeds below so many standard deviations of the noise count as stick in a "
+                            "window's start")
+    largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
+    angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
 
 
 @dataclass(frozen=True)

@@ -77,9 +77,8 @@ def _parameters(name: str) -> Iterator[tuple[str, str]]:
     elif name == "slip_controller":
         from tcc_sim.plant.slip_control import Tuning
 
-        meanings = dict(line.strip().split(" : ", 1) for line in (Tuning.__doc__ or "").splitlines() if " : " in line)
         for item in dataclasses.fields(Tuning):
-            yield item.name, f"{meanings[item.name]} ({item.default:.6g})"
+            yield item.name, f"{item.metadata['quantity'].description} ({item.default:.6g})"
     else:
         yield from _declared(Path(__file__).with_name(f"{name}.py"))
 

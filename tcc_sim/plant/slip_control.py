@@ -20,19 +20,12 @@ from collections import deque
 from dataclasses import dataclass, fields
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.quantity import quantity
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """What the controller believes of its plant, and how fast it should be.
-
-    target : slip speed to hold in the mean over an engine cycle, rad/s
-    bandwidth : of the closed loop, rad/s; at most about 0.6 divided by the engine cycle's length
-    frequency : engine.frequency, rad/s; the engine cycle is 2 pi/frequency
-    inertia : I1, kg m^2
-    torque_per_pressure : mu_k A R, N m/Pa, nominal
-    pressure_limit : Pa
-    step : time between two updates, s
+    """What the controller believes of its plant, and how fast it should be: the node's parameters.
 
     Raises
     ------
@@ -41,13 +34,14 @@ class Tuning:
         times.
     """
 
-    target: float = 20.0
-    bandwidth: float = 15.0
-    frequency: float = 150.0
-    inertia: float = 0.2
-    torque_per_pressure: float = 0.27 * 0.08 * 0.1
-    pressure_limit: float = 600e3
-    step: float = 1e-3
+    target: float = quantity(20.0, "slip speed to hold in the mean over an engine cycle, rad/s")
+    bandwidth: float = quantity(15.0, "of the closed loop, rad/s; at most about 0.6 divided by the engine cycle's "
+                                "length")
+    frequency: float = quantity(150.0, "engine.frequency, rad/s; the engine cycle is 2 pi/frequency")
+    inertia: float = quantity(0.2, "I1, kg m^2")
+    torque_per_pressure: float = quantity(0.27 * 0.08 * 0.1, "mu_k A R, N m/Pa, nominal")
+    pressure_limit: float = quantity(600e3, "Pa")
+    step: float = quantity(1e-3, "time between two updates, s")
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -11,34 +11,29 @@ from dataclasses import dataclass
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import PRESSURE_MAXIMUM
+from tcc_sim.model.quantity import quantity
 
 
 @dataclass(frozen=True)
 class Faults:
     """One of every so many commands of each topic is hit, drawn with the seed; 0: none.
 
-    drop : it never arrives
-    delay, delay_ticks : it arrives so many ticks later, behind those that were sent meanwhile
-    duplicate : it arrives once more with the next tick
-    corrupt : its value is not a number, beyond every limit, or its bytes are cut short
-    seed : two runs with the same seed are the same
-
     Raises
     ------
     InputError
-        A number that is not a whole one from 0 (`delay_ticks`: from 1) on.
+        A number that is not a whole one from its lowest value on.
     """
 
-    drop: int = 0
-    delay: int = 0
-    duplicate: int = 0
-    corrupt: int = 0
-    delay_ticks: int = 3
-    seed: int = 0
+    drop: int = quantity(0, "it never arrives", low=0)
+    delay: int = quantity(0, "it arrives `delay_ticks` later, behind those that were sent meanwhile", low=0)
+    duplicate: int = quantity(0, "it arrives once more with the next tick", low=0)
+    corrupt: int = quantity(0, "its value is not a number, beyond every limit, or its bytes are cut short", low=0)
+    delay_ticks: int = quantity(3, "ticks of a delay", low=1)
+    seed: int = quantity(0, "two runs with the same seed are the same", low=0)
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
-            value, low = getattr(self, item.name), int(item.name == "delay_ticks")
+            value, low = getattr(self, item.name), item.metadata["quantity"].low
             if isinstance(value, bool) or not isinstance(value, int) or value < low:
                 raise InputError(f"faults: {item.name} is {value!r}; it must be a whole number from {low} on")
 
