@@ -13,7 +13,7 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.course import START, Origin, along, moved
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import Stepper, advance
+from tcc_sim.solvers.fixed_step import Stepper, tick
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
 
 SHARE = 0.5
@@ -216,7 +216,7 @@ class Plant:
             shortest = np.inf
             for _ in range(REPEATS):
                 began = self._clock()
-                advance(state.copy(), 0.0, self.stepper.step / self.stepper.substeps, MEASURED, terms, True, None)
+                tick(state.copy(), 0.0, MEASURED, self.stepper.step / self.stepper.substeps, terms)
                 shortest = min(shortest, (self._clock() - began) / MEASURED)
             dearest = max(dearest, shortest)
         return float(dearest)

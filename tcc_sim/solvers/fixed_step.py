@@ -21,7 +21,7 @@ from tcc_sim.model import equations, friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiling.compiled import compiled, smoothed
+from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed
 from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
@@ -178,6 +178,8 @@ class Stepper:
         self.state = np.zeros(4)
         self.iterations_most = 0
         self.iterations_bound = ITERATION_BOUND
+        self._tick = Call(tick, 1, "dq")
+        self._laid_out: Terms | None = None
         self.use(terms_of(system))
         self.reset(system)
 
@@ -195,20 +197,27 @@ class Stepper:
     def warm_up(self, *variants: Terms) -> None:
         """Compile and run the kernel once for each kind of terms, without touching the state."""
         for terms in (self.terms, *variants):
-            advance(self.state.copy(), 0.0, self.step, 1, terms, True, None)
-            engine_and_friction(0.0, 0.0, terms)
+            tick(self.state.copy(), 0.0, 1, self.step, terms)
 
     def advance(self) -> None:
         """One tick."""
-        n = self.substeps
-        _, most = advance(self.state, self.tick * self.step, self.step / n, n, self.terms, True, None)
+        most, _, _ = self._called(self.substeps)
         if most > self.iterations_most:
             self.iterations_most = most
         self.tick += 1
 
     def torques(self) -> tuple[float, float]:
         """Engine torque and friction torque now, N m."""
-        return engine_and_friction(self.tick * self.step, float(self.state[0]), self.terms)
+        _, engine, friction_torque = self._called(0)
+        return engine, friction_torque
+
+    def _called(self, n: int) -> tuple[int, float, float]:
+        """`tick` of so many sub-steps from now; what is the same in every tick is laid out once for the same terms."""
+        if self._laid_out is not self.terms:
+            self._tick.use(self.state, 0.0, n, self.step / self.substeps, self.terms)
+            self._laid_out = self.terms
+        found: tuple[int, float, float] = self._tick(self.tick * self.step, n)
+        return found
 
 
 @compiled
@@ -216,6 +225,16 @@ def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]
     """Engine and friction torque at time t and slip speed v, N m, in one call."""
     engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
     return engine, load * smoothed(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
+
+
+@compiled
+def tick(state: Floats, t: float, n: int, h: float, terms: Terms) -> tuple[int, float, float]:
+    """`advance` with theta1 by n sub-steps of h seconds from time t; most iterations in one stage, and engine and
+    friction torque after them, N m.
+    """
+    _, most = advance(state, t, h, n, terms, True, None)
+    engine, friction_torque = engine_and_friction(t + n * h, state[0], terms)
+    return most, engine, friction_torque
 
 
 @compiled

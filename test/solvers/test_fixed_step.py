@@ -11,9 +11,9 @@ from tcc_sim.model import pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers import Status, fixed_step, solve
-from tcc_sim.solvers.fixed_step import Stepper, advance, advance_ticks
+from tcc_sim.solvers.fixed_step import Stepper, advance, advance_ticks, engine_and_friction
 from tcc_sim.solvers.scalar import ITERATION_BOUND
-from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, substeps, terms_of
+from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, holding, substeps, terms_of
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}
 
@@ -116,6 +116,21 @@ def test_the_stepper_takes_the_ticks_of_solve() -> None:
     assert 1 < stepper.iterations_most == run.statistics.iterations_max <= stepper.iterations_bound
     stepper.reset(system)
     assert stepper.state.tolist() == [150.0, 0.0, 0.0, 0.0]
+
+
+def test_a_stepper_follows_what_it_is_told() -> None:
+    """Terms that change, and a state and a tick that are set, count in the next call."""
+    system = load_scene("fig02").system
+    own = terms_of(system)
+    stepper = Stepper(system, 1e-3)
+    for tick, terms in enumerate((own, holding(own, 300.0, 400.0), general_terms(system), holding(own, 300.0, 200.0))):
+        stepper.use(terms)
+        stepper.tick, stepper.state[0] = 100 * tick, 20.0 + tick
+        assert stepper.torques() == engine_and_friction(0.1 * tick, 20.0 + tick, terms)
+        state, n = stepper.state.copy(), substeps(terms, 1e-3)
+        advance(state, 0.1 * tick, 1e-3 / n, n, terms, True, None)
+        stepper.advance()
+        assert stepper.state.tolist() == state.tolist()
 
 
 def test_several_blocks_give_what_one_gives(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from struct import Struct
 from types import FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import llvmlite
 import numpy as np
@@ -30,7 +30,6 @@ from tcc_sim.solvers.compiling.kernel_text import Reach
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
 Words = list[float]
-Entry = Callable[[tuple[Any, ...], Words], Any]
 
 SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type(None): ""}
 C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
@@ -41,6 +40,17 @@ REMEMBERED = 256
 _lock = threading.RLock()
 _tuples: dict[int, tuple[Any, Kind, Words]] = {}
 """Tuples of numbers that were laid out before, by their identity: most calls give the same terms again."""
+
+
+class Entry(NamedTuple):
+    """How compiled code is called.
+
+    block : what it is given of arguments and their words
+    run : call it with such a block, which it leaves as it was but for what it gives back
+    """
+
+    block: Callable[[tuple[Any, ...], Words], Any]
+    run: Callable[[Any], Any]
 
 
 class Kernel:
@@ -56,10 +66,14 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call with floats, integers, None, arrays, records, and tuples of these."""
+        entry, words = self.entered(arguments)
+        return entry.run(entry.block(arguments, words))
+
+    def entered(self, arguments: tuple[Any, ...]) -> tuple[Entry, Words]:
+        """What is called for these arguments, and their words."""
         words: Words = []
         kind, _ = _laid_out(arguments, words)
-        entry = self.entries.get(kind) or self._entry(kind, arguments, words)
-        return entry(arguments, words)
+        return self.entries.get(kind) or self._entry(kind, arguments, words), words
 
     @cached_property
     def part(self) -> Any:
@@ -83,7 +97,7 @@ class Kernel:
             if kind not in self.entries and not fits():
                 kernel_cache.announce(self.reach.size, f"in every process, since Numba {_numba()[0]} is not one of "
                                       f"{TESTED[0]} to {TESTED[1]}, whose code can be kept")
-                self.entries[kind] = lambda arguments, words: self.part(*arguments)
+                self.entries[kind] = Entry(lambda arguments, _: list(arguments), lambda block: self.part(*block))
             elif kind not in self.entries:
                 name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
                 safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
@@ -92,6 +106,35 @@ class Kernel:
                     f"{safe}-{self.reach.digest[:24]}-{which}", self.reach.size,
                     lambda: self.part.written(arguments), lambda content: loaded(content, words))
             return self.entries[kind]
+
+
+class Call:
+    """A call that is made again and again: its arguments are laid out once, and only numbers that change are written
+    anew. It belongs to one thread at a time.
+
+    Parameters
+    ----------
+    kernel : what is called
+    first : number of the first argument that changes; before it are numbers and arrays, each of which is a word
+    formats : of it and of those behind it that change, as `struct` has them: d for a float, q for an integer
+    """
+
+    def __init__(self, kernel: Callable[..., object], first: int, formats: str) -> None:
+        self._kernel, self._changing = cast(Kernel, kernel), slice(first, first + len(formats))
+        self._write, self._place = Struct(formats).pack_into, 8 * first
+
+    def use(self, *arguments: Any) -> None:
+        """Take these arguments from the next call on, and arrays as they are then."""
+        entry, words = self._kernel.entered(arguments)
+        self._arguments, self._run, self._block = arguments, entry.run, entry.block(arguments, words)
+
+    def __call__(self, *numbers: float) -> Any:
+        """Call with these numbers in the place of those that change."""
+        if type(self._block) is list:
+            self._block[self._changing] = numbers
+        else:
+            self._write(self._block, self._place, *numbers)
+        return self._run(self._block)
 
 
 def _laid_out(values: tuple[Any, ...], words: Words) -> tuple[Kind, bool]:
@@ -158,7 +201,7 @@ def _compiler() -> tuple[str, ...]:
 
 
 def loaded(content: bytes, words: Words) -> Entry:
-    """Compiled code (see `linked.written`) as a function of arguments and their words.
+    """How compiled code (see `linked.written`) is called.
 
     Raises
     ------
@@ -178,18 +221,22 @@ def loaded(content: bytes, words: Words) -> Entry:
     call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)(engine.get_function_address("kernel"))
     packing = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
     unpacking, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
+    unpack_from = unpacking.unpack_from
     room, place = ctypes.c_char * (packing.size + unpacking.size), packing.size
 
-    def entry(_: tuple[Any, ...], words: Words) -> Any:
-        block = room()
-        packing.pack_into(block, 0, *words)
+    def block(_: tuple[Any, ...], words: Words) -> Any:
+        out = room()
+        packing.pack_into(out, 0, *words)
+        return out
+
+    def run(block: Any) -> Any:
         if call(block):
             raise ArithmeticError("a kernel has failed")
-        found = unpacking.unpack_from(block, place)
+        found = unpack_from(block, place)
         return found if several else found[0] if found else None
 
-    entry.engine = engine  # type: ignore[attr-defined]
-    return entry
+    run.engine = engine  # type: ignore[attr-defined]
+    return Entry(block, run)
 
 
 def compiled(function: Function, **options: Any) -> Function:

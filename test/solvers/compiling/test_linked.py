@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.solvers.compiling import compiled as compiled_module
 from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.compiled import compiled, fast, loaded
+from tcc_sim.solvers.compiling.compiled import Call, compiled, fast, loaded
 from tcc_sim.solvers.compiling.kernel_cache import UnusableFile
 from tcc_sim.solvers.compiling.linked import PartLibrary, written
 from tcc_sim.solvers.compiling.unrolled import unrolled
@@ -87,7 +87,8 @@ def test_nothing_has_an_address_but_the_kernel_with_all_its_parts(monkeypatch):
     def kernel(x):
         return part(x) * part(x)
 
-    assert loaded(written(kernel.part, (4.0,)), [4.0])((4.0,), [4.0]) == 9.0
+    entry = loaded(written(kernel.part, (4.0,)), [4.0])
+    assert entry.run(entry.block((4.0,), [4.0])) == 9.0
     assert len(made) == 2
     for library in made:
         names = [function.name for function in library.get_defined_functions()]
@@ -175,3 +176,21 @@ def test_a_numba_of_another_version_compiles_in_its_own_way_and_says_so(monkeypa
     assert kernel(values, record, Pair(3.0, (7, np.arange(2.0)))) == (24.0, 1)
     assert values.tolist() == [[3.0, 9.0]]
     assert "since Numba" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
+def test_a_call_laid_out_once_gives_what_the_kernel_gives(monkeypatch, tested):
+    @compiled
+    def kernel(values, x, n, pair):
+        values[0] += 1.0
+        return values[0] * x * n if pair is None else values[0] * x * n + pair[0]
+
+    monkeypatch.setattr(compiled_module, "TESTED", tested)
+    values = np.array([1.0, 5.0])
+    call = Call(kernel, 1, "dq")
+    call.use(values, 0.0, 0, (10.0, 1.0))
+    assert (call(3.0, 2), call(np.float64(0.5), 4)) == (2.0 * 3.0 * 2 + 10.0, 3.0 * 0.5 * 4 + 10.0)
+    values[0] = 7.0
+    assert call(1.0, 1) == 18.0
+    call.use(values[::-1].copy(), 0.0, 0, None)  # Another kind, and an array that nobody else holds.
+    assert (call(1.0, 1), values[0]) == (6.0, 8.0)
