@@ -97,7 +97,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         if _on_a_canard(state, new):
             return StopReason.CANARD_CURVE, 0
         after = _tests(state, new)
-        special = _special_between(state, new, tests, after)
+        special = _special_between(state, new, tests, after, last=edge is not None)
         end = _end_between(state, new, special)
         if end is not None:
             yield CurveStep(new._replace(z=end[1]), special, state.equations)
@@ -202,9 +202,9 @@ def _tests(state: CurveState, at: Solution) -> dict[str, float]:
     return out
 
 
-def _special_between(state: CurveState, new: Solution, before: dict[str, float],
-                     after: dict[str, float]) -> list[tuple[str, Floats]]:
-    """Name and unknowns of what is special between two points of a curve, in order."""
+def _special_between(state: CurveState, new: Solution, before: dict[str, float], after: dict[str, float],
+                     last: bool) -> list[tuple[str, Floats]]:
+    """Name and unknowns of what is special between two points of a curve, in order, or in the last point itself."""
     out, here, augmented = [], state.here, state.augmented
     if augmented is None:
         return []
@@ -212,9 +212,10 @@ def _special_between(state: CurveState, new: Solution, before: dict[str, float],
     if augmented.shooting.map.piecewise and one is not None and two is not None and differ(one.events, two.events):
         near = [nearest(augmented.shooting, u[:augmented.unknowns]).margins for u in (here.z, new.z)]
         return [(kind_of_change(one.events, two.events, (near[0], near[1])), new.z)]
-    neutral = augmented.settings.neutral
+    neutral, noise = augmented.settings.neutral, augmented.settings.noise
     for name in before.keys() & after.keys():
-        if not before[name] * after[name] < 0.0 or max(abs(before[name]), abs(after[name])) < neutral:
+        crossed = before[name] * after[name] < 0.0 or (last and abs(after[name]) <= noise * abs(before[name]))
+        if not crossed or max(abs(before[name]), abs(after[name])) < neutral:
             continue
         at = _located(augmented, here, new, name)
         if at is not None:
@@ -261,7 +262,9 @@ def _root(equations: MinimallyAugmented, here: Solution, new: Solution,
         if found is None:
             raise ValueError("the curve is lost")
         known[part] = found.z, function(found.z)
-        return known[part][1]
+        # Solved anew, what vanishes in an end of the step may have either sign there.
+        other = max((abs(value) for _, value in known.values()), default=0.0)
+        return 0.0 if part in {0.0, 1.0} and abs(known[part][1]) <= equations.settings.noise * other else known[part][1]
 
     try:
         at, left = known[chandrupatla(test, 0.0, 1.0, equations.settings.curve_root)]
