@@ -23,7 +23,7 @@ ORDER = ["errors", "background", "topics", "result", "model", "trajectory", "par
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes", "testing"]
-DRAWINGS = ["views", "paper.drawings", "paper.law_drawing", "paper.branch_panels", "paper.histories",
+DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories",
             "benchmarks.precision_drawing", "benchmarks.stability_drawing"]
 ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],

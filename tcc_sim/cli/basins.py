@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
                 plot(found, files.enter_context(draft(arguments.plot)), arguments.width, title=scene.name)
             if arguments.out is not None:
-                from tcc_sim.output.basin_file import write_basins
+                from tcc_sim.output.samples import write_basins
 
                 write_basins(arguments.out, found, over)
             present(arguments, scene, lambda: _as_json(found, over, arguments.boundary),

@@ -35,7 +35,11 @@ OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m
 
 @dataclass(frozen=True)
 class Simulated:
-    """A point of the frequency response found by simulation."""
+    """A point of the frequency response found by simulation.
+
+    frequency : rad/s
+    gain, phase : of the output over the input, in their units and rad
+    """
 
     frequency: float
     gain: float

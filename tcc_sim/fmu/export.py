@@ -15,12 +15,15 @@ from importlib import resources
 from pathlib import Path
 
 from tcc_sim.errors import InputError, TccError
+from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Row, Static, record_of
 from tcc_sim.fmu.description import SOURCES, build_description, model_description
-from tcc_sim.fmu.kernel import kernel
+from tcc_sim.fmu.printer import Library
 from tcc_sim.fmu.variables import Variable, header, variables
+from tcc_sim.model import friction
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import Stepper
+from tcc_sim.solvers import fixed_step, torques
+from tcc_sim.solvers.terms import Terms
 
 COMPILERS = "cc", "gcc", "clang"
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -62,12 +65,12 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     step = 1.0 / scene.operation.rate if step is None else step
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
-    Stepper(scene.system, step)  # It says why where it cannot run the scene.
+    fixed_step.Stepper(scene.system, step)  # It says why where it cannot run the scene.
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
              for name in ("tcc_model.h", "fmi_shared.h", SOURCES[version])}
-    texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{kernel()}"
+    texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{_kernel()}"
     parts = "".join([*texts.values(), header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])
     digest = hashlib.sha256(parts.encode()).hexdigest()
@@ -142,3 +145,19 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
             file.writestr(zipfile.ZipInfo(f"binaries/{folder}/{fmu.identifier}{suffix}", DATE), binary,
                           zipfile.ZIP_DEFLATED)
     return folder if with_binary else ""
+
+
+def _kernel() -> str:
+    """The tick in C99, all static; TCC_MOST_HARMONICS and TCC_MOST_PIECES say how large the arrays of Terms may be."""
+    terms = record_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "course": (8, "TCC_MOST_PIECES")})
+    of = dict(terms.fields)
+    library = Library()
+    library.declared(terms)
+    roots: list[tuple[object, tuple[Kind, ...]]] = [
+        (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
+        (torques.piece_at, (of["course"], DOUBLE)),
+        (torques.torques_now, (DOUBLE, INT, of["course"], terms)),
+        (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"]))]
+    for function, kinds in roots:
+        library.function(function, kinds)
+    return library.text()

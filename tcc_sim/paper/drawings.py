@@ -11,7 +11,6 @@ import numpy as np
 from tcc_sim.paper import branch_panels as panels
 from tcc_sim.paper import histories as paper_histories
 from tcc_sim.paper.catalogue import plain
-from tcc_sim.paper.law_drawing import paint_law
 from tcc_sim.views import style
 from tcc_sim.views.sweeps import numbers
 
@@ -309,7 +308,7 @@ KINDS: dict[str, tuple[Callable[[Data], float], Callable[[Any, Data], None]]] = 
     "damping": (lambda data: 5.4, _paint_damping),
     "orbit": (_orbit_height, _paint_orbit),
     "chart": (lambda data: 5.4, panels.paint_chart),
-    "law": (lambda data: 2.7, paint_law),
+    "law": (lambda data: 2.7, paper_histories.paint_law),
     "histories": (lambda data: 0.6 + 1.75 * len(data["panels"]), paper_histories.paint_histories),
     "delay": (lambda data: 4.4, paper_histories.paint_delay),
     "actuation": (lambda data: 0.6 + 1.4 * len(data["panels"]), paper_histories.paint_actuation),

@@ -21,12 +21,11 @@ from tcc_sim.recording.commands import TARGET, Commands, Rows
 from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.replay.control_log import ControlLog
-from tcc_sim.replay.pace import Pace
 from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog
 from tcc_sim.replay.tail import Tail
-from tcc_sim.replay.timing import Timing, frequency_changes, scene_of, timing_of
+from tcc_sim.replay.timing import Pace, Timing, frequency_changes, scene_of, timing_of
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.replay.window import Window
 from tcc_sim.scene import Scene

@@ -29,8 +29,7 @@ class ExponentSettings:
 
     lyapunov_cycles: int = quantity(2000, "length of a mean growth where nothing is said", "engine cycles")
     confidence: float = quantity(0.95, "confidence of the interval of a mean growth")
-    batches: int = quantity(20, "how many means of consecutive runs of cycles are compared, long enough to be nearly "
-                            "independent")
+    batches: int = quantity(20, "means of consecutive runs of cycles, each long enough to be nearly independent")
     aligning_cycles: int = quantity(50, "first part, not counted, in which the tangent vector turns to the direction "
                                     "of largest growth", "engine cycles")
     neutral: float = quantity(0.02, "half width per cycle, in natural logarithm, up to which an interval that holds 0 "

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from tcc_sim.analysis.control import Tracking, tracking
 from tcc_sim.analysis.cycle_means import MeansOfCycles
 from tcc_sim.analysis.cycles import default_discard
 from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
-from tcc_sim.analysis.tracking import Tracking, tracking
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
 

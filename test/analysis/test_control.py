@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from tcc_sim.analysis.control import tracking
 from tcc_sim.analysis.cycle_means import CycleMeans, MeansOfCycles
 from tcc_sim.analysis.engine_clock import Uniform, slices
-from tcc_sim.analysis.tracking import tracking
 from tcc_sim.result import json_of
 
 CYCLE = 0.05
