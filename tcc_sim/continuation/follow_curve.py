@@ -7,7 +7,7 @@ resonances 1:1 to 1:4, Chenciner; and changes of the event sequence.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from tcc_sim.continuation.palc import (
     solution_at,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.sliding import differ, kind_of_change
 from tcc_sim.continuation.sliding_location import nearest
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
@@ -51,6 +52,8 @@ class CurveState:
     bounds: Bounds
     step_size: StepSize
     before: list[Solution] = field(default_factory=list)
+    cut_to: float = np.inf
+    """Growth over a segment down to which the orbit has been cut anew at this point for want of a step."""
 
     @property
     def augmented(self) -> MinimallyAugmented | None:
@@ -73,8 +76,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
     tangent = null_direction(found)
     first = solution_at(u, found, tangent if (tangent[bounds[0][0]] > 0.0) == forward else -tangent)
     state = CurveState(equations, first, bounds, step_size or StepSize(settings))
-    remeshed = -1
-    tests = _tests(state, first)
+    tests, origin = _tests(state, first), _of_single_shooting(state, first)
     yield CurveStep(first, [], equations)
     count = 0
     while count < settings.max_points:
@@ -84,8 +86,8 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         length = state.step_size.length
         new = edge[0] if edge else _next(state)
         if new is None:
-            if remeshed < count and _remesh(state, anew=True):
-                tests, remeshed = _tests(state, state.here), count
+            if _remesh_for_want_of_a_step(state):
+                tests = _tests(state, state.here)
                 continue
             if _halves_meet(state):
                 yield CurveStep(state.here, [("generalised_doubling", state.here.z)], state.equations)
@@ -102,7 +104,8 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         if end is not None:
             yield CurveStep(new._replace(z=end[1]), special, state.equations)
             return StopReason.SPECIAL, 0
-        if count > 3 and _comes_back(first, state.here, new, settings.passing):
+        if count > 3 and _comes_back(origin, _of_single_shooting(state, state.here), _of_single_shooting(state, new),
+                                        settings):
             yield CurveStep(first, special, equations)
             return StopReason.CLOSED, 0
         count += 1
@@ -110,6 +113,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         if edge is not None:
             return StopReason.RANGE, edge[1]
         state.before, state.here, tests = [*state.before[1 - settings.nodes:], state.here], new, after
+        state.cut_to = np.inf
         if state.augmented is not None:
             state.augmented.update_borders(new.z, new.found)
             if _remesh(state, fewer=count % settings.fewer_after == 0):
@@ -159,16 +163,39 @@ def _at_a_bound(state: CurveState) -> tuple[Solution, int] | None:
     return None
 
 
-def _remesh(state: CurveState, anew: bool = False, fewer: bool = False) -> bool:
-    """Go on in other segments where the growth over one is large, or fewer may do, or `anew`; whether there are any."""
+def _remesh_for_want_of_a_step(state: CurveState) -> bool:
+    """Go on in segments over which disturbances grow by less, from now on; whether there are any.
+
+    What grows by some 1e3 in slip and is taken back by stick within one segment leaves no large derivative, but one
+    that bends within 1e-5 and has the state's own error times the reciprocal of that: cusps are passed in segments
+    over which it grows by some 10, and not in one.
+    """
+    old = state.augmented
+    if old is None:
+        return False
+    for growth in old.settings.finer_growths:
+        if growth <= old.shooting.settings.growth and growth < state.cut_to:
+            state.cut_to = growth
+            if _remesh(state, growth=growth):
+                state.step_size.length = old.settings.flat_step
+                return True
+    return False
+
+
+def _remesh(state: CurveState, growth: float | None = None, fewer: bool = False) -> bool:
+    """Go on in other segments where the growth over one is large, or fewer may do, or it is to be below `growth`;
+    whether there are any.
+    """
     old = state.augmented
     if old is None or not len(state.here.found.blocks):
         return False
     settings, shooting = old.settings, old.shooting
     large = float(np.abs(state.here.found.blocks).max()) > settings.regrowth * settings.growth
-    if not (large or anew or (fewer and len(shooting.segments) > 1)) or (
+    if not (large or growth or (fewer and len(shooting.segments) > 1)) or (
             not shooting.map.divisible and len(shooting.segments) == shooting.period):
         return False
+    if growth is not None:
+        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
     try:
         finer, z = shooting.cut(state.here.z[:old.unknowns])
         if finer.segments == shooting.segments:
@@ -273,12 +300,21 @@ def _root(equations: MinimallyAugmented, here: Solution, new: Solution,
         return None
 
 
-def _comes_back(first: Solution, here: Solution, new: Solution, passing: float) -> bool:
+def _of_single_shooting(state: CurveState, point: Solution) -> tuple[Floats, Floats]:
+    """Unknowns and tangent as single shooting has them, whatever the segments: the first node and what is no node."""
+    old = state.augmented
+    if old is None:
+        return point.z, point.tangent
+    n, size = old.shooting.map.dimension, old.shooting.size
+    z, tangent = (np.concatenate([u[:n], u[size:]]) for u in (point.z, point.tangent))
+    return z, tangent
+
+
+def _comes_back(origin: tuple[Floats, Floats], here: tuple[Floats, Floats], new: tuple[Floats, Floats],
+                settings: Settings) -> bool:
     """Whether the step from `here` to `new` passes the first point of the curve."""
-    if len(first.z) != len(new.z) or len(here.z) != len(new.z):
-        return False
-    ahead, behind = (float(first.tangent @ (s.z - first.z)) for s in (new, here))
-    step = new.z - here.z
+    (z, tangent), p, q = origin, here[0], new[0]
+    ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
     part = -behind / max(ahead - behind, 1e-300)
-    return behind < 0.0 <= ahead and float(np.linalg.norm(here.z + part * step - first.z)) <= passing * float(
-        np.linalg.norm(step))
+    return behind < 0.0 <= ahead and float(step @ tangent) > 0.0 and float(np.linalg.norm(
+        p + part * step - z)) <= settings.passing * float(np.linalg.norm(step))

@@ -23,6 +23,9 @@ class ShootingSettings:
     regrowth: float = quantity(10.0, "growth over a segment, in `growth`, above which the orbit is cut anew")
     fewer_after: int = quantity(20, "points after which fewer segments are tried")
     parts: int = quantity(16, "parts of a cycle, or of a part of it, in which the growth is looked at")
+    thorough: bool = quantity(False, "whether it is looked at about every change between stick and slip too: what "
+                              "grows in slip and is taken back by stick within one part is not in its derivative, but "
+                              "in how sharply it bends")
 
     @property
     def finest(self) -> float:
@@ -200,6 +203,8 @@ class CurveSettings:
 
     curve_step: float = quantity(0.03, "longest step, of which a picture shows every corner")
     curve_regrowth: float = quantity(2.0, "`regrowth` along a curve")
+    finer_growths: tuple[float, ...] = quantity(
+        (10.0, 3.0), "growths over a segment, in order, with which orbits are cut anew, thoroughly, for want of a step")
     curve_tolerance: float = quantity(1e-8, "last step and residual with which a point of a curve is one")
     curve_root: float = quantity(1e-9, "width of the bracket of a point of codimension two, relative to the step")
     curve_jump: float = quantity(1e-2, "part of the larger end value above which its test function jumps there")

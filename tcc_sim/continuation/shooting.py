@@ -185,7 +185,8 @@ class Shooting:
         block = whole.jacobian * scales / scales[:, None]
         if not self.map.divisible or length <= 1.5 * self.settings.finest:
             return [(length, x, block)], whole.value
-        if length <= 1.0 / parts and float(np.abs(block).max()) < self.settings.growth**0.5:
+        steady = not self.settings.thorough or whole.seen is None or len(whole.seen.events) < 2
+        if length <= 1.0 / parts and steady and float(np.abs(block).max()) < self.settings.growth**0.5:
             return [(length, x, block)], whole.value
         out: list[tuple[float, Floats, Floats]] = []
         begin, end, step = first, first + length, 1.0 / parts

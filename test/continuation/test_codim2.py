@@ -11,6 +11,7 @@ from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
 from tcc_sim.continuation.follow_curve import follow_curve
 from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
+from tcc_sim.continuation.problem import Image
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.smoothing_limit import limit_of
@@ -193,6 +194,66 @@ def test_a_curve_that_comes_back_is_closed() -> None:
                         second=ParameterRange(-2.0, 2.0))
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
     assert [p**2 + q**2 for p, q in zip(curve.values, curve.second)] == pytest.approx([1.0] * len(curve.values))
+
+
+class TakenBack(TextbookMap):
+    """Four cycles multiply x, known to 1e-15, by `gain` each; the fifth one has a cusp in that, and divides."""
+
+    forcing_period = 5
+    gain = 11.0
+
+    def __init__(self) -> None:
+        def step(x, p):
+            y = x * self.gain**4
+            return ((y + 0.2 * (p[0] + p[1] * y - y**3)) / self.gain**4,
+                    np.array([[1.0 + 0.2 * (p[1] - 3.0 * y[0] ** 2)]]), 0.2 / self.gain**4 * np.array([[1.0, y[0]]]))
+
+        super().__init__(step, 1)
+
+    def evaluate(self, x, values, first, cycles):
+        if cycles > 1:
+            a, b = self.evaluate(x, values, first, 1), self.evaluate
+            b = self.evaluate(a.value, values, first + 1, cycles - 1)
+            return Image(b.value, b.jacobian @ a.jacobian, b.jacobian @ a.by_parameter + b.by_parameter)
+        if first % 5 < 4:
+            return Image(self.gain * np.round(x, 15), np.array([[self.gain]]), np.zeros((1, 2)))
+        value, jacobian, by_parameter = self.step(x / self.gain**4, values)
+        return Image(value, jacobian / self.gain**4, by_parameter)
+
+
+def test_a_curve_goes_on_in_more_segments_where_growth_within_one_is_taken_back() -> None:
+    # The derivative over all cycles is one, but it bends within 1e-4.
+    span = ParameterRange(-1.0, 1.0)
+    of = TakenBack()
+    whole = Shooting.single(of, 5, span, Q)
+    x = -math.sqrt(0.2)
+    start = whole.unknowns(np.array([[x / of.gain**4]]), (-2.0 * x**3, 0.6))
+    equations = MinimallyAugmented("fold", whole, start)
+    steps = list(follow_curve(equations, equations.start, False, ((2, 0.0, 1.0), (1, 0.0, 1.0))))
+    values = [step.equations.shooting.values(step.solution.z) for step in steps]  # type: ignore[union-attr]
+    assert [27.0 * p**2 for p, _ in values] == pytest.approx([4.0 * q**3 for _, q in values], abs=1e-6)
+    assert min(values[-1][0] + 1.0, 1.5 - values[-1][1]) == pytest.approx(0.0, abs=1e-9)
+    assert [kind for step in steps for kind, _ in step.special] == ["cusp"]
+
+
+def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
+    # Folds on the circle x = 0, p^2 + q^2 = 1, and y' = (2.5 + p) y: three cycles are one segment at first.
+    def ring(x, p):
+        return (np.array([x[0] + 0.2 * (x[0] ** 2 + p[0] ** 2 + p[1] ** 2 - 1.0), (2.5 + p[0]) * x[1]]),
+                np.diag([1.0 + 0.4 * x[0], 2.5 + p[0]]), np.array([[0.4 * p[0], 0.4 * p[1]], [x[1], 0.0]]))
+
+    span = ParameterRange(-2.0, 2.0)
+    whole = Shooting.single(TextbookMap(ring, 2), 3, span, span, settings=Settings(growth=3.0, fewer_after=5))
+    equations = MinimallyAugmented("fold", whole, whole.unknowns(np.zeros((1, 2)), (-0.8, 0.6)))
+    steps, cuts = follow_curve(equations, equations.start, True, ((3, 0.0, 1.0), (2, 0.0, 1.0))), set()
+    while True:
+        try:
+            cuts.add(next(steps).equations.shooting.segments)  # type: ignore[union-attr]
+        except StopIteration as stopped:
+            reason, _ = stopped.value
+            break
+    assert cuts == {(3,), (1, 1, 1)}
+    assert reason is StopReason.CLOSED
 
 
 def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
