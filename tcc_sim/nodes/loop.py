@@ -16,6 +16,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from rclpy.node import Node
@@ -102,7 +103,7 @@ class RealTimeLoop:
         self._lockstep = scene.operation.pacing == "lockstep" and bool(self.commands)
         self._unanswered: list[Command] | None = None
         self._waits_since = 0.0
-        self._said_source = ""
+        self._said_commanded: list[bool] = []
 
     @property
     def scene(self) -> Scene:
@@ -161,7 +162,7 @@ class RealTimeLoop:
         for command in self.commands:
             command.reset()
         self.plant.reset()
-        self._unanswered, self._said_source = None, ""
+        self._unanswered, self._said_commanded = None, []
         if self.clock_started.is_set():
             self._publish()
         return True
@@ -212,14 +213,17 @@ class RealTimeLoop:
             self._publish()
             self.pacer.anchor()
             self.clock_started.set()
-            while not self._stop.is_set():
-                self._serve()
-                if not self.outputs.flush():
-                    self._rest(LOOK)
-                elif self.paused:
-                    self._rest(None)
-                elif self._due():
-                    self._tick()
+            with ExitStack() as held:
+                for handle in (*self.outputs.handles(), *(command.subscription.handle for command in self.commands)):
+                    held.enter_context(handle)
+                while not self._stop.is_set():
+                    self._serve()
+                    if not self.outputs.flush():
+                        self._rest(LOOK)
+                    elif self.paused:
+                        self._rest(None)
+                    elif self._due():
+                        self._tick()
         except BaseException as error:
             # A signal ends the context first; what publishing says to that is no failure.
             if not self._stop.is_set() and self._context.ok():
@@ -287,11 +291,11 @@ class RealTimeLoop:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
-        if self.commands:
-            source = written({command.name: not command.fallen_back for command in self.commands})
-            if source != self._said_source:
-                self._said_source = source
-                self.outputs.say("input_source", cdr.header(reading.stamp_ns, source))
+        commanded = [command.value is not None for command in self.commands]
+        if commanded != self._said_commanded:
+            self._said_commanded = commanded
+            source = written(dict(zip((command.name for command in self.commands), commanded)))
+            self.outputs.say("input_source", cdr.header(reading.stamp_ns, source))
         self.outputs.state(reading)
 
     def _await_subscribers(self) -> bool:

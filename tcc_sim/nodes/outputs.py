@@ -89,10 +89,18 @@ class Outputs:
         return (int(self._publishers["joint_states"].get_subscription_count()),
                 sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
 
+    def handles(self) -> list[Any]:
+        """What a thread that publishes holds, so that nothing is destroyed under it."""
+        return [publisher.handle for publisher in self._publishers.values()]
+
     def _create(self, name: str, profile: QoSProfile) -> Any:
-        """Create the publisher of a topic."""
-        self._publishers[name] = self._node.create_publisher(message_class(topic(name).type), name, profile)
-        return self._publishers[name]
+        """Create the publisher of a topic; it takes bytes without a look at what they are, and who publishes sees to
+        it that it is there.
+        """
+        publisher: Any = self._node.create_publisher(message_class(topic(name).type), name, profile)
+        publisher.publish = publisher.handle.publish_raw
+        self._publishers[name] = publisher
+        return publisher
 
     def _send(self, publisher: Any, data: bytes) -> None:
         """Send, or let it wait behind what waits, or count it."""

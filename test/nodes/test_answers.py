@@ -220,14 +220,34 @@ def test_a_request_that_makes_no_sense_is_told_and_does_not_end_the_node(
     assert node.loop.running
 
 
+def test_nothing_that_the_loop_uses_is_destroyed_under_it(bench: Any) -> None:
+    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[Parameter("scene", value="commands")]))
+    node.start()
+    bench.until(lambda: node.loop.plant.stepper.tick > 20)
+    for entity in (*node.publishers, *(command.subscription for command in node.loop.commands)):
+        entity.handle.destroy_when_not_in_use()
+    tick = node.loop.plant.stepper.tick
+    bench.until(lambda: node.loop.plant.stepper.tick > tick + 20 or not node.loop.running)
+    assert node.loop.running
+    node.loop.stop()
+    with pytest.raises(RuntimeError):
+        node.loop.step()
+
+
 class Refusing:
-    """A publisher whose middleware takes a message only while the gate is open."""
+    """A publisher, and its handle, whose middleware takes a message only while the gate is open."""
 
     def __init__(self, publisher: Any) -> None:
         self.publisher, self.open, self.refused, self.taken = publisher, True, 0, []
-        self.topic_name = publisher.topic_name
+        self.topic_name, self.handle = publisher.topic_name, self
 
-    def publish(self, data: bytes) -> None:
+    def __enter__(self) -> None:
+        self.publisher.handle.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self.publisher.handle.__exit__(*error)
+
+    def publish_raw(self, data: bytes) -> None:
         if not self.open:
             self.refused += 1
             raise RuntimeError("cannot publish data")
