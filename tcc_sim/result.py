@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from html import escape
 from typing import Any
 
 ROWS_SHOWN = 20
+ASKED_FOR, SPREAD = {"asked_for": True}, {"spread": True}
+"""Metadata of dataclass fields: JSON has not what is None because nobody asked for it; and it has the fields of a
+dataclass in the place of the field that holds it.
+"""
 
 
 class Described:
@@ -41,7 +45,7 @@ def json_of(value: Any) -> Any:
     number that is not finite.
     """
     if is_dataclass(value):
-        value = {item.name: getattr(value, item.name) for item in fields(value)}
+        value = dict(_items(value))
     if isinstance(value, Mapping):
         return {str(key): json_of(each) for key, each in value.items()}
     if hasattr(value, "tolist"):
@@ -49,6 +53,15 @@ def json_of(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [json_of(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _items(value: Any) -> Iterator[tuple[str, Any]]:
+    """The fields of a dataclass that JSON has."""
+    for item in fields(value):
+        part = getattr(value, item.name)
+        if part is None and item.metadata.get("asked_for"):
+            continue
+        yield from _items(part) if item.metadata.get("spread") else ((item.name, part),)
 
 
 def html_of(columns: Mapping[str, Any]) -> str:

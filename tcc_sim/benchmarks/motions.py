@@ -22,17 +22,17 @@ from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.markdown import escape
 from tcc_sim.output.provenance import document
 from tcc_sim.output.terminal import say
-from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN
+from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, bifurcations_of, branches_of, jumps_of
 from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_options import FigureOptions
+from tcc_sim.paper.figure_results import Chart, ChartCurve, Curves, Figure
 from tcc_sim.paper.figures import figure_of, figure_system
 from tcc_sim.sweeps.processes import each_in_a_process, processes_for
 from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.views.basin_map import draw as draw_basins
 
 CELLS, QUICK_CELLS = 500, 60
-Data = Mapping[str, Any]
 NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}
 """File names of the charts' pictures, without suffix."""
 BRANCHES, BASINS = "motions_branches", "motions_basins"
@@ -90,20 +90,23 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _write(folder: Any, branches: dict[str, Any], charts: dict[int, dict[str, Any]], found: Any,
+def _write(folder: Any, branches: Figure[Curves], charts: dict[int, Figure[Chart]], found: Any,
            words: list[str]) -> None:
     """Pictures and JSON."""
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
-    for number, data in ((6, branches), *charts.items()):
+    every: list[tuple[int, Figure[Any]]] = [(6, branches), *charts.items()]
+    for number, data in every:
         name = NAMES.get(number, BRANCHES)
         draw(data, pictures / name)
-        write_json(folder / f"{name}.json", document("figure", data, figure_system(number, FigureOptions()), words))
+        system = figure_system(number, FigureOptions())
+        write_json(folder / f"{name}.json", document("figure", data.as_json(), system, words))
     draw_basins(pictures / f"{BASINS}.png", found)
     write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))
 
 
-def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, beside: Sequence[str] = ()) -> str:
+def motions_page(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], basins: Basins,
+                 beside: Sequence[str] = ()) -> str:
     """The page: what was found, in counts and tables; every branch and curve by its points is in the JSON beside it.
 
     Parameters
@@ -131,49 +134,51 @@ def motions_page(branches: Data, charts: Mapping[int, Data], basins: Basins, bes
     return "\n".join(lines) + "\n"
 
 
-def _summary(branches: Data, charts: Mapping[int, Data], basins: Basins) -> list[str]:
+def _summary(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], basins: Basins) -> list[str]:
     """What was found, a line for each part."""
-    found = branches["curves"][0]
-    periods = sorted({b["period"] for b in found["branches"]})
-    causes = Counter(jump["cause"] for swept in branches["curves"] for jump in swept["jumps"])
+    curves = branches.numbers.curves
+    followed, bifurcations = branches_of(curves[:1]), bifurcations_of(curves[:1])
+    periods = sorted({b["period"] for b in followed})
+    causes = Counter(jump["cause"] for jump in jumps_of(curves))
     boundary, beside = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
     ends = sum(causes.values()) - boundary - beside - sum(causes[c] for c in UNSEEN)
-    lines = [f"- Branches behind Fig. 6: {len(found['branches'])}, of period {', '.join(map(str, periods))}, with "
-             f"{counted(len(found['bifurcations']), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
+    lines = [f"- Branches behind Fig. 6: {len(followed)}, of period {', '.join(map(str, periods))}, with "
+             f"{counted(len(bifurcations), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
              f"three sweeps {ends} are bifurcations, {boundary} cross the boundary of two basins, and {beside} lie "
              "beside motions on no branch."]
     for number, data in charts.items():
-        reasons = Counter(reason for curve in data["curves"] for reason in curve["reasons"])
+        reasons = Counter(reason for curve in data.numbers.curves for reason in curve.reasons)
         lost = sum(n for reason, n in reasons.items() if ENDINGS.get(reason, LOST) == LOST)
-        lines.append(f"- Chart {number} has {counted(len(data['curves']), 'curve')}; {lost} of "
+        lines.append(f"- Chart {number} has {counted(len(data.numbers.curves), 'curve')}; {lost} of "
                      f"{counted(sum(reasons.values()), 'end')} have no reason but that no further point was found.")
     shares = ", ".join(f"{100.0 * basins.fraction(k):.1f} % to period {a.period or 'none'} of {a.largest:.1f} rad/s"
                        for k, a in enumerate(basins.attractors))
     return [*lines, f"- Initial states at omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85 lead: {shares}."]
 
 
-def _branches(data: Data) -> list[str]:
+def _branches(data: Figure[Curves]) -> list[str]:
     """Branches with their ends and bifurcations."""
-    curve, unit = data["curves"][0], data["unit"]
+    curves, unit = data.numbers.curves[:1], data.numbers.unit
+    bifurcations = bifurcations_of(curves)
     lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
-    for k, branch in enumerate(curve["branches"]):
+    for k, branch in enumerate(branches_of(curves)):
         ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
                          for end, reason in zip((0, -1), branch["reasons"]))
-        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in curve["bifurcations"]
+        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in bifurcations
                         if f["branch"] == k)
         lines.append(f"| {branch['period']} | {min(branch['value']) / unit:.4f} to {max(branch['value']) / unit:.4f} | "
                      f"{sum(branch['stable'])} of {len(branch['stable'])} | {ends} | {met or 'none'} |")
-    worst = max((f["residual"] for f in curve["bifurcations"]), default=0.0)
+    worst = max((f["residual"] for f in bifurcations), default=0.0)
     return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of where it has it."]
 
 
-def _jumps(data: Data) -> list[str]:
+def _jumps(data: Figure[Curves]) -> list[str]:
     """The jumps of the sweeps by cause and place, with the sweeps that have them."""
-    unit, places = data["unit"], dict[tuple[str, str], list[str]]()
-    for swept in data["curves"]:
-        for jump in swept["jumps"]:
+    unit, places = data.numbers.unit, dict[tuple[str, str], list[str]]()
+    for swept in data.numbers.curves:
+        for jump in jumps_of([swept]):
             at = places.setdefault((jump["cause"], f"{jump['value'] / unit:.6f}"), [])
-            at += [WAYS[swept["direction"]]] * (WAYS[swept["direction"]] not in at)
+            at += [WAYS[swept.direction]] * (WAYS[swept.direction] not in at)
     lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []
     for cause in dict.fromkeys(cause for cause, _ in places):
         found = {place: ways for (name, place), ways in places.items() if name == cause}
@@ -191,22 +196,23 @@ def _cause(cause: str) -> str:
             "not_followed": "a motion beside it that lies on no branch followed"}.get(cause, cause.replace("_", " "))
 
 
-def _chart(data: Data) -> list[str]:
+def _chart(data: Figure[Chart]) -> list[str]:
     """The curves of a chart by kind: how many, over which ranges, and what they end at."""
-    units = data["unit"], data["second_unit"]
-    kinds: dict[str, list[Data]] = {}
-    for curve in data["curves"]:
-        kinds.setdefault(curve["label"] + (" (smoothed end of stick)" if curve["creep"] else ""), []).append(curve)
-    lines = [f"{escape(data['title'].replace('$', '').replace(chr(92), ''))}.", "",
-             f"| curves | how many | {escape(data['axis'])} | {escape(data['second_axis'])} |",
+    chart = data.numbers
+    kinds: dict[str, list[ChartCurve]] = {}
+    for curve in chart.curves:
+        kinds.setdefault(curve.label + (" (smoothed end of stick)" if curve.creep else ""), []).append(curve)
+    lines = [f"{escape(data.title.replace('$', '').replace(chr(92), ''))}.", "",
+             f"| curves | how many | {escape(chart.axis)} | {escape(chart.second_axis)} |",
              "| --- | ---: | --- | --- |"]
     for name, curves in sorted(kinds.items()):
-        spans = [[x / unit for curve in curves for x in curve[key]] for key, unit in zip(("value", "second"), units)]
+        spans = ([x / chart.unit for curve in curves for x in curve.value],
+                 [x / chart.second_unit for curve in curves for x in curve.second])
         lines.append(f"| {escape(name)} | {len(curves)} | " + " | ".join(
             f"{min(span):.4f} to {max(span):.4f}" for span in spans) + " |")
-    ends = Counter(ENDINGS.get(reason, LOST) for curve in data["curves"] for reason in curve["reasons"])
-    special = Counter(point["kind"].replace("_1_", " 1:").replace("_", " ") for curve in data["curves"]
-                      for point in curve.get("special", []))
+    ends = Counter(ENDINGS.get(reason, LOST) for curve in chart.curves for reason in curve.reasons)
+    special = Counter(point.kind.replace("_1_", " 1:").replace("_", " ") for curve in chart.curves
+                      for point in curve.special)
     lines += ["", "Ends: " + ", ".join(f"{n} {words}" for words, n in ends.most_common()) + "."]
     if special:
         lines.append("Points of codimension two: " + ", ".join(f"{n} {kind}" for kind, n in special.most_common())

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import counted
+from tcc_sim.paper.figure_results import Chart, MapCurve, MotionsBehind
 from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
 from tcc_sim.views.sweeps import draw_cells
 
-Data = dict[str, Any]
 CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
           "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
           "branch_point": "branch point", "grazing_sliding": "grazing", "crossing_sliding": "crossing",
@@ -33,36 +33,52 @@ GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to
         "not solved")
 
 
-def draw_branches(axis: Any, curve: Data, unit: float, colour: str) -> None:
+def draw_branches(axis: Any, curve: MapCurve, unit: float, colour: str) -> None:
     """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
-    periods = sorted({b["period"] for b in curve["branches"]})
-    for number, branch in enumerate(curve["branches"]):
+    behind = curve.behind or MotionsBehind([], [], [], [])
+    periods = sorted({b["period"] for b in behind.branches})
+    for number, branch in enumerate(behind.branches):
         rank = min(periods.index(branch["period"]), 3)
-        for (x, height), dashes, width in zip(stable_and_unstable(curve, number), ("-", UNSTABLE), (1.1, 0.7)):
+        for (x, height), dashes, width in zip(stable_and_unstable(vars(behind), number), ("-", UNSTABLE), (1.1, 0.7)):
             axis.plot(x / unit, height, linestyle=dashes, linewidth=width + 0.35 * rank, color=colour, zorder=2.5)
-    for found in curve["bifurcations"]:
+    for found in behind.bifurcations:
         axis.plot([found["value"] / unit], [found["max_slip_speed"]], linestyle="none", marker=MARKS[found["kind"]][0],
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
 
 
-def named_jumps(curves: Sequence[Data]) -> bool:
+def branches_of(curves: Sequence[MapCurve]) -> list[dict[str, Any]]:
+    """The branches behind curves."""
+    return [branch for curve in curves if curve.behind is not None for branch in curve.behind.branches]
+
+
+def bifurcations_of(curves: Sequence[MapCurve]) -> list[dict[str, Any]]:
+    """The bifurcations behind curves."""
+    return [found for curve in curves if curve.behind is not None for found in curve.behind.bifurcations]
+
+
+def jumps_of(curves: Sequence[MapCurve]) -> list[dict[str, Any]]:
+    """The jumps of curves."""
+    return [jump for curve in curves if curve.behind is not None for jump in curve.behind.jumps]
+
+
+def named_jumps(curves: Sequence[MapCurve]) -> bool:
     """Whether `label_jumps` writes anything over the axes."""
-    return any(jump["cause"] not in UNNAMED + UNSEEN for curve in curves for jump in curve["jumps"])
+    return any(jump["cause"] not in UNNAMED + UNSEEN for jump in jumps_of(curves))
 
 
-def room_above(curves: Sequence[Data]) -> float:
+def room_above(curves: Sequence[MapCurve]) -> float:
     """Room over the axes, in points, for what `label_jumps` writes there and a title."""
     return 64.0 if named_jumps(curves) else 6.0
 
 
-def label_jumps(axis: Any, curves: Sequence[Data], unit: float, colours: Sequence[str]) -> None:
+def label_jumps(axis: Any, curves: Sequence[MapCurve], unit: float, colours: Sequence[str]) -> None:
     """The cause of every jump that a bifurcation or a basin makes, written upwards from the top of the axes, none over
     another; a thin line leads to it. Jumps beside a motion without a period or a branch have a dotted line alone.
     """
     low, high = axis.get_xlim()
     named: dict[tuple[str, str], tuple[float, str]] = {}
     for curve, colour in zip(curves, colours):
-        for jump in curve["jumps"]:
+        for jump in jumps_of([curve]):
             x, cause = jump["value"] / unit, jump["cause"]
             if cause in UNNAMED:
                 axis.axvline(x, color=colour, linewidth=0.4, linestyle=(0, (1, 3)), alpha=0.6, zorder=1.4)
@@ -96,17 +112,17 @@ def spread(places: Sequence[float], least: float, low: float, high: float) -> li
     return out
 
 
-def top_of(curves: Sequence[Data]) -> tuple[float, int]:
+def top_of(curves: Sequence[MapCurve]) -> tuple[float, int]:
     """End of the axis of maxima, above branches and settled motions, and how many other points lie beyond."""
     inside = [0.0]
     for curve in curves:
-        inside += [max(b["max_slip_speed"]) for b in curve["branches"]]
+        inside += [max(b["max_slip_speed"]) for b in branches_of([curve])]
         inside += bounded(curve)[dict(marked(curve))[SETTLED]].tolist()
     top = max(1.12 * max(inside), 1e-6)
     return top, sum(int((bounded(curve) > top).sum()) for curve in curves)
 
 
-def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: int) -> None:
+def legend_of(axis: Any, curves: Sequence[MapCurve], swept: Sequence[MapCurve], beyond: int) -> None:
     """What the lines and marks that are there mean, in axes of its own; and how many points lie beyond the panels.
 
     Parameters
@@ -117,18 +133,18 @@ def legend_of(axis: Any, curves: Sequence[Data], swept: Sequence[Data], beyond: 
     axis.set_axis_off()
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
     handles = axis.plot([], [], color=style.INK, label="stable (thicker: longer period)")
-    if not all(all(b["stable"]) for curve in curves for b in curve["branches"]):
+    if not all(all(b["stable"]) for b in branches_of(curves)):
         handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
     for mark in marks_met(swept):
         handles += axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.4))
     if beyond:
         handles += axis.plot([], [], linestyle="none", label=f"({counted(beyond, 'point')} beyond the axes)")
-    for kind in dict.fromkeys(f["kind"] for curve in curves for f in curve["bifurcations"]):
+    for kind in dict.fromkeys(f["kind"] for f in bifurcations_of(curves)):
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
     if named_jumps(swept):
         handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
-    if any(jump["cause"] in UNNAMED for curve in swept for jump in curve["jumps"]):
+    if any(jump["cause"] in UNNAMED for jump in jumps_of(swept)):
         handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
                              label="jump off the branches")
     axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
@@ -156,60 +172,60 @@ SETTLING = Mark("still settling to a period", "x")
 AWAY = Mark("slip grows without end", "^", full=True, colour=style.RUNAWAY)
 
 
-def marked(curve: Data) -> list[tuple[Mark, np.ndarray]]:
+def marked(curve: MapCurve) -> list[tuple[Mark, np.ndarray]]:
     """What the points of a curve are, each kind with (n,) where."""
-    def column(name: str, other: Any) -> np.ndarray:
-        return np.array([other if v is None else v for v in curve.get(name, [other] * len(curve["period"]))])
+    def column(values: Sequence[Any], other: Any) -> np.ndarray:
+        return np.array([other if v is None else v for v in values])
 
-    away, period, done = column("runaway", False), column("period", 0), column("settled", True)
+    away, period, done = column(curve.runaway, False), column(curve.period, 0), column(curve.settled, True)
     where = (~away & (period > 0) & done, ~away & (period > 0) & ~done, ~away & (period == 0), away)
     return list(zip((SETTLED, SETTLING, APERIODIC, AWAY), (w.astype(bool) for w in where)))
 
 
-def draw_runaways(axis: Any, x: Sequence[float], curve: Data) -> None:
+def draw_runaways(axis: Any, x: Sequence[float], curve: MapCurve) -> None:
     """Where slip grows without end, at the upper edge: it is as large as it was solved long, so it has no scale."""
     where = dict(marked(curve))[AWAY]
     axis.plot(np.array(x)[where], np.full(int(where.sum()), 0.97), transform=axis.get_xaxis_transform(), zorder=2,
               **AWAY.look("", 3.0))
 
 
-def bounded(curve: Data) -> np.ndarray:
+def bounded(curve: MapCurve) -> np.ndarray:
     """(n,) largest slip speeds, NaN where there is none and where slip grows without end."""
-    values = np.array([np.nan if x is None else x for x in curve["max_slip_speed"]], dtype=np.float64)
+    values = np.array([np.nan if x is None else x for x in curve.max_slip_speed], dtype=np.float64)
     return np.where(dict(marked(curve))[AWAY], np.nan, values)
 
 
-def marks_met(curves: Sequence[Data]) -> list[Mark]:
+def marks_met(curves: Sequence[MapCurve]) -> list[Mark]:
     """The kinds of points that curves have."""
     return list(dict.fromkeys(mark for curve in curves for mark, where in marked(curve) if where.any()))
 
 
-def paint_chart(drawn: Any, data: Data) -> None:
+def paint_chart(drawn: Any, data: Chart) -> None:
     """Figs. 19 and 20: periods of cold starts as shades, curves of bifurcations over them."""
     from matplotlib.patches import Patch
 
     axis, below = drawn.subplots(2, 1, height_ratios=(1.0, 0.13))
     below.set_axis_off()
-    x, y = np.array(data["x"]), np.array(data["y"])
-    shades = np.array([[shade_of(p, r) for p, r in zip(*rows)] for rows in zip(data["period"], data["regime"])])
+    x, y = np.array(data.x), np.array(data.y)
+    shades = np.array([[shade_of(p, r) for p, r in zip(*rows)] for rows in zip(data.period, data.regime)])
     draw_cells(axis, x, y, shades, TINTS)
     named: dict[str, Any] = {}
-    for curve in sorted(data["curves"], key=lambda c: c["kind"] == "stick_border"):
-        kind, period = curve["kind"], curve["period"]
+    for curve in sorted(data.curves, key=lambda c: c.kind == "stick_border"):
+        kind, period = curve.kind, curve.period
         name = "pure stick ends, by (10)" if kind == "stick_border" else f"{MARKS[kind][1]}, period {period}"
-        line, = axis.plot(np.array(curve["value"]) / data["unit"], np.array(curve["second"]) / data["second_unit"],
+        line, = axis.plot(np.array(curve.value) / data.unit, np.array(curve.second) / data.second_unit,
                           color=COLOURS.get((kind, min(period, 2)), style.GREEN), linewidth=0.9,
                           linestyle=(0, (4, 2)) if kind == "stick_border" else "-", zorder=3)
         named.setdefault(name, line)
-        for end, reason in zip((0, -1), curve["reasons"]):
+        for end, reason in zip((0, -1), curve.reasons):
             mark = end_of(reason)
             if mark is not None:
-                point, = axis.plot([curve["value"][end] / data["unit"]], [curve["second"][end] / data["second_unit"]],
+                point, = axis.plot([curve.value[end] / data.unit], [curve.second[end] / data.second_unit],
                                    linestyle="none", marker=mark[0], color=style.INK, markersize=3.0,
                                    markeredgewidth=0.7, zorder=4)
                 named.setdefault(mark[1], point)
     axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=r"frequency ratio $\omega/\omega_n$",
-             ylabel={"mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$", "psi/pi": r"phase $\psi/\pi$"}[data["second_axis"]])
+             ylabel={"mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$", "psi/pi": r"phase $\psi/\pi$"}[data.second_axis])
     met = sorted(set(shades.ravel().tolist()))
     handles = [Patch(facecolor=TINTS[k], edgecolor=style.GREY, linewidth=0.4, label=GRID[k]) for k in met]
     lines = dict(sorted(named.items()))

@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve, border_curve
+from tcc_sim.continuation.codim2 import BifurcationCurve, Ranges, bifurcation_curve, border_curve
 from tcc_sim.continuation.diagram import SWEPT
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats
@@ -25,6 +24,7 @@ from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
 from tcc_sim.paper.figure_branches import creeps
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
+from tcc_sim.paper.figure_results import Chart, ChartCurve
 from tcc_sim.paper.seen_motions import seen_in, surveyed
 from tcc_sim.sweeps.simulation import Plan
 from tcc_sim.sweeps.sweep import sweep_grid
@@ -43,15 +43,8 @@ UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "p
 NAMES = {"engine.frequency": "omega/omega_n", "friction.kinetic_coefficient": "mu_k/mu_s", "pressure.phase": "psi/pi"}
 
 
-def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
-    """Figs. 19 and 20: the grid of cold starts, and the curves.
-
-    Returns
-    -------
-    `x` and `y` (normalised axes), `period` and `regime` (rows: second axis; runaway where slip grows) of the cold
-    starts, `curves`: `kind`, `period`, `creep` (whether it is the smoothed end of stick), `value`, `second` (SI, as
-    `continue --json`), `ended`.
-    """
+def chart(row: PaperFigure, options: FigureOptions) -> Chart:
+    """Figs. 19 and 20: the grid of cold starts, and the curves."""
     system = system_of(row.series[0], options)
     share = QUICK_SHARE if options.quick else 1
     x, y = (np.linspace(*span, (count - 1) // share + 1)
@@ -64,7 +57,7 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
                       jobs=options.jobs, progress=options.progress)
     ranges = (ParameterRange(row.span[0] * units[0], row.span[1] * units[0], name=row.over),
                ParameterRange(row.second_span[0] * units[1], row.second_span[1] * units[1], name=row.second))
-    curves: list[dict[str, Any]] = stick_borders(system, (row.over, row.second), ranges)
+    curves = stick_borders(system, (row.over, row.second), ranges)
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
@@ -72,40 +65,39 @@ def chart(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             for found in branch.bifurcations:
                 curve = _followed(found, both, ranges, float(cut) * units[1], curves)
                 if curve is not None:
-                    curves.append(_as_json(curve, found.point.orbit.period, creeps(found, sweep.curve.system)))
+                    curves.append(_charted(curve, found.point.orbit.period, creeps(found, sweep.curve.system)))
     summaries = [[None if p is None else p.summary for p in sweep.points] for sweep in grid.sweeps]
-    return {"axis": NAMES[row.over], "x": x.tolist(), "unit": units[0], "over": row.over,
-            "second_axis": NAMES[row.second], "y": y.tolist(), "second_unit": units[1], "second_over": row.second,
-            "cycles": plan.cycles, "discarded": 50, "curves": curves,
-            "period": [[None if s is None else s.period for s in line] for line in summaries],
-            "regime": [[None if s is None else "runaway" if s.runaway else s.regime for s in line]
-                       for line in summaries]}
+    return Chart(NAMES[row.over], x.tolist(), units[0], row.over, NAMES[row.second], y.tolist(), units[1], row.second,
+                 plan.cycles, 50, curves,
+                 period=[[None if s is None else s.period for s in line] for line in summaries],
+                 regime=[[None if s is None else "runaway" if s.runaway else s.regime for s in line]
+                         for line in summaries])
 
 
-def _followed(found: Bifurcation, of: DrivelineMap, ranges: tuple[ParameterRange, ParameterRange], second: float,
-              known: list[dict[str, Any]]) -> BifurcationCurve | None:
+def _followed(found: Bifurcation, of: DrivelineMap, ranges: Ranges, second: float,
+              known: list[ChartCurve]) -> BifurcationCurve | None:
     """The curve of a bifurcation; None where it is not of those followed, or lies on a curve that is known."""
     orbit = found.point.orbit
     if found.kind not in FOLLOWED or orbit.period > LONGEST * of.forcing_period or abs(orbit.multipliers[0]) > ENDING:
         return None
     at = np.array([ranges[0].scaled(found.value), ranges[1].scaled(second)])
     for curve in known:
-        if (curve["kind"], curve["period"]) == (found.kind, found.point.orbit.period):
-            points = np.array([[ranges[0].scaled(a), ranges[1].scaled(b)]
-                               for a, b in zip(curve["value"], curve["second"])])
-            if distance(at, points) < PASSED:
-                return None
+        if (curve.kind, curve.period) == (found.kind, orbit.period) and distance(at, _scaled(curve, ranges)) < PASSED:
+            return None
     return bifurcation_curve(found, of, ranges, second, CHARTED)
 
 
-def _as_json(curve: BifurcationCurve, period: int, creep: bool) -> dict[str, Any]:
-    """A curve as JSON values."""
+def _scaled(curve: ChartCurve, ranges: Ranges) -> Floats:
+    """(n, 2) points of a curve in parts of the axes."""
+    return np.array([[ranges[0].scaled(a), ranges[1].scaled(b)] for a, b in zip(curve.value, curve.second)])
+
+
+def _charted(curve: BifurcationCurve, period: int, creep: bool) -> ChartCurve:
+    """A curve as the chart has it."""
     words = f"{curve.kind}, period {period}".replace("_", " ")
     words = "pure stick ends, by (10)" if curve.kind == "stick_border" else words
-    return {"label": words, "kind": curve.kind, "period": period, "creep": creep, "value": list(curve.values),
-            "second": list(curve.second), "ended": [str(end) for end in curve.ended],
-            "reasons": [end.reason.name.lower() for end in curve.ended],
-            "special": [s.as_json() for s in curve.special]}
+    return ChartCurve(words, curve.kind, period, creep, curve.values, curve.second, [str(end) for end in curve.ended],
+                      [end.reason.name.lower() for end in curve.ended], curve.special)
 
 
 def distance(at: Floats, line: Floats) -> float:
@@ -118,8 +110,8 @@ def distance(at: Floats, line: Floats) -> float:
     return float(np.linalg.norm(a + part[:, None] * d - at, axis=1).min())
 
 
-def stick_borders(system: System, keys: tuple[str, str], ranges: tuple[ParameterRange, ParameterRange],
-                  count: int = 150) -> list[dict[str, Any]]:
+def stick_borders(system: System, keys: tuple[str, str], ranges: Ranges,
+                  count: int = 150) -> list[ChartCurve]:
     """Curves on which pure stick ends by (10), corrected, in the plane of two keys."""
     of = DrivelineMap(system, keys)
 
@@ -127,7 +119,7 @@ def stick_borders(system: System, keys: tuple[str, str], ranges: tuple[Parameter
         at = of.system_at((first, second))
         return stick_margin(at).torque / (at.friction_ratio * at.saturation_mean)
 
-    out: list[dict[str, Any]] = []
+    out: list[ChartCurve] = []
     for part in (0.0, 0.25, 0.5, 0.75, 1.0):
         second = ranges[1].value(part)
         values = [ranges[0].value(u) for u in np.linspace(0.0, 1.0, count)]
@@ -135,11 +127,9 @@ def stick_borders(system: System, keys: tuple[str, str], ranges: tuple[Parameter
         for k in np.flatnonzero(margins[1:] * margins[:-1] < 0.0):
             root = chandrupatla(partial(margin, second=second), values[k], values[k + 1])
             at = np.array([ranges[0].scaled(root), part])
-            known = [np.array([[ranges[0].scaled(a), ranges[1].scaled(b)] for a, b in zip(c["value"], c["second"])])
-                     for c in out]
-            if any(distance(at, line) < PASSED for line in known):
+            if any(distance(at, _scaled(known, ranges)) < PASSED for known in out):
                 continue
             curve = border_curve(margin, ranges, root, second)
             if curve is not None:
-                out.append(_as_json(curve, 1, False))
+                out.append(_charted(curve, 1, False))
     return out

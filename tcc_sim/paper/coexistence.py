@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from tcc_sim.paper.evidence import JUMP, steep
+from tcc_sim.paper.figure_results import Coexisting, Reached
 from tcc_sim.sweeps.point import handed_over, solve_point
 from tcc_sim.sweeps.sweep import Sweep
 
 
-def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
+def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
     """The motions that a neighbour's last state leads to where they differ from those of the cold start.
 
     Looked for at both sides of every change of more than JUMP of the curve's largest value between neighbours that both
     have a period: the scatter of an aperiodic motion's maximum is no other motion.
-
-    Returns
-    -------
-    One row for each: `index` along the curve, `value` of the key, `max_slip_speed` and `period` of the cold start's
-    motion and of the `other`, and `spike`: whether the cold start stands out from both of its neighbours.
     """
     largest = sweep.column("max_slip_speed")
     periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
@@ -30,7 +25,7 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
     pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
              if periods[here] and periods[there]]
 
-    def follow(pair: tuple[int, int]) -> dict[str, Any] | None:
+    def follow(pair: tuple[int, int]) -> Coexisting | None:
         here, there = pair
         neighbour = sweep.points[there]
         assert neighbour is not None
@@ -41,13 +36,12 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[dict[str, Any]]:
         found = point.summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None
-        return {"index": here, "value": sweep.curve.values[here], "max_slip_speed": float(largest[here]),
-                "period": periods[here], "other": {"max_slip_speed": found.max_slip_speed, "period": found.period},
-                "spike": stands_out(largest, here, JUMP * size)}
+        return Coexisting(here, sweep.curve.values[here], float(largest[here]), periods[here],
+                          Reached(found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
 
     with ThreadPoolExecutor(jobs) as threads:
         rows = [row for row in threads.map(follow, pairs) if row is not None]
-    return sorted(rows, key=lambda row: int(row["index"]))
+    return sorted(rows, key=lambda row: row.index)
 
 
 def stands_out(values: np.ndarray, k: int, least: float) -> bool:

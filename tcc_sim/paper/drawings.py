@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,9 @@ import numpy as np
 from tcc_sim.paper import branch_panels as panels
 from tcc_sim.paper import histories as paper_histories
 from tcc_sim.paper.catalogue import plain
+from tcc_sim.paper.figure_results import Curves, Figure, MapCurve
 from tcc_sim.views import style
 from tcc_sim.views.sweeps import numbers
-
-Data = dict[str, Any]
 
 AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
@@ -24,7 +24,7 @@ WIDEST = 125
 DIRECTIONS = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
 
 
-def draw(data: Data, stem: Path) -> None:
+def draw(data: Figure[Any], stem: Path) -> None:
     """Write the picture of one figure as `stem`.png and `stem`.svg.
 
     Raises
@@ -32,15 +32,15 @@ def draw(data: Data, stem: Path) -> None:
     MissingPackage
         matplotlib is not installed.
     """
-    height, paint = KINDS[data["kind"]]
+    height, paint = KINDS[data.kind]
     with style.figure(style.PAGE, height(data)) as drawn:
-        extra = [] if data["law"] == "smoothed" or data["kind"] in ("law", "solvers") else ["set-valued law"]
-        directions = {c.get("direction") for c in data.get("curves", [])} - {None}
-        if data["kind"] in ("map", "damping") and directions != {"cold"}:
-            extra += [DIRECTIONS[d] for d in sorted(directions)]
+        extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
+        if data.kind in ("map", "damping") and isinstance(data.numbers, Curves):
+            directions = {curve.direction for curve in data.numbers.curves}
+            extra += [DIRECTIONS[d] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
-        what = "Chart" if data["kind"] == "chart" else "Fig."
-        drawn.suptitle(f"{what} {data['figure']}. {data['title']}{note}", x=0.01, ha="left", fontsize=9.5,
+        what = "Chart" if data.kind == "chart" else "Fig."
+        drawn.suptitle(f"{what} {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5,
                        fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(caption_of(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
@@ -50,14 +50,15 @@ def draw(data: Data, stem: Path) -> None:
         style.save_both(drawn, stem)
 
 
-def caption_of(data: Data) -> str:
+def caption_of(data: Figure[Any]) -> str:
     """The lines below a picture: parameters, and what was dropped and kept."""
-    parts = str(data["caption"]).replace("\n", " ").split("; ")
-    if "cycles" in data and data["kind"] != "chart":
-        most = max(len(points or ()) for curve in data["curves"] for points in curve["theta2"])
-        parts += [f"{data['cycles']} engine cycles, the first {data['discarded']} dropped",
+    parts = data.caption.replace("\n", " ").split("; ")
+    if isinstance(data.numbers, Curves):
+        found = data.numbers
+        most = max(len(points or ()) for curve in found.curves for points in curve.theta2)
+        parts += [f"{found.cycles} engine cycles, the first {found.discarded} dropped",
                   rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
-        if any(mark is panels.SETTLING for mark in panels.marks_met(data["curves"])):
+        if any(mark is panels.SETTLING for mark in panels.marks_met(found.curves)):
             parts.append("grey: still settling to a period")
     lines = [parts[0]]
     for part in parts[1:]:
@@ -68,17 +69,17 @@ def caption_of(data: Data) -> str:
     return ";\n".join(lines)
 
 
-def _marks(axis: Any, data: Data) -> None:
+def _marks(axis: Any, data: Figure[Curves]) -> None:
     """Thin lines at the places that the text names."""
-    for x in data["marks"]:
+    for x in data.marks:
         axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
 
 
-def draw_orbit(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+def draw_orbit(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
     """The section points over the parameter: grey where a period has not settled; at the edge where slip grows."""
     panels.draw_runaways(axis, x, curve)
-    counts = np.array([len(p or ()) for p in curve["theta2"]])
-    points = np.concatenate([np.array(p or (), dtype=np.float64) for p in curve["theta2"]])
+    counts = np.array([len(p or ()) for p in curve.theta2])
+    points = np.concatenate([np.array(p or (), dtype=np.float64) for p in curve.theta2])
     place = np.repeat(x, counts)
     for mark, where in panels.marked(curve):
         if mark is not panels.AWAY:
@@ -91,36 +92,36 @@ OTHER = "coexists: reached from a neighbour's state"
 SPIKE = "spike of a cold start beside it"
 
 
-def draw_maxima(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+def draw_maxima(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
     """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
-    axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve["label"])
+    axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve.label)
     _points(axis, x, curve, colour)
-    rows = curve.get("coexisting", [])
-    axis.plot([x[r["index"]] for r in rows], [r["other"]["max_slip_speed"] for r in rows], linestyle="none", marker="D",
+    rows = curve.coexisting or ()
+    axis.plot([x[r.index] for r in rows], [r.other.max_slip_speed for r in rows], linestyle="none", marker="D",
               markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, color=colour)
-    spikes = [r for r in rows if r["spike"]]
-    axis.plot([x[r["index"]] for r in spikes], [r["max_slip_speed"] for r in spikes], linestyle="none", marker="v",
+    spikes = [r for r in rows if r.spike]
+    axis.plot([x[r.index] for r in spikes], [r.max_slip_speed for r in spikes], linestyle="none", marker="v",
               markersize=4.5, markerfacecolor="none", markeredgewidth=0.8, color=colour)
 
 
-def legend_of_marks(axis: Any, curves: list[Data]) -> None:
+def legend_of_marks(axis: Any, curves: Sequence[MapCurve]) -> None:
     """Entries for the marks that this picture has."""
-    rows = [r for curve in curves for r in curve.get("coexisting", [])]
+    rows = [r for curve in curves for r in curve.coexisting or ()]
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
     for mark in panels.marks_met(curves):
         axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.6))
     if rows:
         axis.plot([], [], marker="D", markersize=3.2, markeredgewidth=0.7, label=OTHER, **looks)
-    if any(r["spike"] for r in rows):
+    if any(r.spike for r in rows):
         axis.plot([], [], marker="v", markersize=4.5, markeredgewidth=0.8, label=SPIKE, **looks)
 
 
-def _paint_map(drawn: Any, data: Data) -> None:
+def _paint_map(drawn: Any, data: Figure[Curves]) -> None:
     """Left the maxima, right an orbit diagram for every curve. Curves that would hide each other, and those with their
     branches, have rows of their own; without branches the other curves are pale behind them.
     """
-    curves, x = data["curves"], data["x"]
-    branched = "branches" in curves[0]
+    curves, x = data.numbers.curves, data.numbers.x
+    branched = curves[0].behind is not None
     stacked = branched or _crowded(curves)
     count = len(curves)
     grid = drawn.add_gridspec(count + 1, 2, width_ratios=(1.55 if branched else 1.0, 1.0),
@@ -144,7 +145,7 @@ def _paint_map(drawn: Any, data: Data) -> None:
         left.set_ylabel(MAXIMUM.replace(" (", "\n(") if stacked else MAXIMUM)
         right.set_ylabel(SECTION)
         for axis in (left, right) if stacked and not branched else (right,):
-            axis.set_title(curve["label"], loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
+            axis.set_title(curve.label, loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
         right.margins(y=0.08)
         for axis in dict.fromkeys((left, right)):
             axis.locator_params(axis="y", nbins=4 if stacked or axis is right else 8)
@@ -152,7 +153,7 @@ def _paint_map(drawn: Any, data: Data) -> None:
             axis.tick_params(labelbottom=k == count - 1 or (not stacked and axis is left))
             _marks(axis, data)
     for axis in (maxima[-1], orbits[-1]):
-        axis.set_xlabel(AXES[data["axis"]])
+        axis.set_xlabel(AXES[data.numbers.axis])
     room = panels.room_above(curves[:1]) if branched else 6.0
     for axis, title in ((maxima[0], "(a) maximum slip speed"), (orbits[0], "(b) orbit diagrams")):
         axis.annotate(title, (0.0, 1.0), (0.0, room), xycoords="axes fraction", textcoords="offset points",
@@ -168,24 +169,24 @@ def _paint_map(drawn: Any, data: Data) -> None:
     below.legend(loc="lower center", ncols=3, fontsize=6.5).set_in_layout(False)
 
 
-def _crowded(curves: list[Data]) -> bool:
+def _crowded(curves: Sequence[MapCurve]) -> bool:
     """Whether the maxima of curves jump about so much that they would hide each other."""
     values = [panels.bounded(curve) for curve in curves]
     size = max(float(np.nanmax(v)) for v in values)
     return sum(int((np.abs(np.diff(v)) > 0.05 * size).sum()) for v in values) > 5 * len(curves)
 
 
-def _maxima_on_branches(axis: Any, curve: Data, data: Data, colour: str) -> int:
+def _maxima_on_branches(axis: Any, curve: MapCurve, data: Figure[Curves], colour: str) -> int:
     """A curve's branches over the maxima of its sweep, with its jumps; how many points lie beyond the axis."""
-    _points(axis, data["x"], curve, colour)
-    panels.draw_branches(axis, curve, data["unit"], colour)
+    _points(axis, data.numbers.x, curve, colour)
+    panels.draw_branches(axis, curve, data.numbers.unit, colour)
     top, beyond = panels.top_of([curve])
     axis.set_ylim(0.0, top)
-    panels.label_jumps(axis, [curve], data["unit"], [style.INK])
+    panels.label_jumps(axis, [curve], data.numbers.unit, [style.INK])
     return beyond
 
 
-def _points(axis: Any, x: list[float], curve: Data, colour: str) -> None:
+def _points(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
     """The maxima of a sweep as points alone, each marked by what its motion is."""
     values, at = panels.bounded(curve), np.array(x)
     panels.draw_runaways(axis, x, curve)
@@ -194,7 +195,7 @@ def _points(axis: Any, x: list[float], curve: Data, colour: str) -> None:
             axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
 
 
-def top_of_maxima(x: list[float], curves: list[Data], *, legend: bool) -> float:
+def top_of_maxima(x: Sequence[float], curves: Sequence[MapCurve], *, legend: bool) -> float:
     """The end of the axis of maxima, above which no curve reaches and a legend at its right hides none."""
     values = np.stack([panels.bounded(c) for c in curves])
     values = np.where(np.isfinite(values), values, 0.0)
@@ -202,15 +203,15 @@ def top_of_maxima(x: list[float], curves: list[Data], *, legend: bool) -> float:
     return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
 
 
-def _paint_damping(drawn: Any, data: Data) -> None:
+def _paint_damping(drawn: Any, data: Figure[Curves]) -> None:
     """Both readings of (21) above the maxima and the orbit diagram."""
-    curve, x = data["curves"][0], np.array(data["x"])
+    curve, x = data.numbers.curves[0], np.array(data.numbers.x)
     damping, maxima, orbit = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 0.8, 1.0))
-    weighted, negative = numbers(curve["equivalent_damping"]), numbers(curve["negative_slope_mean"])
+    weighted, negative = numbers(curve.equivalent_damping or []), numbers(curve.negative_slope_mean or [])
     damping.plot(x, weighted, color=style.GREEN, label=r"$C_f$ of (21) as printed")
     damping.plot(x, negative, color=style.BLUE, label=r"time mean of min($\partial T/\partial\dot\delta_1$, 0)")
-    damping.axhline(data["threshold"], color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
-    damping.annotate(r"$-C_{23}$", (1.005, data["threshold"]), xycoords=("axes fraction", "data"), color=style.RED,
+    damping.axhline(data.numbers.threshold, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
+    damping.annotate(r"$-C_{23}$", (1.005, data.numbers.threshold), xycoords=("axes fraction", "data"), color=style.RED,
                      va="center")
     damping.set_ylabel("damping (N m s/rad)")
     damping.set_ylim(top=2.6)
@@ -221,33 +222,33 @@ def _paint_damping(drawn: Any, data: Data) -> None:
     close.locator_params(nbins=4)
     close.tick_params(labelsize=5.5)
     style.legend_above(damping)
-    draw_maxima(maxima, data["x"], {**curve, "label": "_"}, style.BLUE)
+    draw_maxima(maxima, data.numbers.x, replace(curve, label="_"), style.BLUE)
     legend_of_marks(maxima, [curve])
     style.legend_above(maxima)
     maxima.set_ylabel(MAXIMUM)
     maxima.set_ylim(bottom=0.0)
-    draw_orbit(orbit, data["x"], curve, style.BLUE)
+    draw_orbit(orbit, data.numbers.x, curve, style.BLUE)
     orbit.set_ylabel(SECTION)
-    orbit.set_xlabel(AXES[data["axis"]])
+    orbit.set_xlabel(AXES[data.numbers.axis])
     orbit.set_xlim(x[0], x[-1])
     style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
 
 
-def _paint_orbit(drawn: Any, data: Data) -> None:
+def _paint_orbit(drawn: Any, data: Figure[Curves]) -> None:
     """One orbit diagram per direction, above each other; where both were continued, together."""
-    curves, x = data["curves"], data["x"]
-    shown = [[c] for c in curves if c["direction"] == "cold"] + [[c for c in curves if c["direction"] != "cold"]]
+    curves, x = data.numbers.curves, data.numbers.x
+    shown = [[c] for c in curves if c.direction == "cold"] + [[c for c in curves if c.direction != "cold"]]
     shown = [p for p in shown if p]
-    branched = "branches" in curves[0]
+    branched = curves[0].behind is not None
     heights = [1.0] * len(shown) + ([1.4, 0.2] if branched else [])
     grid = drawn.add_gridspec(len(heights), 1, height_ratios=heights)
     axes = [drawn.add_subplot(grid[k]) for k in range(len(shown) + branched)]
     for axis, panel in zip(axes, shown):
         for curve in panel:
-            colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve["direction"]]
+            colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve.direction]
             draw_orbit(axis, x, curve, colour)
             axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour,
-                      label=DIRECTIONS[curve["direction"]])
+                      label=DIRECTIONS[curve.direction])
         if panels.AWAY in panels.marks_met(panel):
             axis.plot([], [], label=panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)
@@ -260,18 +261,18 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
         axis.sharey(axes[0])
     for axis in axes[:-1]:
         axis.tick_params(labelbottom=False)
-    titles = ["every value by itself" if p[0]["direction"] == "cold" else "continued" for p in shown]
-    axes[-1].set_xlabel(AXES[data["axis"]])
+    titles = ["every value by itself" if p[0].direction == "cold" else "continued" for p in shown]
+    axes[-1].set_xlabel(AXES[data.numbers.axis])
     axes[-1].set_xlim(x[0], x[-1])
     if branched:
-        colours = [{"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[c["direction"]] for c in curves]
+        colours = [{"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[c.direction] for c in curves]
         for curve, colour in zip(curves, colours):
             _points(axes[-1], x, curve, colour)
-        panels.draw_branches(axes[-1], curves[0], data["unit"], style.INK)
+        panels.draw_branches(axes[-1], curves[0], data.numbers.unit, style.INK)
         top, beyond = panels.top_of(curves)
         axes[-1].set_ylim(0.0, top)
         axes[-1].set_ylabel(MAXIMUM)
-        panels.label_jumps(axes[-1], curves, data["unit"], colours)
+        panels.label_jumps(axes[-1], curves, data.numbers.unit, colours)
         panels.legend_of(drawn.add_subplot(grid[-1]), curves[:1], curves, beyond)
         titles.append("branches behind both")
     style.panel_titles(axes, titles)
@@ -279,9 +280,9 @@ def _paint_orbit(drawn: Any, data: Data) -> None:
         axes[-1].set_title(axes[-1].get_title(loc="left"), pad=panels.room_above(curves))
 
 
-def shade_slipping_away(axis: Any, x: list[float], data: Data) -> None:
+def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure[Curves]) -> None:
     """Where Tsm < Tm: what does not stick slips away."""
-    keys = data["parameters"]
+    keys = data.parameters
     ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]
                                           * keys["clutch.area"] * keys["clutch.radius"])
     if x[0] < ratio < x[-1]:
@@ -290,28 +291,33 @@ def shade_slipping_away(axis: Any, x: list[float], data: Data) -> None:
                       xycoords=("data", "axes fraction"), ha="center", va="bottom", color=style.INK)
 
 
-def _map_height(data: Data) -> float:
+def _map_height(data: Figure[Curves]) -> float:
     """Room for every orbit diagram, inch."""
-    if "branches" in data["curves"][0]:
-        return 1.2 + 1.9 * len(data["curves"])
-    return 1.1 + 1.05 * len(data["curves"])
+    if data.numbers.curves[0].behind is not None:
+        return 1.2 + 1.9 * len(data.numbers.curves)
+    return 1.1 + 1.05 * len(data.numbers.curves)
 
 
-def _orbit_height(data: Data) -> float:
+def _orbit_height(data: Figure[Curves]) -> float:
     """Room for one or two panels of orbits, and one of branches, inch."""
-    height = 3.0 if len({c["direction"] == "cold" for c in data["curves"]}) == 1 else 5.0
-    return height + (3.4 if "branches" in data["curves"][0] else 0.0)
+    height = 3.0 if len({c.direction == "cold" for c in data.numbers.curves}) == 1 else 5.0
+    return height + (3.4 if data.numbers.curves[0].behind is not None else 0.0)
 
 
-KINDS: dict[str, tuple[Callable[[Data], float], Callable[[Any, Data], None]]] = {
+def _of_numbers(paint: Callable[[Any, Any], None]) -> Callable[[Any, Figure[Any]], None]:
+    """A painter that needs nothing but the numbers."""
+    return lambda drawn, data: paint(drawn, data.numbers)
+
+
+KINDS: dict[str, tuple[Callable[[Figure[Any]], float], Callable[[Any, Figure[Any]], None]]] = {
     "map": (_map_height, _paint_map),
     "damping": (lambda data: 5.4, _paint_damping),
     "orbit": (_orbit_height, _paint_orbit),
-    "chart": (lambda data: 5.4, panels.paint_chart),
-    "law": (lambda data: 2.7, paper_histories.paint_law),
-    "histories": (lambda data: 0.6 + 1.75 * len(data["panels"]), paper_histories.paint_histories),
-    "delay": (lambda data: 4.4, paper_histories.paint_delay),
-    "actuation": (lambda data: 0.6 + 1.4 * len(data["panels"]), paper_histories.paint_actuation),
-    "solvers": (lambda data: 6.2, paper_histories.paint_solvers),
+    "chart": (lambda data: 5.4, _of_numbers(panels.paint_chart)),
+    "law": (lambda data: 2.7, _of_numbers(paper_histories.paint_law)),
+    "histories": (lambda data: 0.6 + 1.75 * len(data.numbers.panels), _of_numbers(paper_histories.paint_histories)),
+    "delay": (lambda data: 4.4, _of_numbers(paper_histories.paint_delay)),
+    "actuation": (lambda data: 0.6 + 1.4 * len(data.numbers.panels), _of_numbers(paper_histories.paint_actuation)),
+    "solvers": (lambda data: 6.2, _of_numbers(paper_histories.paint_solvers)),
 }
 """Height in inch and painter of every kind of figure."""

@@ -17,6 +17,7 @@ from tcc_sim.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import JUMP
+from tcc_sim.paper.figure_results import MotionsBehind
 from tcc_sim.paper.seen_motions import seen_in, still_higher, surveyed
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.processes import each_in_a_process, processes_for
@@ -28,26 +29,19 @@ CREEP = 3.0
 """Largest slip speed, in those up to which law (7) counts as stick, at which a motion still creeps in stick."""
 
 
-def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict[str, Any]]:
+def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
     """Branches, bifurcations and jumps behind sweeps of one system, for each of them.
 
     Parameters
     ----------
     sweeps : over the same values of one key, in different directions
     progress : show a count of points on a terminal
-
-    Returns
-    -------
-    For every sweep `branches` and `bifurcations` as `continue --json` has them, and `jumps`: `value`, the two values it
-    is `between`, `max_slip_speed` before and after, `cause`, and the number of its `bifurcation`; and `left_out`,
-    sentences on what was not followed.
     """
     found = [seen_in(sweep) for sweep in sweeps]
     branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)
     base = common_cycles(sweeps[0].curve.system)
     bifurcations = [f for branch in branches for f in branch.bifurcations]
-    shown: dict[str, Any] = {"branches": [b.as_json() for b in branches],
-                             "bifurcations": [f.as_json() for f in bifurcations]}
+    followed, special = [b.as_json() for b in branches], [f.as_json() for f in bifurcations]
     out = []
     for sweep, row in zip(sweeps, found):
         forward = sorted(row, key=lambda s: s.value)
@@ -61,19 +55,19 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[dict
         if higher:
             sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "
                              "dropped")
-        out.append({**shown, "jumps": jumps, "left_out": sentences})
+        out.append(MotionsBehind(followed, special, jumps, sentences))
     return out
 
 
 def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
-                        progress: bool = False) -> list[dict[str, Any]]:
+                        progress: bool = False) -> list[MotionsBehind]:
     """`motions_behind` of every sweep, of systems that differ, each in a process."""
     if processes_for(len(sweeps), jobs) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
     return each_in_a_process(_alone, sweeps, jobs, "curve", progress)
 
 
-def _alone(sweep: Sweep) -> dict[str, Any]:
+def _alone(sweep: Sweep) -> MotionsBehind:
     """What is behind one sweep."""
     return motions_behind([sweep])[0]
 

@@ -1,10 +1,11 @@
-"""The numbers of the paper's figures: a row of `paper.FIGURES` -> JSON values, which `paper.drawings` draws."""
+"""The numbers of the paper's figures: a row of `paper.FIGURES` -> a frozen result, which `paper.drawings` draws."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,15 @@ from tcc_sim.paper.charts import chart
 from tcc_sim.paper.coexistence import coexisting
 from tcc_sim.paper.figure_branches import motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
+from tcc_sim.paper.figure_results import (
+    Coexisting,
+    Curves,
+    Figure,
+    LawCurve,
+    Laws,
+    MapCurve,
+    MotionsBehind,
+)
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
 
@@ -25,8 +35,8 @@ SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
 
 
-def figure_data(number: int, options: FigureOptions) -> dict[str, Any]:
-    """The numbers of one figure as JSON values.
+def figure_data(number: int, options: FigureOptions) -> Figure[Any]:
+    """The numbers of one figure.
 
     Raises
     ------
@@ -39,17 +49,13 @@ def figure_data(number: int, options: FigureOptions) -> dict[str, Any]:
         raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(CHARTS)}")
     row = figure_row(number)
     began = time.perf_counter()
-    out: dict[str, Any] = {
-        "figure": number, "kind": row.kind, "title": row.title, "caption": row.caption, "law": options.law,
-        "quick": options.quick,
-        "parameters": {key: value for key, value in values_of(figure_system(number, options))
-                       if key not in _varied(row)},
-        "marks": list(row.marks), **KINDS[row.kind](row, options)}
-    out["seconds"] = time.perf_counter() - began
-    return out
+    common = {key: value for key, value in values_of(figure_system(number, options)) if key not in _varied(row)}
+    numbers = KINDS[row.kind](row, options)
+    return Figure(number, row.kind, row.title, row.caption, options.law, options.quick, common, row.marks, numbers,
+                  time.perf_counter() - began)
 
 
-def figure_of(task: tuple[int, FigureOptions]) -> dict[str, Any]:
+def figure_of(task: tuple[int, FigureOptions]) -> Figure[Any]:
     """`figure_data` of a number and options, as a part of the work of several processes."""
     return figure_data(*task)
 
@@ -80,22 +86,9 @@ def plan_of(options: FigureOptions, direction: str = "cold", *, damping: bool = 
                 section_points=SECTION_POINTS, damping=damping)
 
 
-def _curves(row: PaperFigure, options: FigureOptions, plan: Plan) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Every series swept, as JSON values, and what the figure says of the axis."""
-    found, axis = _swept(row, options, plan)
-    curves = [curve_json(series, sweep) for series, sweep in zip(row.series, found)]
-    if row.kind == "map" and plan.direction == "cold":
-        for curve, sweep in zip(curves, found):
-            curve["coexisting"] = coexisting(sweep, options.jobs)
-    if options.branches and row.kind == "map":
-        for curve, motions in zip(curves, motions_behind_each(found, options.jobs, options.progress)):
-            curve.update(motions)
-    return curves, axis
-
-
-def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> tuple[list[Sweep], dict[str, Any]]:
-    """The sweep of every series, and what the figure says of the axis."""
-    name, ratios, unit = _axis(row, options)
+def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
+    """The sweep of every series."""
+    _, ratios, unit = _axis(row, options)
     scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
     key_values = tuple(float(x) for x in scaled)
     wanted = [Curve(system_of(s, options), row.over, key_values) for s in row.series]
@@ -103,46 +96,50 @@ def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> tuple[list[S
     if missing:
         for sweep in sweep_curves(missing, plan, jobs=options.jobs, progress=options.progress):
             options.kept[sweep.curve, plan] = sweep
-    return [options.kept[curve, plan] for curve in wanted], {"axis": name, "x": ratios.tolist(), "unit": unit,
-                                                            "cycles": plan.cycles, "discarded": 50}
+    return [options.kept[curve, plan] for curve in wanted]
 
 
-def curve_json(series: Series, sweep: Sweep) -> dict[str, Any]:
-    """One curve as JSON values."""
-    data = sweep.as_json()
-    names = ["max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction",
-             "regime", "theta2", "equivalent_damping", "negative_slope_mean", "status"]
-    return {"label": series.label, "values": dict(series.values), "direction": data["direction"],
-            **{name: data[name] for name in names if name in data}}
+def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[MapCurve],
+            threshold: float | None = None) -> Curves:
+    """Curves over the figure's axis."""
+    name, ratios, unit = _axis(row, options)
+    return Curves(axis=name, x=ratios.tolist(), unit=unit, cycles=plan_of(options).cycles, discarded=50,
+                  threshold=threshold, curves=curves)
 
 
-def _map(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def _curve(series: Series, sweep: Sweep, others: Sequence[Coexisting] | None = None,
+           behind: MotionsBehind | None = None) -> MapCurve:
+    """One sweep as a curve."""
+    lists = sweep.lists()
+    names = {item.name for item in dataclasses.fields(MapCurve)}
+    return MapCurve(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
+                    behind=behind, **{name: column for name, column in lists.items() if name in names})
+
+
+def _map(row: PaperFigure, options: FigureOptions) -> Curves:
     """Figs. 4, 8, 10, 11, 13 to 18."""
-    curves, axis = _curves(row, options, plan_of(options))
-    return {**axis, "curves": curves}
+    sweeps = _swept(row, options, plan_of(options))
+    cold = sweeps[0].plan.direction == "cold"
+    others = [coexisting(sweep, options.jobs) if cold else None for sweep in sweeps]
+    behind = motions_behind_each(sweeps, options.jobs, options.progress) if options.branches else [None] * len(sweeps)
+    return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps, others, behind)])
 
 
-def _damping(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def _damping(row: PaperFigure, options: FigureOptions) -> Curves:
     """Fig. 5."""
-    curves, axis = _curves(row, options, plan_of(options, damping=True))
-    return {**axis, "threshold": -paper_system().driveline.damping, "curves": curves}
+    sweeps = _swept(row, options, plan_of(options, damping=True))
+    return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps)], -paper_system().driveline.damping)
 
 
-def _orbit(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def _orbit(row: PaperFigure, options: FigureOptions) -> Curves:
     """Fig. 6: from the initial state, and continued up and down (only one of these where the options say which)."""
-    sweeps: list[Sweep] = []
-    axis: dict[str, Any] = {}
-    for direction in (options.direction,) if options.direction else ("cold", "up", "down"):
-        found, axis = _swept(row, options, plan_of(options, direction))
-        sweeps += found
-    curves = [curve_json(row.series[0], sweep) for sweep in sweeps]
-    if options.branches:
-        for curve, motions in zip(curves, motions_behind(sweeps, options.progress)):
-            curve.update(motions)
-    return {**axis, "curves": curves}
+    directions = (options.direction,) if options.direction else ("cold", "up", "down")
+    sweeps = [sweep for direction in directions for sweep in _swept(row, options, plan_of(options, direction))]
+    behind = motions_behind(sweeps, options.progress) if options.branches else [None] * len(sweeps)
+    return _curves(row, options, [_curve(row.series[0], sweep, None, found) for sweep, found in zip(sweeps, behind)])
 
 
-def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def _law(row: PaperFigure, options: FigureOptions) -> Laws:
     """Fig. 3: the smoothed law, near 0, and its slope; with the set-valued law beside it."""
     curves = []
     v = np.linspace(-2.0, 2.0, 2001)
@@ -153,15 +150,13 @@ def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         wide, close = (friction.smoothed_and_slope(x, terms.smoothing, terms.stribeck) for x in (v, near))
         peak, height = friction.peak(terms.smoothing, terms.stribeck)
         sliding = friction.sliding(near, 1.0, terms.stribeck) + 0.0 * near
-        curves.append({"label": series.label, "values": dict(series.values), "coefficient": wide[0].tolist(),
-                       "slope": wide[1].tolist(), "near_coefficient": close[0].tolist(),
-                       "near_slope": close[1].tolist(),
-                       "near_set_valued": sliding.tolist(), "peak_slip_speed": peak if math.isfinite(peak) else None,
-                       "peak": height, "static": 1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)})
-    return {"slip_speed": v.tolist(), "near_slip_speed": near.tolist(), "curves": curves}
+        curves.append(LawCurve(series.label, series.values, wide[0], wide[1], close[0], close[1], sliding,
+                               peak if math.isfinite(peak) else None, height,
+                               1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
+    return Laws(v, near, curves)
 
 
-KINDS: dict[str, Callable[[PaperFigure, FigureOptions], dict[str, Any]]] = {
+KINDS: dict[str, Callable[[PaperFigure, FigureOptions], Any]] = {
     "map": _map, "damping": _damping, "orbit": _orbit, "histories": settled_histories.histories,
     "delay": settled_histories.delay, "actuation": settled_histories.actuation, "law": _law,
     "solvers": settled_histories.solvers, "chart": chart}

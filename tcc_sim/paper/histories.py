@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.paper.figure_results import Actuation, ActuationOnBranch, Delay, History, Laws, Panels, Solvers
 from tcc_sim.views import style
-
-Data = dict[str, Any]
 
 CYCLES = "time (engine cycles)"
 NARROWEST = 0.02
@@ -16,29 +15,29 @@ NARROWEST = 0.02
 SLIP = r"$\dot\delta_1$ (rad/s)"
 
 
-def paint_histories(drawn: Any, data: Data) -> None:
+def paint_histories(drawn: Any, data: Panels[History]) -> None:
     """Fig. 7: slip speed, plate angle and section for every value."""
-    panels = data["panels"]
+    panels = data.panels
     axes = drawn.subplots(len(panels), 3, width_ratios=(1.25, 1.25, 1.0), sharex="col")
     for k, (row, panel) in enumerate(zip(axes, panels)):
         speed, angle, section = row
-        t = np.array(panel["t"])
-        speed.plot(t, panel["slip_speed"], color=style.BLUE, linewidth=0.9)
-        angle.plot(t, panel["plate_angle"], color=style.GREEN, linewidth=0.9)
-        points = np.array(panel["section"]).reshape(-1, 2)
-        periodic = bool(panel["period"])
+        t = panel.t
+        speed.plot(t, panel.slip_speed, color=style.BLUE, linewidth=0.9)
+        angle.plot(t, panel.plate_angle, color=style.GREEN, linewidth=0.9)
+        points = np.array(panel.section).reshape(-1, 2)
+        periodic = bool(panel.period)
         section.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
                      markersize=5.0 if periodic else 1.6)
         section.margins(0.1)
         low, high = section.get_ylim()
-        half = 0.5 * max(high - low, NARROWEST * float(np.ptp(panel["slip_speed"])))
+        half = 0.5 * max(high - low, NARROWEST * float(np.ptp(panel.slip_speed)))
         section.set_ylim(0.5 * (low + high) - half, 0.5 * (low + high) + half)
         speed.set_ylabel(SLIP)
         angle.set_ylabel(r"$\delta_2$ (rad)")
         section.set_ylabel(SLIP)
         speed.set_xlim(t[0], t[-1])
         angle.set_xlim(t[0], t[-1])
-        speed.set_title(f"({'abc'[k]}) {panel['label']}")
+        speed.set_title(f"({'abc'[k]}) {panel.label}")
         section.set_title(_diagnosis(panel), loc="right", fontweight="normal", fontsize=7.0)
     axes[-1][0].set_xlabel(CYCLES)
     axes[-1][1].set_xlabel(CYCLES)
@@ -47,28 +46,28 @@ def paint_histories(drawn: Any, data: Data) -> None:
         axis.locator_params(axis="x", nbins=4)
 
 
-def _diagnosis(panel: Data) -> str:
+def _diagnosis(panel: History) -> str:
     """The period, or the exponent with its interval."""
-    if panel["period"]:
-        return f"period {panel['period']}"
-    found = panel["lyapunov"]
-    if found is None or found["exponent"] is None:
+    if panel.period:
+        return f"period {panel.period}"
+    found = panel.lyapunov
+    if found is None or not np.isfinite(found.exponent):
         return "no period up to 16"
-    half = 0.5 * (found["high"] - found["low"])
-    return rf"{found['diagnosis']}, $\lambda_1 = {found['exponent']:.1f} \pm {half:.1f}$ s$^{{-1}}$"
+    half = 0.5 * (found.high - found.low)
+    return rf"{found.diagnosis}, $\lambda_1 = {found.exponent:.1f} \pm {half:.1f}$ s$^{{-1}}$"
 
 
-def paint_delay(drawn: Any, data: Data) -> None:
+def paint_delay(drawn: Any, data: Panels[Delay]) -> None:
     """Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
     grid = drawn.subplots(2, 2, sharex=True)
-    for k, (axis, panel) in enumerate(zip(grid.ravel(), data["panels"])):
-        t, v = np.array(panel["t"]), np.array(panel["slip_speed"])
-        axis.fill_between(t, 0.0, np.where(np.array(panel["state"]) == 1, v, 0.0), color=style.STICK, linewidth=0.0)
+    for k, (axis, panel) in enumerate(zip(grid.ravel(), data.panels)):
+        t, v = panel.t, panel.slip_speed
+        axis.fill_between(t, 0.0, np.where(panel.state == 1, v, 0.0), color=style.STICK, linewidth=0.0)
         axis.plot(t, v, color=style.BLUE, label="slip speed")
         axis.set_xlim(t[0], t[-1])
-        axis.set_title(f"({'abcd'[k]}) {panel['label']}")
+        axis.set_title(f"({'abcd'[k]}) {panel.label}")
         other = axis.twinx()
-        other.plot(t, panel["engine_torque"], color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)))
+        other.plot(t, panel.engine_torque, color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)))
         other.grid(False)
         other.spines["right"].set_visible(True)
         other.tick_params(colors=style.ORANGE)
@@ -76,29 +75,28 @@ def paint_delay(drawn: Any, data: Data) -> None:
             other.set_ylabel(r"$T_e$ (N m)", color=style.ORANGE)
         else:
             axis.set_ylabel(SLIP, color=style.BLUE)
-        share = panel["first_half"]
-        none = share is None or not np.isfinite(share)
-        text = "no positive slip" if none else f"{100.0 * share:.0f} % in first half cycle"
+        share = panel.first_half
+        text = f"{100.0 * share:.0f} % in first half cycle" if np.isfinite(share) else "no positive slip"
         axis.set_title(text, loc="right", fontweight="normal", fontsize=7.0)
         if k > 1:
             axis.set_xlabel(CYCLES)
 
 
-def paint_actuation(drawn: Any, data: Data) -> None:
+def paint_actuation(drawn: Any, data: Panels[Actuation]) -> None:
     """Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
-    axes = drawn.subplots(len(data["panels"]), 1, sharex=True)
-    for k, (axis, panel) in enumerate(zip(axes, data["panels"])):
-        t = np.array(panel["t"])
-        axis.plot(t, panel["slip_speed"], color=style.BLUE)
+    axes = drawn.subplots(len(data.panels), 1, sharex=True)
+    for k, (axis, panel) in enumerate(zip(axes, data.panels)):
+        t = panel.t
+        axis.plot(t, panel.slip_speed, color=style.BLUE)
         axis.set_ylabel(SLIP)
         axis.set_xlim(t[0], t[-1])
         axis.set_xticks(np.arange(0, int(t[-1]) + 1))
-        axis.set_title(f"({'abc'[k]}) {panel['label']}")
-        found = f"period {panel['period']}" if panel["period"] else "no period up to 16"
+        axis.set_title(f"({'abc'[k]}) {panel.label}")
+        found = f"period {panel.period}" if panel.period else "no period up to 16"
         axis.set_title(found + orbit_words(panel), loc="right", fontweight="normal", fontsize=7.0)
         other = axis.twinx()
-        other.plot(t, panel["saturation_torque"], color=style.GREY, linewidth=0.9, linestyle=(0, (4, 2)))
-        other.plot(t, panel["engine_torque"], color=style.ORANGE, linewidth=0.8, linestyle=(0, (1, 1.5)))
+        other.plot(t, panel.saturation_torque, color=style.GREY, linewidth=0.9, linestyle=(0, (4, 2)))
+        other.plot(t, panel.engine_torque, color=style.ORANGE, linewidth=0.8, linestyle=(0, (1, 1.5)))
         other.set_ylabel(r"$T_s$, $T_e$ (N m)", color=style.GREY)
         other.grid(False)
         other.spines["right"].set_visible(True)
@@ -108,16 +106,16 @@ def paint_actuation(drawn: Any, data: Data) -> None:
     axes[-1].set_xlabel(CYCLES)
 
 
-def orbit_words(panel: Data) -> str:
+def orbit_words(panel: Actuation) -> str:
     """What is known of a panel's periodic orbit, where that was asked for."""
-    orbit = panel.get("orbit")
-    if orbit is None:
+    if not isinstance(panel, ActuationOnBranch) or panel.orbit is None:
         return ""
+    orbit = panel.orbit
     size = max(float(np.hypot(*m)) for m in orbit["multipliers"])
     return f", {'stable' if orbit['stable'] else 'unstable'}: largest Floquet multiplier {size:.3g}"
 
 
-def paint_solvers(drawn: Any, data: Data) -> None:
+def paint_solvers(drawn: Any, data: Solvers) -> None:
     """Fig. 2: slip speed by every solver from one state, where they part, and where each law settles from (13)."""
     whole, close, steady = drawn.subplots(3, 1)
     looks: dict[str, dict[str, Any]] = {
@@ -125,16 +123,16 @@ def paint_solvers(drawn: Any, data: Data) -> None:
         "bdf": {"color": style.ORANGE, "linestyle": (0, (1, 1.5)), "linewidth": 1.6},
         "event_driven": {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))},
         "rk4": {"color": style.RED, "linestyle": (0, (4, 2)), "linewidth": 0.8}}
-    period = data["cycle"]
-    reference = np.array(data["curves"][0]["slip_speed"])
-    for curve in data["curves"]:
-        t = np.array(curve["t"]) * period
-        difference = curve["rms_difference"]
-        label = curve["label"] + (f" ({difference:.1e})" if difference and curve["solver"] != "smoothed" else "")
+    period = data.cycle
+    reference = data.curves[0].slip_speed
+    for curve in data.curves:
+        t = curve.t * period
+        difference = curve.rms_difference
+        label = curve.label + (f" ({difference:.1e})" if difference and curve.solver != "smoothed" else "")
         for axis in (whole, close):
-            axis.plot(t, curve["slip_speed"], label=label, **looks[curve["solver"]])
-    whole.set_xlim(0.0, data["curves"][0]["t"][-1] * period)
-    leaving = float(np.array(data["curves"][0]["t"])[int(np.argmax(reference > 1.0))]) * period
+            axis.plot(t, curve.slip_speed, label=label, **looks[curve.solver])
+    whole.set_xlim(0.0, data.curves[0].t[-1] * period)
+    leaving = float(np.array(data.curves[0].t)[int(np.argmax(reference > 1.0))]) * period
     close.set_xlim(leaving - 0.06 * period, leaving + 0.03 * period)
     close.set_ylim(-0.6, 4.0)
     for axis in (whole, close):
@@ -144,36 +142,36 @@ def paint_solvers(drawn: Any, data: Data) -> None:
     whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
                  title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
     _paint_steady(steady, data)
-    after = f"steady state of each law from (13), after {data['steady_cycles']} cycles"
+    after = f"steady state of each law from (13), after {data.steady_cycles} cycles"
     style.panel_titles((whole, close, steady), ["from one state", "leaving stick", after])
 
 
-def _paint_steady(axis: Any, data: Data) -> None:
+def _paint_steady(axis: Any, data: Solvers) -> None:
     """What each friction law settles in."""
     looks: tuple[dict[str, Any], ...] = (
         {"color": style.SKY, "linewidth": 3.0}, {"color": style.PURPLE, "linewidth": 1.4},
         {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))})
-    for row, look in zip(data["steady"], looks):
-        axis.plot(row["t"], row["slip_speed"], label=f"{row['label']}: period {row['period']}, "
-                  f"{row['max_slip_speed']:.2f} rad/s", **look)
-    axis.set_xlim(0.0, data["steady"][0]["t"][-1])
-    axis.set_ylim(top=1.4 * max(row["max_slip_speed"] for row in data["steady"]))
+    for row, look in zip(data.steady, looks):
+        axis.plot(row.t, row.slip_speed, label=f"{row.label}: period {row.period}, "
+                  f"{row.max_slip_speed:.2f} rad/s", **look)
+    axis.set_xlim(0.0, data.steady[0].t[-1])
+    axis.set_ylim(top=1.4 * max(row.max_slip_speed for row in data.steady))
     axis.set_ylabel(SLIP)
     axis.set_xlabel(CYCLES)
     axis.legend(loc="upper center", ncols=3, fontsize=6.5)
 
 
-def paint_law(drawn: Any, data: Data) -> None:
+def paint_law(drawn: Any, data: Laws) -> None:
     """Fig. 3: law, zoom, slope."""
     wide, near, slope = drawn.subplots(1, 3)
-    for k, curve in enumerate(data["curves"]):
+    for k, curve in enumerate(data.curves):
         colour = style.CYCLE[k]
-        wide.plot(data["slip_speed"], curve["coefficient"], color=colour, label=curve["label"])
-        near.plot(data["near_slip_speed"], curve["near_coefficient"], color=colour)
-        near.plot(data["near_slip_speed"], curve["near_set_valued"], color=colour, linewidth=0.8, linestyle=(0, (3, 2)))
-        slope.plot(data["near_slip_speed"], curve["near_slope"], color=colour)
-        if curve["peak_slip_speed"] is not None:
-            near.plot(curve["peak_slip_speed"], curve["peak"], marker="o", markersize=3.0, color=colour)
+        wide.plot(data.slip_speed, curve.coefficient, color=colour, label=curve.label)
+        near.plot(data.near_slip_speed, curve.near_coefficient, color=colour)
+        near.plot(data.near_slip_speed, curve.near_set_valued, color=colour, linewidth=0.8, linestyle=(0, (3, 2)))
+        slope.plot(data.near_slip_speed, curve.near_slope, color=colour)
+        if curve.peak_slip_speed is not None:
+            near.plot(curve.peak_slip_speed, curve.peak, marker="o", markersize=3.0, color=colour)
     near.plot([], [], color=style.GREY, linewidth=0.8, linestyle=(0, (3, 2)), label="set-valued law (6)")
     near.plot([], [], color=style.GREY, linestyle="none", marker="o", label="maximum of (7)")
     near.set_ylim(0.8, 1.6)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,19 @@ from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import PaperFigure, paper_system
 from tcc_sim.paper.figure_branches import orbit_behind
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
+from tcc_sim.paper.figure_results import (
+    Actuation,
+    ActuationOnBranch,
+    Delay,
+    History,
+    Panels,
+    SolverCurve,
+    Solvers,
+    Steady,
+)
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
-from tcc_sim.trajectory import State, Trajectory
+from tcc_sim.trajectory import Floats, State, Trajectory
 
 SAMPLES = 1000
 """Samples per cycle in a time history."""
@@ -36,12 +45,13 @@ def _run_in(system: System, options: FigureOptions, cycles: int,
     return before, after
 
 
-def _samples(run: Trajectory, *names: str) -> dict[str, Any]:
-    """Time in engine cycles from the first sample on, and some signals."""
-    return {"t": ((run.t - run.t[0]) / run.cycle).tolist(), **{name: getattr(run, name).tolist() for name in names}}
+def _time(run: Trajectory) -> Floats:
+    """Time in engine cycles from the first sample on."""
+    found: Floats = (run.t - run.t[0]) / run.cycle
+    return found
 
 
-def histories(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def histories(row: PaperFigure, options: FigureOptions) -> Panels[History]:
     """Fig. 7."""
     panels = []
     for series in row.series:
@@ -54,21 +64,20 @@ def histories(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
             section = summarise(further, 0).section
             if options.law == "smoothed":
-                exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN).as_json()
-        panels.append({"label": series.label, "values": dict(series.values), "period": summary.period,
-                       "section": [list(p) for p in section], "lyapunov": exponent,
-                       **_samples(after, "slip_speed", "plate_angle")})
-    return {"panels": panels}
+                exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
+        panels.append(History(series.label, series.values, summary.period, section, exponent, _time(after),
+                              after.slip_speed, after.plate_angle))
+    return Panels(panels)
 
 
-def delay(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def delay(row: PaperFigure, options: FigureOptions) -> Panels[Delay]:
     """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
     panels = []
     for series in row.series:
         _, after = _run_in(system_of(series, options), options, 2)
-        panels.append({"label": series.label, "values": dict(series.values), "first_half": first_half(after),
-                       **_samples(after, "slip_speed", "engine_torque", "state")})
-    return {"panels": panels}
+        panels.append(Delay(series.label, series.values, first_half(after), _time(after), after.slip_speed,
+                            after.engine_torque, after.state))
+    return Panels(panels)
 
 
 def first_half(run: Trajectory) -> float:
@@ -79,18 +88,18 @@ def first_half(run: Trajectory) -> float:
     return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
 
 
-def actuation(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def actuation(row: PaperFigure, options: FigureOptions) -> Panels[Actuation]:
     """Fig. 12."""
-    panels = []
+    panels: list[Actuation] = []
     for series in row.series:
         before, after = _run_in(system_of(series, options), options, 9)
         found = summarise(before)
-        panels.append({"label": series.label, "values": dict(series.values), "period": found.period,
-                       **_samples(after, "slip_speed", "saturation_torque", "engine_torque")})
-        if options.branches:
-            panels[-1]["orbit"] = orbit_behind(system_of(series, options), before.final, RUN_IN, found.period,
-                                               found.max_slip_speed)
-    return {"panels": panels}
+        shown = (series.label, series.values, found.period, _time(after), after.slip_speed, after.saturation_torque,
+                 after.engine_torque)
+        panels.append(ActuationOnBranch(*shown, orbit_behind(
+            system_of(series, options), before.final, RUN_IN, found.period, found.max_slip_speed))
+            if options.branches else Actuation(*shown))
+    return Panels(panels)
 
 
 SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
@@ -109,7 +118,7 @@ STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
 
 
-def solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+def solvers(row: PaperFigure, options: FigureOptions) -> Solvers:
     """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
     system = paper_system(row.series[0].values)
     begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
@@ -119,22 +128,21 @@ def solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         after = solve(replace(system, values), cycles=4, samples_per_cycle=SAMPLES // 2, start_cycle=begin,
                       state=before.final).raise_for_status()
         found = summarise(before, begin - 100)
-        steady.append({"label": label, "values": dict(values), "period": found.period, "settled": found.settled,
-                       "max_slip_speed": found.max_slip_speed, "final": list(before.final.numbers),
-                       **_samples(after, "slip_speed")})
-    start = State(*steady[0]["final"])
-    curves = []
+        steady.append(Steady(label, values, found.period, found.settled, found.max_slip_speed, before.final.numbers,
+                             _time(after), after.slip_speed))
+    start = State(*steady[0].final)
+    curves: list[SolverCurve] = []
     for solver, (label, law, setting) in SOLVER_CURVES.items():
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
-        curves.append({"solver": solver, "label": label, "status": run.status.value,
-                       "seconds": time.perf_counter() - begun,
-                       **_samples(run, "slip_speed", "friction_torque")})
-    reference = np.array(curves[0]["slip_speed"])
-    for curve in curves:
-        v = np.array(curve["slip_speed"])
-        same = len(v) == len(reference)
-        curve["rms_difference"] = float(np.sqrt(np.mean((v - reference) ** 2))
-                                        / np.abs(reference).max()) if same else None
-    return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}
+        seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
+        apart = _rms_difference(run.slip_speed, reference) if len(run.t) == len(reference) else None
+        curves.append(SolverCurve(solver, label, run.status.value, seconds, _time(run), run.slip_speed,
+                                  run.friction_torque, apart))
+    return Solvers(system.cycle, curves, steady, begin)
+
+
+def _rms_difference(values: Floats, reference: Floats) -> float:
+    """Relative to the largest size of the reference."""
+    return float(np.sqrt(np.mean((values - reference) ** 2)) / np.abs(reference).max())

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from given import curve_of, curves_of, figure_of
 
 from tcc_sim.paper.catalogue import FIGURES
+from tcc_sim.paper.figure_results import Actuation, Coexisting, Delay, History, Panels, Reached
 
 pytest.importorskip("matplotlib")
 
@@ -18,10 +19,9 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
     from tcc_sim.paper import branch_panels, drawings
     from tcc_sim.views import style
 
-    curve = {"label": "a curve", "max_slip_speed": [1.0, 2.0, 3.0, 900.0], "settled": [True, False, False, False],
-             "period": [1, 2, 0, 0], "runaway": [False, False, False, True],
-             "theta2": [[0.1], [0.2, 0.3], [0.4, 0.5, 0.6], [0.7]], "coexisting": [
-                 {"index": 1, "max_slip_speed": 2.0, "spike": True, "other": {"max_slip_speed": 9.0}}]}
+    curve = curve_of([1.0, 2.0, 3.0, 900.0], settled=[True, False, False, False], period=[1, 2, 0, 0],
+                     runaway=[False, False, False, True], theta2=[[0.1], [0.2, 0.3], [0.4, 0.5, 0.6], [0.7]],
+                     coexisting=[Coexisting(1, 2.0, 2.0, 2, Reached(9.0, 1), True)])
     x = [1.0, 2.0, 3.0, 4.0]
     with style.figure() as drawn:
         axis, orbit = drawn.subplots(1, 2)
@@ -44,7 +44,7 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
         assert [line.get_label() for line in axis.lines[known:]] == [
             *(m.name for m in branch_panels.marks_met([curve])), drawings.OTHER, drawings.SPIKE]
     assert len(branch_panels.marks_met([curve])) == 4
-    assert branch_panels.marks_met([{"period": [1, 2]}]) == [branch_panels.SETTLED]
+    assert branch_panels.marks_met([curve_of([1.0, 2.0], period=[1, 2])]) == [branch_panels.SETTLED]
     assert drawings.top_of_maxima(x, [curve], legend=False) == pytest.approx(1.06 * 3.0)  # A runaway sets no scale.
 
 
@@ -52,9 +52,8 @@ def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
     from tcc_sim.paper import drawings
     from tcc_sim.views import style
 
-    data: dict[str, Any] = {"caption": FIGURES[4].caption, "kind": "map", "cycles": 150, "discarded": 50, "curves": [
-        {"theta2": [[0.1] * 40], "period": [1], "settled": [False]}]}
-    caption = drawings.caption_of(data)
+    numbers = curves_of([curve_of([1.0], theta2=[[0.1] * 40], settled=[False])])
+    caption = drawings.caption_of(figure_of("map", numbers, caption=FIGURES[4].caption))
     assert caption.endswith("grey: still settling to a period")
     with style.figure(style.PAGE, 2.0) as drawn:
         text = drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0)
@@ -97,10 +96,10 @@ def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:
     from tcc_sim.paper import histories
     from tcc_sim.views import style
 
-    panel = {"t": [0.0, 1.0], "slip_speed": [0.0, 30.0], "plate_angle": [0.1, 0.2], "period": 1, "label": "a",
-             "section": [[0.1, 5.0], [0.1, 5.0 + 1e-13]]}
+    panel = History("a", {}, 1, [(0.1, 5.0), (0.1, 5.0 + 1e-13)], None, np.array([0.0, 1.0]), np.array([0.0, 30.0]),
+                    np.array([0.1, 0.2]))
     with style.figure() as drawn:
-        histories.paint_histories(drawn, {"panels": [panel] * 2})
+        histories.paint_histories(drawn, Panels([panel] * 2))
         low, high = drawn.axes[2].get_ylim()
         assert high - low == pytest.approx(histories.NARROWEST * 30.0)
 
@@ -109,17 +108,18 @@ def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
     from tcc_sim.paper import histories
     from tcc_sim.views import style
 
-    panel = {"t": [0.0, 1.0, 2.0], "slip_speed": [0.0, 1.0, 0.0], "state": [0, 1, 0], "engine_torque": [3.0, 4.0, 5.0],
-             "saturation_torque": [6.0, 7.0, 8.0], "label": "a", "first_half": 0.5, "period": 1}
+    t, slip, torque = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 0.0]), np.array([3.0, 4.0, 5.0])
+    panel = Actuation("a", {}, 1, t, slip, np.array([6.0, 7.0, 8.0]), torque)
+    late = Delay("a", {}, 0.5, t, slip, torque, np.array([0, 1, 0], np.int8))
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, {"panels": [panel] * 2})
+        histories.paint_actuation(drawn, Panels([panel] * 2))
         lines = [line.get_ydata().tolist() for axis in drawn.axes for line in axis.lines]
         assert lines.count([3.0, 4.0, 5.0]) == lines.count([6.0, 7.0, 8.0]) == 2
     with style.figure() as drawn:
-        histories.paint_delay(drawn, {"panels": [panel] * 4})
-        torque = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
+        histories.paint_delay(drawn, Panels([late] * 4))
+        torques = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
         shaded = [axis for axis in drawn.axes if axis.collections]
         # Matplotlib draws axes of one order as they were made: what shades comes first, the torque above it.
-        for below, above in zip(shaded, torque):
+        for below, above in zip(shaded, torques):
             assert (below.get_zorder(), drawn.axes.index(below)) < (above.get_zorder(), drawn.axes.index(above))
             assert not above.patch.get_visible()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from given import curve_of, curves_of, figure_of
 
 from tcc_sim.paper import branch_panels, drawings, histories
+from tcc_sim.paper.figure_results import Actuation, Chart, ChartCurve, Delay, History, Panels
+from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.views import style
 
 
@@ -28,8 +33,8 @@ def test_a_title_says_what_the_paper_s_figure_has_not(kind: str, law: str, direc
     said: list[str] = []
     monkeypatch.setattr(style, "save_both", lambda drawn, stem: said.append(drawn.get_suptitle()))
     monkeypatch.setitem(drawings.KINDS, kind, (lambda data: 2.0, lambda drawn, data: None))
-    drawings.draw({"kind": kind, "law": law, "figure": 4, "title": "A", "caption": "a",
-                   "curves": [{"direction": name} for name in directions]}, Path("none"))
+    numbers = curves_of([curve_of([1.0], direction=name) for name in directions]) if directions else None
+    drawings.draw(figure_of(kind, numbers, law=law, title="A"), Path("none"))
     assert said == [title]
 
 
@@ -38,27 +43,26 @@ def texts(axes: Any, name: str) -> list[str]:
 
 
 def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
-    panel = {"t": [0.0, 1.5, 3.0], "slip_speed": [0.0, 30.0, 0.0], "plate_angle": [0.1, 0.2, 0.1], "state": [0, 1, 0],
-             "engine_torque": [3.0, 4.0, 5.0], "saturation_torque": [6.0, 7.0, 8.0], "label": "a", "period": 2,
-             "section": [[0.1, 5.0], [0.2, 6.0]], "first_half": 0.25}
-    none = {**panel, "period": 0, "first_half": None, "lyapunov": {"exponent": 2.0, "low": 1.5, "high": 2.5,
-                                                                   "diagnosis": "chaotic"}}
+    t, slip, torque = np.array([0.0, 1.5, 3.0]), np.array([0.0, 30.0, 0.0]), np.array([3.0, 4.0, 5.0])
+    panel = History("a", {}, 2, [(0.1, 5.0), (0.2, 6.0)], None, t, slip, np.array([0.1, 0.2, 0.1]))
+    none = replace(panel, period=0, lyapunov=Lyapunov(2.0, 1.5, 2.5, 0.95, 100, "chaotic"))
+    late = Delay("a", {}, 0.25, t, slip, torque, np.array([0, 1, 0], np.int8))
     with style.figure() as drawn:
-        histories.paint_histories(drawn, {"panels": [panel, panel, none]})
+        histories.paint_histories(drawn, Panels([panel, panel, none]))
         assert texts(drawn.axes, "xlabel") == 6 * [""] + 2 * [histories.CYCLES] + [r"$\delta_2$ (rad)"]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2::3]] == [
             "period 2", "period 2", r"chaotic, $\lambda_1 = 2.0 \pm 0.5$ s$^{-1}$"]
         points, wild = drawn.axes[2].lines[0], drawn.axes[8].lines[0]
-        assert points.get_xydata().tolist() == panel["section"]
+        assert points.get_xydata().tolist() == [[0.1, 5.0], [0.2, 6.0]]
         assert points.get_markersize() > wild.get_markersize()
         assert {axis.get_xlim() for axis in drawn.axes[:2]} == {(0.0, 3.0)}
     with style.figure() as drawn:
-        histories.paint_delay(drawn, {"panels": [panel, panel, panel, none]})
+        histories.paint_delay(drawn, Panels([late, late, late, replace(late, first_half=math.nan)]))
         assert texts(drawn.axes[:4], "xlabel") == ["", "", histories.CYCLES, histories.CYCLES]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2:4]] == ["25 % in first half cycle",
                                                                             "no positive slip"]
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, {"panels": [panel, none]})
+        histories.paint_actuation(drawn, Panels([Actuation("a", {}, 2, t, slip, torque + 3.0, torque)] * 2))
         assert [axis.get_xticks().tolist() for axis in drawn.axes[:2]] == [[0, 1, 2, 3]] * 2
         assert texts(drawn.axes[:2], "xlabel") == ["", histories.CYCLES]
 
@@ -66,10 +70,10 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
 def test_a_chart_has_curves_and_their_ends_in_the_units_of_its_axes() -> None:
     """Every kind of curve has a colour of its own for period one and for longer ones."""
     kinds = [("fold", 1), ("fold", 2), ("period_doubling", 1), ("period_doubling", 4), ("stick_border", 1)]
-    data = {"x": [0.1, 0.2, 0.3], "y": [0.0, 0.5, 1.0], "period": [[1, 2, 0]] * 3, "regime": [["slip"] * 3] * 3,
-            "unit": 100.0, "second_unit": 4.0, "second_axis": "psi/pi", "curves": [
-                {"kind": kind, "period": period, "value": [10.0, 15.0, 30.0], "second": [1.0, 2.0, 3.5],
-                 "reasons": ["special", "canard"]} for kind, period in kinds]}
+    curves = [ChartCurve("a", kind, period, False, [10.0, 15.0, 30.0], [1.0, 2.0, 3.5], ["one", "other"],
+                         ["special", "canard"], ()) for kind, period in kinds]
+    data = Chart("omega/omega_n", [0.1, 0.2, 0.3], 100.0, "engine.frequency", "psi/pi", [0.0, 0.5, 1.0], 4.0,
+                 "pressure.phase", 150, 50, curves, [[1, 2, 0]] * 3, [["slip"] * 3] * 3)
     with style.figure() as drawn:
         branch_panels.paint_chart(drawn, data)
         axis = drawn.axes[0]
@@ -88,12 +92,10 @@ def test_a_chart_has_curves_and_their_ends_in_the_units_of_its_axes() -> None:
 
 def test_slip_away_is_shaded_up_to_where_the_clutch_holds_the_mean_torque() -> None:
     """Tm = mu_k N R: 300 N m are 0.5556 of 540."""
-    keys = {"engine.mean_torque": 300.0, "friction.static_coefficient": 0.3, "pressure.mean": 225e3,
-            "clutch.area": 0.08, "clutch.radius": 0.1}
     for x, ends in (([0.5, 1.0], [(0.5, 300.0 / 540.0)]), ([0.6, 1.0], []), ([0.1, 0.5], [])):
         with style.figure() as drawn:
             axis = drawn.subplots()
-            drawings.shade_slipping_away(axis, x, {"parameters": keys})
+            drawings.shade_slipping_away(axis, x, figure_of("orbit", None))
             assert [(p.get_x(), p.get_x() + p.get_width()) for p in axis.patches] == [pytest.approx(e) for e in ends]
             assert [text.get_position()[0] for text in axis.texts] == [pytest.approx(0.5 * sum(e)) for e in ends]
 
@@ -101,11 +103,8 @@ def test_slip_away_is_shaded_up_to_where_the_clutch_holds_the_mean_torque() -> N
 def test_the_axis_of_maxima_ends_above_every_curve_and_leaves_room_for_a_legend() -> None:
     x = [0.0, 0.25, 0.5, 0.75, 1.0]
 
-    def curve(*largest: float | None) -> dict[str, Any]:
-        return {"max_slip_speed": list(largest), "period": [1] * 5}
-
-    assert drawings.top_of_maxima(x, [curve(*[None] * 5)], legend=True) == pytest.approx(1e-6)
-    left, right = [curve(10.0, 9.0, 1.0, 1.0, None)], [curve(1.0, 1.0, 1.0, 9.0, 10.0)]
+    assert drawings.top_of_maxima(x, [curve_of([None] * 5)], legend=True) == pytest.approx(1e-6)
+    left, right = [curve_of([10.0, 9.0, 1.0, 1.0, None])], [curve_of([1.0, 1.0, 1.0, 9.0, 10.0])]
     for legend in (True, False):
         assert drawings.top_of_maxima(x, left, legend=legend) == pytest.approx(10.6)
     with style.figure(style.PAGE, 4.0) as drawn:

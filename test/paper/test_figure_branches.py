@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 from documents import valid
+from given import curve_of, curves_of, figure_of
 
 from tcc_sim.basins.compute import Axis, Basins
 from tcc_sim.basins.proximity import Attractor
@@ -25,6 +26,16 @@ from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, PaperFigure, paper
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import FigureOptions
+from tcc_sim.paper.figure_results import (
+    Actuation,
+    ActuationOnBranch,
+    Chart,
+    ChartCurve,
+    Curves,
+    Figure,
+    MapCurve,
+    MotionsBehind,
+)
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
@@ -49,8 +60,8 @@ def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump()
     system = paper_system({"friction.law": "set_valued", "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})
     values = tuple(np.linspace(0.45, 0.47, 3) * OMEGA_N)
     found, = motions_behind(sweep_curves([Curve(system, "engine.frequency", values)], Plan(cycles=150, discard=50)))
-    branch, = found["branches"]
-    assert (branch["period"], found["bifurcations"], found["jumps"]) == (1, [], [])
+    branch, = found.branches
+    assert (branch["period"], found.bifurcations, found.jumps) == (1, [], [])
     assert set(branch["events"]) == {"S"}
     for value, multipliers in zip(branch["value"], branch["multipliers"]):
         size = math.exp(-0.6 / (2.0 * 0.22) * 2.0 * math.pi / value)
@@ -88,8 +99,8 @@ def test_stick_borders_are_those_of_the_closed_form_whatever_mu_k() -> None:
     limit = constant_load_limits(paper_system())[-1]
     ranges = ParameterRange(0.3 * OMEGA_N, 0.5 * OMEGA_N), ParameterRange(0.165, 0.29)
     border, = charts.stick_borders(paper_system(), ("engine.frequency", "friction.kinetic_coefficient"), ranges, 40)
-    assert border["value"] == pytest.approx([limit] * len(border["value"]), rel=1e-6)
-    assert (min(border["second"]), max(border["second"])) == (pytest.approx(0.165), pytest.approx(0.29))
+    assert list(border.value) == pytest.approx([limit] * len(border.value), rel=1e-6)
+    assert (min(border.second), max(border.second)) == (pytest.approx(0.165), pytest.approx(0.29))
 
 
 def test_the_distance_from_a_line() -> None:
@@ -101,9 +112,10 @@ def test_the_distance_from_a_line() -> None:
 
 
 def test_a_panel_says_what_its_orbit_is() -> None:
-    assert orbit_words({"period": 2}) == ""
+    t = np.zeros(2)
+    assert orbit_words(Actuation("a", {}, 2, t, t, t, t)) == ""
     orbit = {"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]}
-    assert orbit_words({"period": 2, "orbit": orbit}) == ", stable: largest Floquet multiplier 0.5"
+    assert orbit_words(ActuationOnBranch("a", {}, 2, t, t, t, t, orbit)) == ", stable: largest Floquet multiplier 0.5"
 
 
 def test_labels_are_moved_apart_in_order() -> None:
@@ -116,7 +128,7 @@ def test_labels_are_moved_apart_in_order() -> None:
     assert spread([], 0.05, 0.0, 1.0) == []
 
 
-def given_curve(**more: Any) -> dict[str, Any]:
+def given_curve(jumps: list[dict[str, Any]] | None = None, **more: Any) -> MapCurve:
     """A curve with one branch that folds, and a jump there."""
     branch = {"period": 1, "origin": "start", "value": [20.0, 120.0, 150.0, 120.0], "slip_speed": [0.0] * 4,
               "plate_angle": [0.1] * 4, "plate_speed": [0.0] * 4, "max_slip_speed": [10.0, 20.0, 30.0, 40.0],
@@ -128,44 +140,37 @@ def given_curve(**more: Any) -> dict[str, Any]:
             "max_slip_speed": 30.0, "multipliers": [[1.0, 0.0]] * 3, "residual": 1e-11, "branch": 0, "period": 1}
     jump = {"value": 150.0, "between": [145.0, 155.0], "max_slip_speed": [29.0, 50.0], "cause": "fold",
             "bifurcation": 0}
-    x = 11
-    return {"label": "a curve", "values": {}, "direction": "cold", "max_slip_speed": [10.0] * x, "period": [1] * x,
-            "settled": [True] * (x - 1) + [False], "theta2": [[0.1]] * x, "regime": ["stick-slip"] * x,
-            "branches": [branch], "bifurcations": [fold], "jumps": [jump], **more}
+    behind = MotionsBehind([branch], [fold], [jump] if jumps is None else jumps, [])
+    return curve_of(**{"largest": [10.0] * 11, "settled": [True] * 10 + [False], "behind": behind, **more})
 
 
-def given_figure(number: int, kind: str, curves: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"figure": number, "kind": kind, "title": "a title", "caption": "a caption", "law": "smoothed",
-            "quick": True,
-            "parameters": {"engine.mean_torque": 300.0, "friction.static_coefficient": 0.3, "pressure.mean": 225e3,
-                           "clutch.area": 0.08, "clutch.radius": 0.1},
-            "marks": [0.3], "axis": "omega/omega_n", "x": np.linspace(0.05, 0.5, 11).tolist(),
-            "unit": OMEGA_N, "cycles": 100, "discarded": 50, "curves": curves, "seconds": 0.0}
+def given_figure(number: int, kind: str, curves: list[MapCurve]) -> Figure[Curves]:
+    return figure_of(kind, curves_of(curves), number)
 
 
-def given_chart() -> dict[str, Any]:
-    curves = [{"label": "fold, period 2", "kind": "fold", "period": 2, "creep": True, "value": [60.0, 70.0],
-               "second": [0.2, 0.25], "ended": ["one end", "other end"], "reasons": ["range", "step"]},
-              {"label": "pure stick ends, by (10)", "kind": "stick_border", "period": 1, "creep": False,
-               "value": [150.0, 150.0], "second": [0.17, 0.29], "ended": ["one end", "one end"],
-               "reasons": ["closed", "special"]}]
-    return {**given_figure(19, "chart", curves), "y": [0.6, 0.8, 1.0], "second_axis": "mu_k/mu_s", "second_unit": 0.3,
-            "period": [[1, 2, 0, None, 3, 1, 1, 1, 1, 1, 1]] * 3, "regime": [["stick", *["slip"] * 10]] * 3}
+def given_chart() -> Figure[Chart]:
+    curves = [ChartCurve("fold, period 2", "fold", 2, True, [60.0, 70.0], [0.2, 0.25], ["one end", "other end"],
+                         ["range", "step"], ()),
+              ChartCurve("pure stick ends, by (10)", "stick_border", 1, False, [150.0, 150.0], [0.17, 0.29],
+                         ["one end", "one end"], ["closed", "special"], ())]
+    return figure_of("chart", Chart(
+        "omega/omega_n", np.linspace(0.05, 0.5, 11).tolist(), OMEGA_N, "engine.frequency", "mu_k/mu_s", [0.6, 0.8, 1.0],
+        0.3, "friction.kinetic_coefficient", 100, 50, curves, [[1, 2, 0, None, 3, 1, 1, 1, 1, 1, 1]] * 3,
+        [["stick", *["slip"] * 10]] * 3), 19)
 
 
 @pytest.mark.parametrize("data", [given_figure(4, "map", [given_curve(), given_curve(jumps=[])]),
                                   given_figure(6, "orbit", [given_curve(), given_curve(direction="up")]),
                                   given_chart()],
                          ids=["map", "orbit", "chart"])
-def test_given_branches_are_drawn(data: dict[str, Any], tmp_path: Path) -> None:
+def test_given_branches_are_drawn(data: Figure[Any], tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    draw(json.loads(json.dumps(data)), tmp_path / "drawn")
+    draw(data, tmp_path / "drawn")
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
 
 
 def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
-    curve = given_curve(max_slip_speed=[10.0, 500.0, None, 10.0, 10.0], settled=[True, False, False, True, True],
-                        period=[1] * 5)
+    curve = given_curve(largest=[10.0, 500.0, None, 10.0, 10.0], settled=[True, False, False, True, True])
     assert top_of([curve]) == (pytest.approx(1.12 * 40.0), 1)
 
 
@@ -177,8 +182,8 @@ def given_basins() -> Basins:
 
 def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     pytest.importorskip("matplotlib")
-    monkeypatch.setitem(figures.KINDS, "orbit", lambda row, options: given_figure(6, "orbit", [given_curve()]))
-    monkeypatch.setitem(figures.KINDS, "chart", lambda row, options: given_chart())
+    monkeypatch.setitem(figures.KINDS, "orbit", lambda row, options: curves_of([given_curve()]))
+    monkeypatch.setitem(figures.KINDS, "chart", lambda row, options: given_chart().numbers)
     monkeypatch.setattr(motions, "basins", lambda *task, **how: [given_basins()])
     folder = tmp_path / "motions"
     assert motions.main(["--quick", "--jobs", "1", "--out", str(folder)]) == 0
@@ -227,7 +232,7 @@ def test_the_page_joins_jumps_that_nothing_is_known_of() -> None:
     figure = given_figure(6, "orbit", [given_curve(jumps=unknown)])
     page = motions.motions_page(figure, {}, given_basins())
     lines = [line for line in page.splitlines() if line.startswith("- a motion")]
-    unit = figure["unit"]
+    unit = figure.numbers.unit
     assert lines == [f"- a motion without a period beside it: 3 places from {0.1 / unit:.6f} to {0.2 / unit:.6f}"]
 
 
@@ -237,6 +242,6 @@ def test_labels_are_said_without_their_typesetting() -> None:
 
 def test_all_figures_leave_branches_out_where_there_are_none(monkeypatch) -> None:  # type: ignore[no-untyped-def]
     for kind in figures.KINDS:
-        monkeypatch.setitem(figures.KINDS, kind, lambda row, options: {"curves": []})
+        monkeypatch.setitem(figures.KINDS, kind, lambda row, options: curves_of([]))
     for number in FIGURES:
-        assert figures.figure_data(number, FigureOptions(quick=True, branches=True))["figure"] == number
+        assert figures.figure_data(number, FigureOptions(quick=True, branches=True)).figure == number

@@ -26,6 +26,7 @@ from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, figure_row, paper_system
 from tcc_sim.paper.coexistence import coexisting, stands_out
 from tcc_sim.paper.figure_options import FigureOptions
+from tcc_sim.paper.figure_results import Figure
 from tcc_sim.paper.figures import figure_data
 from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.solvers import solve
@@ -128,10 +129,10 @@ def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # ty
     assert valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))["figure"] == number
 
 
-def as_written(number: int, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+def as_written(number: int, data: Figure[Any], folder: Path) -> dict[str, Any]:
     """The numbers of a figure as its file has them, once they are what the schema says."""
     file = folder / f"fig{number:02d}.json"
-    write_json(file, document("figure", data, figures.figure_system(number, FigureOptions(quick=True)),
+    write_json(file, document("figure", data.as_json(), figures.figure_system(number, FigureOptions(quick=True)),
                               ["figure", str(number)]))
     return valid("figure", json.loads(file.read_text()))
 
@@ -152,20 +153,20 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
-    assert [(s["period"], s["settled"]) for s in data["steady"]] == [(1, True), (2, True), (2, True)]
+    assert [(s.period, s.settled) for s in data.numbers.steady] == [(1, True), (2, True), (2, True)]
     # The first by SciPy over a cycle; the others are the motion of Fig. 2 without smoothing, nearly or exactly.
     system = paper_system(FIGURES[2].series[0].values)
     law = Law(system)
-    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data["steady"][0]["final"], method="Radau",
+    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data.numbers.steady[0].final, method="Radau",
                     rtol=1e-9, atol=1e-10, max_step=system.cycle / 400)
-    assert data["steady"][0]["max_slip_speed"] == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
-    sharper, exact = (s["max_slip_speed"] for s in data["steady"][1:])
+    assert data.numbers.steady[0].max_slip_speed == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
+    sharper, exact = (s.max_slip_speed for s in data.numbers.steady[1:])
     assert sharper == pytest.approx(exact, rel=2e-3)
     # The solvers start there: the first curve closes after its cycle.
-    v = data["curves"][0]["slip_speed"]
+    v = data.numbers.curves[0].slip_speed
     assert v[0] == pytest.approx(v[-1], abs=1e-4)
     for symbol in ("T_m", "T_p", r"\psi", r"\Omega_e"):
-        assert symbol in data["caption"]
+        assert symbol in data.caption
 
 
 def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
@@ -176,8 +177,8 @@ def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
     swept = sweep_curves([curve], Plan(cycles=300, discard=250), jobs=1)[0]  # Chaotic transients last up to 80.
     found = coexisting(swept, 1)
     assert stick_margin(curve.at(1)).sticks
-    assert {row["index"] for row in found} == {1}
-    assert all(row["spike"] and row["max_slip_speed"] > 20.0 and row["other"]["max_slip_speed"] < 0.2 for row in found)
+    assert {row.index for row in found} == {1}
+    assert all(row.spike and row.max_slip_speed > 20.0 and row.other.max_slip_speed < 0.2 for row in found)
     assert not stands_out(np.array([0.0, 5.0, 9.0]), 1, 1.0)
     assert not stands_out(np.array([9.0, 5.0]), 1, 1.0)
     assert stands_out(np.array([9.0, 5.0, 9.0]), 1, 1.0)
@@ -191,18 +192,18 @@ def test_figures_share_the_curves_that_they_have_in_common() -> None:
     second = figure_data(11, options)
     assert (len(swept), len(options.kept)) == (3, 5)
     assert all(options.kept[curve] is found for curve, found in swept.items())
-    assert first["curves"][1]["max_slip_speed"] == second["curves"][1]["max_slip_speed"]
+    assert first.numbers.curves[1].max_slip_speed == second.numbers.curves[1].max_slip_speed
 
 
 def test_the_periods_of_figure_12_are_those_of_35() -> None:
-    assert [p["period"] for p in figure_data(12, FigureOptions())["panels"]] == [2, 3, 3]
+    assert [p.period for p in figure_data(12, FigureOptions()).numbers.panels] == [2, 3, 3]
 
 
 def test_figure_3_peaks_below_the_static_coefficient() -> None:
-    for curve in figure_data(3, FigureOptions())["curves"][1:]:
-        assert curve["peak"] < curve["static"]
-        assert min(curve["near_slope"]) < 0.0
-        assert max(curve["near_coefficient"]) == pytest.approx(curve["peak"], rel=1e-4)
+    for curve in figure_data(3, FigureOptions()).numbers.curves[1:]:
+        assert curve.peak < curve.static
+        assert min(curve.near_slope) < 0.0
+        assert max(curve.near_coefficient) == pytest.approx(curve.peak, rel=1e-4)
 
 
 def test_the_first_half_cycle_counts_the_way_slipped() -> None:
@@ -226,5 +227,5 @@ def test_wrong_figures_are_refused(words: list[str], tmp_path, capsys) -> None: 
 
 def test_an_orbit_over_the_friction_ratio_goes_in_all_directions_unless_told() -> None:
     quick = figure_data(6, FigureOptions(quick=True, law="set_valued", direction="down"))
-    assert [c["direction"] for c in quick["curves"]] == ["down"]
-    assert np.isfinite([x for x in quick["curves"][0]["max_slip_speed"] if x is not None]).all()
+    assert [c.direction for c in quick.numbers.curves] == ["down"]
+    assert np.isfinite([x for x in quick.numbers.curves[0].max_slip_speed if x is not None]).all()
