@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,6 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     own = OwnEnvironment()
     os.environ.update(own.values)
     sys.setswitchinterval(SWITCH_INTERVAL)
-    node_side, bare_side = Stretches(), Stretches()
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                own.values) if recorder else None
@@ -130,19 +130,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             # What is compiled beside the loop at the start holds the interpreter meanwhile; the bare loop has none of
             # it.
             loop.plant.general_ready.wait(START_LIMIT)
-            done = 0.0
-            while done < duration - 1e-9:
-                length = min(SLICE, duration - done)
-                kept = int(length * rate * 1.5) + 100
-                pacer = Pacer(1.0 / rate, kept)
-                node_side.run(pacer, lambda length=length,
-                              pacer=pacer: _node_stretch(node, pacer, length))  # type: ignore[misc]
-                progress((done + 0.5 * length) / duration)
-                bare = Pacer(1.0 / rate, kept, lead=0.0)
-                bare_side.run(bare, lambda length=length, bare=bare: _bare_stretch(  # type: ignore[misc]
-                    bare, length, settings))
-                done += length
-                progress(done / duration)
+            node_side, bare_side = _alternated(node, rate, duration, progress, settings)
         finally:
             node.destroy_node()
             if listener is not None:
@@ -152,6 +140,22 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     return {"rate": rate, "ticks": sum(p.ticks for p in node_side.pacers),
             "missed_ticks": sum(p.missed_ticks for p in node_side.pacers), "drift_s": worst,
             **node_side.figures(""), **bare_side.figures("bare_"), "settings": trials}
+
+
+def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Callable[[float], Any],
+                settings: Settings) -> tuple[Stretches, Stretches]:
+    """Stretches of the node's loop and of the bare one in turn, so that both meet the same machine."""
+    node_side, bare_side, done = Stretches(), Stretches(), 0.0
+    while done < duration - 1e-9:
+        length = min(SLICE, duration - done)
+        kept = int(length * rate * 1.5) + 100
+        pacer, bare = Pacer(1.0 / rate, kept), Pacer(1.0 / rate, kept, lead=0.0)
+        node_side.run(pacer, partial(_node_stretch, node, pacer, length))
+        progress((done + 0.5 * length) / duration)
+        bare_side.run(bare, partial(_bare_stretch, bare, length, settings))
+        done += length
+        progress(done / duration)
+    return node_side, bare_side
 
 
 def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int,

@@ -136,18 +136,15 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         levels = _noise_of_residuals(measured, best)
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
     accepted = best.chi2 < limit and joined
-    why = "" if accepted else why_not(best, model, begin, levels, limit, gates)
     errors = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     correlations = best.covariance / np.outer(errors, errors)
-    parameters = tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates)
-                       for i in range(len(keys)))
-    profile = None
-    if likelihood is not None and accepted:
-        profile = _profile(model, levels, settings, best, likelihood, errors)
     named = {k: float(v) for k, v in zip(keys, best.values) if k not in OFFSETS}
-    return Identification(parameters, correlations, best.chi2, accepted, why, levels, len(best.starts), tried,
-                          time.perf_counter() - began, scene.with_values(named) if accepted else scene, measured,
-                          best.residuals, profile)
+    return Identification(
+        tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates) for i in range(len(keys))),
+        correlations, best.chi2, accepted, "" if accepted else why_not(best, model, begin, levels, limit, gates),
+        levels, len(best.starts), tried, time.perf_counter() - began,
+        scene.with_values(named) if accepted else scene, measured, best.residuals,
+        _profile(model, levels, settings, best, likelihood, errors) if likelihood is not None and accepted else None)
 
 
 def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
