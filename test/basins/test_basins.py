@@ -13,7 +13,7 @@ from textbook_maps import TextbookMap
 from tcc_sim.basins import rows as basin_rows
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import Axis, boundary_of, halton
-from tcc_sim.basins.driveline import DrivelineMotion, mean_load
+from tcc_sim.basins.driveline import SECTIONS, DrivelineMotion, mean_load
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, follow, section_of
 from tcc_sim.basins.rows import basins
 from tcc_sim.basins.settings import DEFAULTS, Settings
@@ -202,6 +202,34 @@ def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
                      for a in found.attractors]
         assert int(np.argmin(distances)) == found.labels[j, i]
         assert min(distances) < 1e-3
+
+
+class Finely(DrivelineMotion):
+    """A scene solved as finely as its engines can."""
+
+    def sections(self, starts, first, cycles):
+        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, 1e-10)
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_basins_end_where_they_do_for_motions_solved_finely(law):
+    """To 1e-4 of a cell: a tolerance a hundred times as large moves an edge by ten times that."""
+    system = replace(COEXISTENCE, {"friction.law": law})
+    coarse, fine = DrivelineMotion(system), Finely(system)
+    mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
+    v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 7))
+    cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
+    labels = follow(fine, mapper, cells.reshape(-1, 3), 100)[0].reshape(v.shape)
+    rows, columns = np.nonzero(labels[:, 1:] != labels[:, :-1])
+    low, high = cells[rows, columns], cells[rows, columns + 1]
+    assert len(rows) > 9
+    width, before = high - low, labels[rows, columns]
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        same = (follow(fine, mapper, middle, 100)[0] == before)[:, None]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    for start in (low - 1e-4 * width, high + 1e-4 * width):
+        assert follow(coarse, mapper, start, 100)[0].tolist() == follow(fine, mapper, start, 100)[0].tolist()
 
 
 def test_slip_that_runs_away_has_a_label_of_its_own():
