@@ -88,7 +88,7 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, seco
     second : present value of the second one
     """
     orbit, shooting = found.point.orbit, found.point.shooting
-    shooting = replace(shooting, map=of, ranges=ranges, settings=settings or shooting.settings)
+    shooting = replace(shooting, map=of, ranges=ranges, settings=replace(settings or shooting.settings, thorough=True))
     try:
         shooting, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
         n = shooting.size
@@ -96,7 +96,8 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, seco
         for forward in (True, False):
             equations = MinimallyAugmented(found.kind, shooting, z)
             ways.append(_collected(equations, equations.start, forward, ((n + 1, 0.0, 1.0), (n, 0.0, 1.0)), ranges))
-            if ways[0].end.reason is StopReason.CLOSED:
+            if ways[-1].end.reason is StopReason.CLOSED:
+                ways = ways[-1:]
                 break
     except FAILURES:
         return None

@@ -6,6 +6,7 @@ resonances 1:1 to 1:4, Chenciner; and changes of the event sequence.
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -24,6 +25,7 @@ from tcc_sim.continuation.palc import (
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import Settings
+from tcc_sim.continuation.shooting import Shooting, starts_of
 from tcc_sim.continuation.sliding import differ, kind_of_change
 from tcc_sim.continuation.sliding_location import nearest
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
@@ -116,7 +118,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         state.cut_to = np.inf
         if state.augmented is not None:
             state.augmented.update_borders(new.z, new.found)
-            if _remesh(state, fewer=count % settings.fewer_after == 0):
+            if _remesh(state, others=count % settings.fewer_after == 0):
                 tests = _tests(state, state.here)
     return StopReason.POINTS, 0
 
@@ -182,8 +184,8 @@ def _remesh_for_want_of_a_step(state: CurveState) -> bool:
     return False
 
 
-def _remesh(state: CurveState, growth: float | None = None, fewer: bool = False) -> bool:
-    """Go on in other segments where the growth over one is large, or fewer may do, or it is to be below `growth`;
+def _remesh(state: CurveState, growth: float | None = None, others: bool = False) -> bool:
+    """Go on in other segments where the growth over one is large, or `others` may do, or it is to be below `growth`;
     whether there are any.
     """
     old = state.augmented
@@ -191,19 +193,19 @@ def _remesh(state: CurveState, growth: float | None = None, fewer: bool = False)
         return False
     settings, shooting = old.settings, old.shooting
     large = float(np.abs(state.here.found.blocks).max()) > settings.regrowth * settings.growth
-    if not (large or growth or (fewer and len(shooting.segments) > 1)) or (
+    # Growth that a segment takes back is seen by a thorough look alone.
+    others = others and (settings.thorough or len(shooting.segments) > 1)
+    if not (large or growth or others) or (
             not shooting.map.divisible and len(shooting.segments) == shooting.period):
         return False
     if growth is not None:
-        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
+        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth))
     try:
         finer, z = shooting.cut(state.here.z[:old.unknowns])
         if finer.segments == shooting.segments:
             return False
         other = MinimallyAugmented(old.kind, finer, z)
-        along, n = np.zeros(len(other.start)), shooting.map.dimension
-        along[:n] = state.here.tangent[:n]
-        along[finer.size:] = state.here.tangent[shooting.size:]
+        along = tangent_in(finer, shooting, state.here)
         polished = corrector(other, np.append(z, state.here.z[-1:]) if old.turning else z, along)
     except FAILURES:
         return False
@@ -215,6 +217,24 @@ def _remesh(state: CurveState, growth: float | None = None, fewer: bool = False)
                                                                    sign * polished.tangent), []
     state.bounds = tuple((k + moved, low, high) for k, low, high in state.bounds)
     return True
+
+
+def tangent_in(finer: Shooting, old: Shooting, here: Solution) -> Floats:
+    """The tangent of a point in other segments: what the motion makes of it where they begin."""
+    of, n, values = old.map, old.map.dimension, old.values(here.z)
+    nodes, ways, rest = old.nodes(here.z), here.tangent[:old.size].reshape(-1, n) * of.scales, here.tangent[old.size:]
+    widths = np.array([w.width(float(u)) for w, u in zip(old.ranges, here.z[old.size:])])
+    firsts, out = starts_of(old.segments), []
+    for start in starts_of(finer.segments):
+        k = bisect(firsts, start) - 1
+        way = ways[k]
+        if start > firsts[k]:
+            image = of.evaluate(nodes[k], values, firsts[k], start - firsts[k])
+            way = image.jacobian @ way + image.by_parameter @ (widths * rest[:len(widths)])
+        out.append(way / of.scales)
+    along = np.concatenate([*out, rest])
+    unit: Floats = along / float(np.linalg.norm(along))
+    return unit
 
 
 def _tests(state: CurveState, at: Solution) -> dict[str, float]:

@@ -9,8 +9,8 @@ from textbook_maps import Step, TextbookMap, henon
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
-from tcc_sim.continuation.follow_curve import follow_curve
-from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
+from tcc_sim.continuation.follow_curve import follow_curve, tangent_in
+from tcc_sim.continuation.palc import Solution, StepSize, next_solution, null_direction, solution_at
 from tcc_sim.continuation.problem import Image
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -254,6 +254,52 @@ def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
             break
     assert cuts == {(3,), (1, 1, 1)}
     assert reason is StopReason.CLOSED
+
+
+def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
+    ways = 0
+
+    def ring(x, p):  # Folds where p^2 + q^2 = 1; on the first way there is no map where q > 0.9.
+        if ways == 1 and p[1] > 0.9:
+            raise ArithmeticError("no map")
+        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
+                np.array([[0.4 * p[0], 0.4 * p[1]]]))
+
+    class Counted(TextbookMap):
+        """Counts how many ways have begun, by the parameters with which they do."""
+
+        def evaluate_each(self, states, values, firsts, cycles):
+            nonlocal ways
+            begins = np.allclose(values, (found.value, 0.3), rtol=0.0, atol=1e-12)
+            ways += begins and not self.beginning
+            self.beginning = begins
+            return super().evaluate_each(states, values, firsts, cycles)
+
+        beginning = False
+
+    span = ParameterRange(-2.0, 2.0)
+    found = of_kind(branch_of(at_second(ring, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
+    curve = bifurcation_curve(found, Counted(ring, 1), (span, span), 0.3)
+    assert ways == 2
+    assert curve is not None
+    assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
+    assert (curve.values[0], curve.second[0]) == (curve.values[-1], curve.second[-1])
+
+
+def test_the_tangent_in_other_segments_is_that_of_the_same_curve() -> None:
+    settings = Settings(growth=2.2)
+    whole = Shooting.single(TextbookMap(henon, 2), 2, P, Q, settings=settings)
+    b = -0.5
+    a = (1.0 - b) ** 2 + 0.25 * (1.0 + b) ** 2
+    x, y = np.roots([1.0, b - 1.0, (1.0 - b) ** 2 - a])
+    start = whole.unknowns(np.array([[x, y]]), (a, b))
+    one = MinimallyAugmented("period_doubling", whole, start)
+    finer, z = whole.cut(start)
+    assert finer.segments == (1, 1)
+    tangent = null_direction(one.linearise(start))
+    other = null_direction(MinimallyAugmented("period_doubling", finer, z).linearise(z))
+    moved = tangent_in(finer, whole, solution_at(start, one.linearise(start), tangent))
+    assert abs(float(moved @ other)) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
