@@ -74,10 +74,12 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     if excess == 0.0:
         return math.inf, 1.0
 
+    step, rate = math.log(excess), math.log(4.0 * sigma / decay)
+
     def fall(v: float) -> float:
         """Above 0 where mubar falls, v > 0: the logarithm of what lets it fall over what lets it rise."""
-        push = decay * v - math.log(excess)
-        rising = math.log(4.0 * sigma / decay) + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
+        push = decay * v - step
+        rising = rate + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
         return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
 
     def falls(v: float) -> bool:
