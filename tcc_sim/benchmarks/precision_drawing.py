@@ -40,11 +40,6 @@ SHOWN_FIRST = ("error_section",)
 
 def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
     """Draw `stem`.png and `stem`.svg with all errors, and `stem`_section.png and .svg with that of the section alone.
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
     """
     _draw(stem.with_name(f"{stem.name}_section"), scenes, SHOWN_FIRST)
     return _draw(stem, scenes, tuple(key for key, _ in ROWS))
@@ -58,11 +53,6 @@ def looks_of(names: list[str]) -> dict[str, Look]:
 
 def _draw(stem: Path, scenes: list[dict[str, Any]], keys: tuple[str, ...]) -> tuple[Path, Path]:
     """One picture with a row for each of some errors; a scene's set-valued runs are in the column of its smoothed ones.
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
     """
     columns = list(dict.fromkeys(record["scene"].removesuffix(SET_VALUED) for record in scenes))
     rows = [(key, name) for key, name in ROWS if key in keys]

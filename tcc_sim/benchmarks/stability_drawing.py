@@ -19,13 +19,7 @@ LOWEST = -9.0
 
 
 def stability(stem: Path, charts: list[dict[str, Any]], cases: list[dict[str, Any]]) -> tuple[Path, Path]:
-    """Draw `stem`.png and `stem`.svg.
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
-    """
+    """Draw `stem`.png and `stem`.svg."""
     keys, methods = list(dict.fromkeys(c["over"] for c in charts)), list(dict.fromkeys(c["method"] for c in charts))
     with style.figure(9.0, 2.5 * len(methods) + 3.4) as drawn:
         upper, lower = drawn.subfigures(2, 1, height_ratios=(2.5 * len(methods) + 0.4, 3.0))

@@ -90,13 +90,7 @@ def _verbs_by_purpose() -> str:
 
 
 def _check_verb(words: list[str]) -> str:
-    """The verb of a command line, empty for none.
-
-    Raises
-    ------
-    InputError
-        It does not exist; the nearest one that does is named.
-    """
+    """The verb of a command line, empty for none; InputError names the nearest one where it does not exist."""
     verb = next((word for word in words if not word.startswith("-")), "")
     if verb and verb not in VERBS:
         near = difflib.get_close_matches(verb[:100], list(VERBS), n=1, cutoff=0.5)

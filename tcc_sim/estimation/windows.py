@@ -131,13 +131,7 @@ def sweep(model: Model, starts: Floats, width: int, values: Floats, n: int) -> S
 
 
 def _advanced(model: Model, starts: Floats, width: int, drive: Drive, n: int) -> tuple[Floats, Floats]:
-    """The states of the windows and their derivatives.
-
-    Raises
-    ------
-    NumericalFailure
-        The values are out of their ranges, or the states are not finite.
-    """
+    """The states of the windows and their derivatives; NumericalFailure where they or the values are none."""
     measured = model.measured
     found = advance_windows(starts, float(measured.t[0]), measured.step, width, n, drive.terms, drive.held, drive.by)
     if not np.isfinite(found[0]).all():

@@ -25,13 +25,7 @@ DIRECTIONS = {"cold": "from the initial state (13)", "up": "continued upward", "
 
 
 def draw(data: Figure[Any], stem: Path) -> None:
-    """Write the picture of one figure as `stem`.png and `stem`.svg.
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
-    """
+    """Write the picture of one figure as `stem`.png and `stem`.svg."""
     height, paint = KINDS[data.kind]
     with style.figure(style.PAGE, height(data)) as drawn:
         extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]

@@ -236,13 +236,7 @@ class Verifier:
         return solved
 
     def _afford(self, ticks: int) -> bool:
-        """Whether the work that is left allows so many ticks; takes it.
-
-        Raises
-        ------
-        InputError
-            There is not enough for a single tick.
-        """
+        """Whether the work that is left allows so many ticks, which it takes; InputError where not for one."""
         assert self._stepper is not None
         cost = ticks * (self._stepper.substeps + 20)
         if cost <= self._work - (self._work_limit // 2 if ticks > 1 else 0):

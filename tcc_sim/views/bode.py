@@ -17,13 +17,7 @@ SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolo
 
 
 def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw a `Linearisation`.
-
-    Parameters
-    ----------
-    found : what `linearise` gives
-    path, title, width : as `style.figure` and `style.save` take them; the title is the scene's name
-    """
+    """Draw what `linearise` gives."""
     with style.figure(width, 0.62 * width) as drawn:
         gain, phase = drawn.subplots(2, 1, sharex=True)
         into(gain, found)

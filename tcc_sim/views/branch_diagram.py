@@ -22,13 +22,7 @@ UNSTABLE = (0, (3, 1.5))
 
 
 def branch_diagram(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period.
-
-    Parameters
-    ----------
-    found : what `continuation` gives, or `continue --json`
-    path, title, width : as `style.figure` and `style.save` take them; the title is the scene's name
-    """
+    """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period."""
     values = style.values_of(found)
     curves = values.get("curves", [])
     with style.figure(width, 3.6 if not curves else 6.4) as drawn:

@@ -14,13 +14,7 @@ SHOWN = 400
 
 
 def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw an `Identification`.
-
-    Parameters
-    ----------
-    found : what `identify` gives
-    path, title, width : as `style.figure` and `style.save` take them; the title is the scene's name
-    """
+    """Draw what `identify` gives."""
     names = list(found.residuals)
     rows = len(names) + 2 + (found.likelihood is not None)
     with style.figure(width, 1.5 * rows + 0.6) as drawn:

@@ -22,11 +22,6 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
     ----------
     run : with its system; one that kept few samples is solved again from its first state
     width : inch
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
     """
     run = _sampled(run)
     assert run.system is not None

@@ -19,19 +19,7 @@ LEAST = 1e-12
 
 
 def plot_orders(path: Path, found: Orders, title: str = "", width: float = PAGE) -> Path:
-    """Draw the orders over the engine frequency where it rises or falls all the time, else over time.
-
-    Parameters
-    ----------
-    width : inch
-
-    Raises
-    ------
-    InputError
-        A suffix that is no picture's.
-    MissingPackage
-        matplotlib is not installed.
-    """
+    """Draw the orders over the engine frequency where it rises or falls all the time, else over time."""
     along, name = _along(found)
     wide = width > 0.5 * (COLUMN + PAGE)
     with figure(width, 0.86 * width if wide else 2.6 * width) as drawn:

@@ -88,7 +88,11 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
 
 class Look(NamedTuple):
-    """Where the drawing of a result is: its module here, and the functions for a whole picture and for an axis."""
+    """Where the drawing of a result is: its module here, and the functions for a whole picture and for an axis.
+
+    `whole` takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in
+    inches, and raises what `style.figure` and `style.save` do; `main` takes an axis and the result.
+    """
 
     module: str
     whole: str
@@ -118,13 +122,7 @@ def look_of(result: Any) -> Look | None:
 
 
 def _run_of(result: Any) -> Trajectory:
-    """The samples of a run, of what has one, or of a recording's first run.
-
-    Raises
-    ------
-    InputError
-        There are none.
-    """
+    """The samples of a run, of what has one, or of a recording's first run; InputError where there are none."""
     run = getattr(result, "trajectory", result)
     run = run() if callable(run) else run
     if not isinstance(run, Trajectory):

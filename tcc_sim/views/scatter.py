@@ -15,12 +15,7 @@ RESULTS = (("max_slip_speed", "max |slip speed|\n(rad/s)", 1.0), ("stick_fractio
 
 
 def draw_scatter(path: Path, found: Scattered, title: str = "", width: float = style.PAGE) -> Path:
-    """Bands of the quantiles 0.05 to 0.95 over the swept key; without one, samples against each scattered key.
-
-    Parameters
-    ----------
-    width : inch
-    """
+    """Bands of the quantiles 0.05 to 0.95 over the swept key; without one, samples against each scattered key."""
     keys = [] if found.over else [key for key, _, _ in found.tolerances.bounds][:4]
     with style.figure(width, 5.0, title) as drawn:
         axes = drawn.subplots(len(RESULTS), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)

@@ -26,13 +26,7 @@ the two pairs on either side of them do, as their median has it.
 
 
 def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Maxima, the orbit diagram (plate angle on the section), and how long the clutch sticks, over one key.
-
-    Parameters
-    ----------
-    found : what `sweep` gives, or `sweep --json`
-    width : inch
-    """
+    """Maxima, the orbit diagram (plate angle on the section), and how long the clutch sticks, over one key."""
     values = style.values_of(found)
     with style.figure(width, 5.0, title) as drawn:
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
@@ -91,13 +85,7 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
 
 
 def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Two maps over two keys, rows second: the largest slip speed, and the period.
-
-    Parameters
-    ----------
-    found : what `sweep_grid` gives, or `sweep --json` with two keys
-    width : inch
-    """
+    """Two maps over two keys, rows second: the largest slip speed, and the period."""
     values = style.values_of(found)
     wide = width > 0.5 * (style.COLUMN + style.PAGE)
     with style.figure(width, 3.2 if wide else 5.6, title) as drawn:

@@ -14,20 +14,7 @@ CYCLES = 8
 
 
 def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw a `Twin`.
-
-    Parameters
-    ----------
-    path : png, svg or pdf file
-    found : a simulation beside a recording
-    title : name of the scene
-    width : inch
-
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
-    """
+    """Draw a simulation beside a recording: its start, its end, and the difference of all of it."""
     span = CYCLES * found.trajectory.cycle
     begin, end = found.t[0], found.t[-1]
     with style.figure(width, 0.75 * width) as drawn:
