@@ -161,8 +161,8 @@ class BorderSettings:
     border_finest: float = quantity(1e-12, "distance from the border below which it is not resolved where the margin "
                                     "changes very fast (on a canard: slip that follows the falling branch of "
                                     "friction); that distance is the residual then")
-    border_astray: float = quantity(10.0, "distance from the bracket, in its lengths, beyond which another border has "
-                                    "been found")
+    border_astray: float = quantity(10.0, "distance from the bracket beyond which another border has been "
+                                    "found", "lengths of the bracket")
     repeats: int = quantity(8, "changes of one kind that are looked for at once (a symmetric motion has them in pairs)")
 
 

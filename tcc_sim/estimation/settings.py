@@ -17,7 +17,7 @@ class Settings:
     parts: int = quantity(512, "parts of an engine cycle; even, for Simpson's rule. An input is held over each, which "
                           "costs (omega h)^2/24")
     rtol: float = quantity(1e-10, "relative tolerance of the engine")
-    closed: float = quantity(1e-8, "largest residual of a periodic motion, in natural sizes")
+    closed: float = quantity(1e-8, "largest residual of a periodic motion", "natural sizes")
     iterations: int = quantity(40, "most iterations of Newton's method")
     cycles: int = quantity(400, "longest run from the initial state where no slip speed is asked for", "engine cycles")
     lowest: float = quantity(2.0, "lowest frequency given unless others are asked for", "rad/s")

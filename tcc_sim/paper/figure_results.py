@@ -23,11 +23,11 @@ Numbers = TypeVar("Numbers")
 
 
 @dataclass(frozen=True)
-class Reached:
-    """A motion that a neighbour's last state leads to; the period in engine cycles."""
+class Labelled:
+    """What every curve and panel has: its label, and the scene keys that set it apart."""
 
-    max_slip_speed: float
-    period: int
+    label: str
+    values: Mapping[str, Value]
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,18 @@ class MotionsBehind:
     left_out: list[str]
 
 
+@dataclass(frozen=True)
+class Reached:
+    """A motion that a neighbour's last state leads to; the period in engine cycles."""
+
+    max_slip_speed: float
+    period: int
+
+
 @dataclass(frozen=True, kw_only=True)
-class MapCurve:
+class MapCurve(Labelled):
     """One sweep: per value what `simulate --json` has, and what else was asked for."""
 
-    label: str
-    values: Mapping[str, Value]
     direction: str
     max_slip_speed: Sequence[float | None]
     min_slip_speed: Sequence[float | None]
@@ -103,11 +109,9 @@ class Curves:
 
 
 @dataclass(frozen=True)
-class LawCurve:
+class LawCurve(Labelled):
     """Fig. 3: friction coefficient over mu_k, and its slope, s/rad, for one ratio; None where it has no maximum."""
 
-    label: str
-    values: Mapping[str, Value]
     coefficient: Floats
     slope: Floats
     near_coefficient: Floats
@@ -128,11 +132,9 @@ class Laws:
 
 
 @dataclass(frozen=True)
-class History:
+class History(Labelled):
     """A panel of Fig. 7; the section is (plate angle, slip speed), and the exponent is there where no period is."""
 
-    label: str
-    values: Mapping[str, Value]
     period: int
     section: Sequence[tuple[float, float]]
     lyapunov: Lyapunov | None
@@ -142,11 +144,9 @@ class History:
 
 
 @dataclass(frozen=True)
-class Delay:
+class Delay(Labelled):
     """A panel of Fig. 9; `first_half` is the part of positive slip in the first half cycle, NaN where there is none."""
 
-    label: str
-    values: Mapping[str, Value]
     first_half: float
     t: Floats
     slip_speed: Floats
@@ -155,11 +155,9 @@ class Delay:
 
 
 @dataclass(frozen=True)
-class Actuation:
+class Actuation(Labelled):
     """A panel of Fig. 12."""
 
-    label: str
-    values: Mapping[str, Value]
     period: int
     t: Floats
     slip_speed: Floats
@@ -196,11 +194,9 @@ class SolverCurve:
 
 
 @dataclass(frozen=True)
-class Steady:
+class Steady(Labelled):
     """Fig. 2, the steady state of one law from the initial state (13); `final` is a state of the driveline."""
 
-    label: str
-    values: Mapping[str, Value]
     period: int
     settled: bool
     max_slip_speed: float

@@ -17,8 +17,8 @@ class PointSettings:
     rtol: float = quantity(1e-6, "relative tolerance of a sweep that is given none: sections are good to that (fig02: "
                            "4e-8, set-valued 2e-7), and over the curves of Figs. 4 to 18, 57 values each, the period "
                            "is that at 1e-10 in all but three of 1995 points")
-    phases_tried: int = quantity(1000, "engine cycles among which one is looked for whose phase of the load is that of "
-                                 "the neighbour's end")
+    phases_tried: int = quantity(1000, "among which one is looked for whose phase of the load is that of the "
+                                 "neighbour's end", "engine cycles")
     most_values: int = quantity(1_000_000, "most values of a range, of a grid, and of samples")
     longest_line: int = quantity(1 << 28, "longest line of a file of points", "bytes")
 
