@@ -63,7 +63,7 @@ def chart(row: PaperFigure, options: FigureOptions) -> Chart:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
         for branch in surveyed(sweep.curve, seen_in(sweep), options.progress, FEW):
             for found in branch.bifurcations:
-                curve = _followed(found, both, ranges, float(cut) * units[1], curves)
+                curve = followed(found, both, ranges, float(cut) * units[1], curves)
                 if curve is not None:
                     curves.append(_charted(curve, found.point.orbit.period, creeps(found, sweep.curve.system)))
     summaries = [[None if p is None else p.summary for p in sweep.points] for sweep in grid.sweeps]
@@ -74,7 +74,7 @@ def chart(row: PaperFigure, options: FigureOptions) -> Chart:
                          for line in summaries])
 
 
-def _followed(found: Bifurcation, of: DrivelineMap, ranges: Ranges, second: float,
+def followed(found: Bifurcation, of: DrivelineMap, ranges: Ranges, second: float,
               known: list[ChartCurve]) -> BifurcationCurve | None:
     """The curve of a bifurcation; None where it is not of those followed, or lies on a curve that is known."""
     orbit = found.point.orbit

@@ -36,7 +36,7 @@ def damping_crosses(evidence: Evidence) -> Measured:
               "of these with a change of period within 0.005": hit["negative"], "changes of period": len(changes),
               "part of the range with the mean negative slope below -0.6":
               float((negative < -paper_system().driveline.damping).mean()),
-              "other weights at 0.12, 0.20, 0.25": _other_readings()}
+              "other weights at 0.12, 0.20, 0.25": other_readings()}
     return Measured((bool(at["printed"]) and hit["printed"] == len(at["printed"]),), values,
                     "as printed, weighted with v^2, (21) stays near 0; the time mean of the negative slope is of the "
                     "printed order, but below -0.6 over most of the range")
@@ -65,7 +65,7 @@ def _crossings(values: np.ndarray) -> list[float]:
     return [round(float(0.5 * (DAMPED[k] + DAMPED[k + 1])), 4) for k in np.flatnonzero(below[1:] != below[:-1])]
 
 
-def _other_readings() -> dict[str, list[float]]:
+def other_readings() -> dict[str, list[float]]:
     """dT/dv averaged with other weights: none, |v|, and the square of the fluctuation; N m s/rad."""
     out: dict[str, list[float]] = {"no weight": [], "|v|": [], "(v - mean v)^2": [], "v^2 outside stick": []}
     for ratio in (0.12, 0.20, 0.25):

@@ -80,7 +80,7 @@ def test_a_chart_leaves_out_what_no_stable_motion_ends_in() -> None:
     found: Any = SimpleNamespace(kind="fold", value=1.0, point=SimpleNamespace(orbit=orbit))
     of: Any = SimpleNamespace(forcing_period=1)
     ranges = ParameterRange(0.0, 2.0), ParameterRange(0.0, 2.0)
-    assert charts._followed(found, of, ranges, 1.0, []) is None
+    assert charts.followed(found, of, ranges, 1.0, []) is None
 
 
 def test_the_end_of_stick_is_told_by_its_creep() -> None:

@@ -255,7 +255,7 @@ def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
     row = with_kinetic(0.667, {FREQUENCY: 0.12 * OMEGA_N})
     run = Evidence(1e-9, 1).last_cycles(row, 16, 4096)
     slope, v = slope_of_friction(run), run.slip_speed
-    found = damped._other_readings()
+    found = damped.other_readings()
     for name, weights in (("no weight", None), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - np.mean(v)) ** 2),
                           ("v^2 outside stick", v**2 * (run.state != 0))):
         assert len(found[name]) == 3
