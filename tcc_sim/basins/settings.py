@@ -53,8 +53,8 @@ class PlaneSettings:
     searched: int = quantity(24, "undecided cells from which they are then looked for")
     rtol: float = quantity(1e-8, "relative tolerance of what is said of an attractor")
     rtol_cells: float = quantity(1e-5, "relative tolerance of the motions that are followed to one: of 25 000 cells of "
-                                 "five scenes, with either law, none has another label than at 1e-9, and at "
-                                 "mu_k/mu_s = 0.85 a basin ends within 3e-5 rad/s of where it does then")
+                                 "five scenes, with either law, none has another label than at 1e-9, and a basin ends "
+                                 "within 1e-4 rad/s of where it does then")
     constant: float = quantity(40.0, "times 1/alpha, a slip speed beyond which the law's exponential is below 1e-17 of "
                                "the rest")
     most_cells: int = quantity(4_000_000, "most cells of a plane")
