@@ -88,7 +88,7 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, seco
     second : present value of the second one
     """
     orbit, shooting = found.point.orbit, found.point.shooting
-    shooting = replace(shooting, map=of, ranges=ranges, settings=replace(settings or shooting.settings, thorough=True))
+    shooting = replace(shooting, map=of, ranges=ranges, settings=settings or shooting.settings)
     try:
         shooting, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
         n = shooting.size

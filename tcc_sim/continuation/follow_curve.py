@@ -6,7 +6,6 @@ resonances 1:1 to 1:4, Chenciner; and changes of the event sequence.
 
 from __future__ import annotations
 
-from bisect import bisect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -25,7 +24,6 @@ from tcc_sim.continuation.palc import (
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import Settings
-from tcc_sim.continuation.shooting import Shooting, starts_of
 from tcc_sim.continuation.sliding import differ, kind_of_change
 from tcc_sim.continuation.sliding_location import nearest
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
@@ -78,7 +76,8 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
     tangent = null_direction(found)
     first = solution_at(u, found, tangent if (tangent[bounds[0][0]] > 0.0) == forward else -tangent)
     state = CurveState(equations, first, bounds, step_size or StepSize(settings))
-    tests, origin = _tests(state, first), _of_single_shooting(state, first)
+    tests = _tests(state, first)
+    origin = _of_single_shooting(equations, first.z), _of_single_shooting(equations, first.tangent)
     yield CurveStep(first, [], equations)
     count = 0
     while count < settings.max_points:
@@ -106,8 +105,8 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         if end is not None:
             yield CurveStep(new._replace(z=end[1]), special, state.equations)
             return StopReason.SPECIAL, 0
-        if count > 3 and _comes_back(origin, _of_single_shooting(state, state.here), _of_single_shooting(state, new),
-                                        settings):
+        p, q = (_of_single_shooting(state.equations, point.z) for point in (state.here, new))
+        if count > 3 and _comes_back(origin, p, q, settings):
             yield CurveStep(first, special, equations)
             return StopReason.CLOSED, 0
         count += 1
@@ -199,42 +198,27 @@ def _remesh(state: CurveState, growth: float | None = None, others: bool = False
             not shooting.map.divisible and len(shooting.segments) == shooting.period):
         return False
     if growth is not None:
-        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth))
+        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
     try:
         finer, z = shooting.cut(state.here.z[:old.unknowns])
         if finer.segments == shooting.segments:
             return False
         other = MinimallyAugmented(old.kind, finer, z)
-        along = tangent_in(finer, shooting, state.here)
-        polished = corrector(other, np.append(z, state.here.z[-1:]) if old.turning else z, along)
+        start = np.append(z, state.here.z[-1:]) if old.turning else z
+        polished = corrector(other, start, null_direction(other.linearise(start)))
     except FAILURES:
         return False
     if polished is None:
         return False
-    sign = 1.0 if float(polished.tangent @ along) > 0.0 else -1.0
+    # The first node and what is no node are the same in all segments; the motion carries errors on to the others.
+    before, after = (_of_single_shooting(of, tangent) for of, tangent in ((old, state.here.tangent),
+                                                                          (other, polished.tangent)))
+    sign = 1.0 if float(before @ after) > 0.0 else -1.0
     moved = finer.size - shooting.size
     state.equations, state.here, state.before = other, solution_at(polished.z, polished.found,
                                                                    sign * polished.tangent), []
     state.bounds = tuple((k + moved, low, high) for k, low, high in state.bounds)
     return True
-
-
-def tangent_in(finer: Shooting, old: Shooting, here: Solution) -> Floats:
-    """The tangent of a point in other segments: what the motion makes of it where they begin."""
-    of, n, values = old.map, old.map.dimension, old.values(here.z)
-    nodes, ways, rest = old.nodes(here.z), here.tangent[:old.size].reshape(-1, n) * of.scales, here.tangent[old.size:]
-    widths = np.array([w.width(float(u)) for w, u in zip(old.ranges, here.z[old.size:])])
-    firsts, out = starts_of(old.segments), []
-    for start in starts_of(finer.segments):
-        k = bisect(firsts, start) - 1
-        way = ways[k]
-        if start > firsts[k]:
-            image = of.evaluate(nodes[k], values, firsts[k], start - firsts[k])
-            way = image.jacobian @ way + image.by_parameter @ (widths * rest[:len(widths)])
-        out.append(way / of.scales)
-    along = np.concatenate([*out, rest])
-    unit: Floats = along / float(np.linalg.norm(along))
-    return unit
 
 
 def _tests(state: CurveState, at: Solution) -> dict[str, float]:
@@ -320,20 +304,19 @@ def _root(equations: MinimallyAugmented, here: Solution, new: Solution,
         return None
 
 
-def _of_single_shooting(state: CurveState, point: Solution) -> tuple[Floats, Floats]:
-    """Unknowns and tangent as single shooting has them, whatever the segments: the first node and what is no node."""
-    old = state.augmented
-    if old is None:
-        return point.z, point.tangent
-    n, size = old.shooting.map.dimension, old.shooting.size
-    z, tangent = (np.concatenate([u[:n], u[size:]]) for u in (point.z, point.tangent))
-    return z, tangent
+def _of_single_shooting(of: Equations, vector: Floats) -> Floats:
+    """The part of a vector of unknowns that is there whatever the segments: the first node, and what is no node."""
+    if not isinstance(of, MinimallyAugmented):
+        return vector
+    return np.concatenate([vector[:of.shooting.map.dimension], vector[of.shooting.size:]])
 
 
-def _comes_back(origin: tuple[Floats, Floats], here: tuple[Floats, Floats], new: tuple[Floats, Floats],
-                settings: Settings) -> bool:
-    """Whether the step from `here` to `new` passes the first point of the curve."""
-    (z, tangent), p, q = origin, here[0], new[0]
+def _comes_back(origin: tuple[Floats, Floats], p: Floats, q: Floats, settings: Settings) -> bool:
+    """Whether the step from p to q passes the first point of the curve; all as `_of_single_shooting` has them.
+
+    origin : that point and the tangent there
+    """
+    z, tangent = origin
     ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
     part = -behind / max(ahead - behind, 1e-300)
     return behind < 0.0 <= ahead and float(step @ tangent) > 0.0 and float(np.linalg.norm(

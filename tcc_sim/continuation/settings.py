@@ -204,7 +204,7 @@ class CurveSettings:
     curve_step: float = quantity(0.03, "longest step, of which a picture shows every corner")
     curve_regrowth: float = quantity(2.0, "`regrowth` along a curve")
     finer_growths: tuple[float, ...] = quantity(
-        (10.0, 3.0), "growths over a segment, in order, with which orbits are cut anew for want of a step")
+        (10.0, 3.0), "growths over a segment, in order, with which orbits are cut anew, thoroughly, for want of a step")
     curve_tolerance: float = quantity(1e-8, "last step and residual with which a point of a curve is one")
     curve_root: float = quantity(1e-9, "width of the bracket of a point of codimension two, relative to the step")
     curve_jump: float = quantity(1e-2, "part of the larger end value above which its test function jumps there")

@@ -9,8 +9,8 @@ from textbook_maps import Step, TextbookMap, henon
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
-from tcc_sim.continuation.follow_curve import follow_curve, tangent_in
-from tcc_sim.continuation.palc import Solution, StepSize, next_solution, null_direction, solution_at
+from tcc_sim.continuation.follow_curve import follow_curve
+from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
 from tcc_sim.continuation.problem import Image
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -284,22 +284,6 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
     assert curve is not None
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
     assert (curve.values[0], curve.second[0]) == (curve.values[-1], curve.second[-1])
-
-
-def test_the_tangent_in_other_segments_is_that_of_the_same_curve() -> None:
-    settings = Settings(growth=2.2)
-    whole = Shooting.single(TextbookMap(henon, 2), 2, P, Q, settings=settings)
-    b = -0.5
-    a = (1.0 - b) ** 2 + 0.25 * (1.0 + b) ** 2
-    x, y = np.roots([1.0, b - 1.0, (1.0 - b) ** 2 - a])
-    start = whole.unknowns(np.array([[x, y]]), (a, b))
-    one = MinimallyAugmented("period_doubling", whole, start)
-    finer, z = whole.cut(start)
-    assert finer.segments == (1, 1)
-    tangent = null_direction(one.linearise(start))
-    other = null_direction(MinimallyAugmented("period_doubling", finer, z).linearise(z))
-    moved = tangent_in(finer, whole, solution_at(start, one.linearise(start), tangent))
-    assert abs(float(moved @ other)) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
