@@ -16,7 +16,7 @@ import numpy as np
 from llvmlite import ir
 
 REAL = ir.DoubleType()
-WHOLE = ir.IntType(64)
+WHOLE, BYTE = ir.IntType(64), ir.IntType(8)
 SHIFTER = 6755399441055744.0
 """1.5 * 2^52: a number added to it is rounded to an integer, which its last bits then hold."""
 FUSED = ("contract",)
@@ -86,8 +86,10 @@ class Storage:
     def __init__(self, context: Any, builder: Any, kind: Any, argument: Any) -> None:
         array = context.make_array(kind)(context, builder, argument)
         self.builder = builder
-        self.start = builder.bitcast(array.data, REAL.as_pointer())
+        self.start = builder.bitcast(array.data, BYTE.as_pointer())
         self.strides = _items(builder, array.strides)
+        if kind.layout == "C":
+            self.strides[-1] = ir.Constant(WHOLE, 8)
         self.shape = getattr(kind, "shape", (0,))
         self.length = self.shape[-1]
         self.known: dict[Any, Name] = {}
@@ -96,7 +98,7 @@ class Storage:
         offset = ir.Constant(WHOLE, 0)
         for index, stride in zip(key, self.strides):
             offset = self.builder.add(offset, self.builder.mul(ir.Constant(WHOLE, index), stride))
-        return self.builder.gep(self.start, [self.builder.sdiv(offset, ir.Constant(WHOLE, 8))])
+        return self.builder.bitcast(self.builder.gep(self.start, [offset]), REAL.as_pointer())
 
     def __getitem__(self, key: tuple[int, ...]) -> Name:
         if key not in self.known:
