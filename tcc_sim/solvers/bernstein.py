@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import folded, greater, lesser, magnitude, row_of, unrolled, where
+from tcc_sim.solvers.compiling.unrolled import folded, greater, lesser, magnitude, unrolled, where
+from tcc_sim.solvers.series import powers_of
 
 DEGREE_MAXIMUM = 31
 HALVINGS = 40
@@ -34,16 +35,6 @@ PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dty
 PER_BINOMIAL = np.array([[1.0 / math.comb(n, k) if k <= n else 0.0 for k in range(32)] for n in range(32)])
 
 
-def powers_of(x: Any, count: int) -> list[Any]:
-    """1, x, x^2, ... in rows of eight, by a short chain of products."""
-    square = x * x
-    cube, fourth = square * x, square * square
-    rows = [row_of([1.0, x, square, cube, fourth, fourth * x, fourth * square, fourth * cube])]
-    while 8 * len(rows) < count:
-        rows.append(rows[-1] * (fourth * fourth))
-    return rows
-
-
 def form_text(lanes: int) -> Any:
     """The text of `to_bernstein` for degrees below `lanes`; what lies behind the degree in the powers is not read."""
     places = range(0, lanes, 8)
@@ -51,7 +42,7 @@ def form_text(lanes: int) -> Any:
     def text(c: Any, x: Any, per_binomial: Any, out: Any) -> None:
         weights = [per_binomial.row(i, count=8) for i in places]
         terms = [where(w, ">", 0.0, c.row(i, count=8) * power, 0.0)
-                 for i, w, power in zip(places, weights, powers_of(x, lanes))]
+                 for i, w, power in zip(places, weights, powers_of(x))]
         scaled = [term * weight for term, weight in zip(terms, weights)]
         size: Any = 0.0
         low, high = math.inf, -math.inf

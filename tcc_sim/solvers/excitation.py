@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.series import ENGINE, LOAD, add_sine, sine_and_cosine
+from tcc_sim.solvers.series import COLUMNS, ENGINE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
 
 TWO_PI = 2.0 * math.pi
@@ -68,7 +68,7 @@ def expand_excitation(rows: Any, count: int, unit: float, loaded: bool, mean_tor
 
     Of a load that does not vary only coefficient 0 is written.
     """
-    for k in range(count):
+    for k in range(COLUMNS):
         rows[ENGINE, k] = 0.0
     rows[ENGINE, 0] = mean_torque
     for i in range(waves.shape[0]):
@@ -77,7 +77,7 @@ def expand_excitation(rows: Any, count: int, unit: float, loaded: bool, mean_tor
     if pulsation is None:
         rows[LOAD, 0] = mean_load if loaded else 0.0
     else:
-        for k in range(count):
+        for k in range(COLUMNS):
             rows[LOAD, k] = 0.0
         if loaded:
             rows[LOAD, 0] = mean_load

@@ -17,7 +17,7 @@ import numpy as np
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import unrolled
+from tcc_sim.solvers.compiling.unrolled import row_of, unrolled
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD, EXCESS, TANH = range(8)
 """Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts; E, T."""
@@ -30,6 +30,10 @@ COLUMNS = 32
 
 INVERSE = 1.0 / np.maximum(np.arange(COLUMNS + 2), 1.0)
 """1/k: the recurrences multiply by it, a division being the slowest thing in them."""
+
+OF_SINE, OF_COSINE = (np.array([(0.0, 1.0, 0.0, -1.0)[(k + start) % 4] / math.factorial(k) for k in range(COLUMNS)])
+                      for start in (1, 0))
+"""What sine and cosine now add to the Taylor coefficients of a sine of rate 1."""
 
 
 def total(terms: Sequence[Any]) -> Any:
@@ -170,17 +174,33 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     return (-s if quadrant & 2 else s), (-c if quadrant in (1, 2) else c)
 
 
+def powers_of(x: Any) -> Iterator[Any]:
+    """1, x, x^2, ... in rows of eight, by a short chain of products."""
+    square = x * x
+    cube, fourth = square * x, square * square
+    row = row_of([1.0, x, square, cube, fourth, fourth * x, fourth * square, fourth * cube])
+    while True:
+        yield row
+        row = row * (fourth * fourth)
+
+
+def sine(out: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
+    """Add the coefficients of a sine; text for `unrolled`."""
+    for i, powers in zip(range(0, COLUMNS, 8), powers_of(rate)):
+        shares = now * OF_SINE[i:i + 8] + quadrature * OF_COSINE[i:i + 8]
+        out.set_row(out.row(i, count=8) + powers * shares, i)
+        yield i + 7
+
+
+expand_sine = unrolled(sine)
+
+
 @fast
 def add_sine(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float) -> None:
-    """Add the first `count` coefficients of a sine to a row: its value and its quadrature now, its rate per unit."""
-    cosine *= rate
-    square = rate * rate
-    for k in range(0, count, 2):
-        rows[row, k] += sine
-        sine *= -square * (INVERSE[k + 1] * INVERSE[k + 2])
-        if k + 1 < count:
-            rows[row, k + 1] += cosine
-            cosine *= -square * (INVERSE[k + 2] * INVERSE[k + 3])
+    """Add the coefficients of a sine to a row, `count` and up to seven more: its value and its quadrature now, its rate
+    per unit.
+    """
+    expand_sine(count - 1, rows[row], sine, cosine, rate)
 
 
 @fast
