@@ -34,6 +34,8 @@ INVERSE = 1.0 / np.maximum(np.arange(COLUMNS + 2), 1.0)
 OF_SINE, OF_COSINE = (np.array([(0.0, 1.0, 0.0, -1.0)[(k + start) % 4] / math.factorial(k) for k in range(COLUMNS)])
                       for start in (1, 0))
 """What sine and cosine now add to the Taylor coefficients of a sine of rate 1."""
+ENDLESS = 900.0
+"""log2 of a length that nothing limits."""
 
 
 def total(terms: Sequence[Any]) -> Any:
@@ -148,6 +150,21 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
 expand = unrolled(motion)
 """expand(order, rows, ...): `motion` to the even order at or above `order`, at most ORDER_MAXIMUM, without E and T, or
 FRICTION_ORDER_MAXIMUM."""
+
+
+@fast
+def logarithm(x: float) -> float:
+    """log2 x for x > 0, up to 0.09 too small and never too large; beyond 1e300 that of 1e300."""
+    mantissa, exponent = math.frexp(min(x, 1e300))
+    return exponent - 2.0 + 2.0 * mantissa
+
+
+@fast
+def power_of_two(x: float) -> float:
+    """2^x, up to 0.9 % too small and never too large: enough for a length, and faster than exp."""
+    whole = math.floor(x)
+    part = x - whole
+    return math.ldexp(1.0 + part * (0.6565 + 0.3435 * part) - 0.004, int(whole))
 
 
 @fast

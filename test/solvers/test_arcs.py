@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from tcc_sim.solvers.event_driven.step import SHAPE, monotone, root_of
+from tcc_sim.solvers.event_driven.step import SHAPE, monotone
 from tcc_sim.solvers.polynomial import variation
-from tcc_sim.solvers.series import SLIP
+from tcc_sim.solvers.series import SLIP, logarithm, power_of_two
 
 
 def test_the_quick_root_is_never_too_large_and_hardly_too_small():
     for base in 10.0 ** np.random.default_rng(1).uniform(-30.0, 30.0, 300):
         for n in (17, 20, 22, 28):
-            assert 0.985 * base ** (1.0 / n) <= root_of(base, n) <= base ** (1.0 / n)
+            assert 0.985 * base ** (1.0 / n) <= power_of_two(logarithm(base) / n) <= base ** (1.0 / n)
 
 
 def test_what_is_called_monotone_is():

@@ -14,7 +14,20 @@ from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.event_driven.modes import FREE
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.excitation import expand_excitation
-from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, LOAD, ROWS, SLIP, SPEED, expand
+from tcc_sim.solvers.series import (
+    ANGLE,
+    COLUMNS,
+    ENDLESS,
+    ENGINE,
+    INVERSE,
+    LOAD,
+    ROWS,
+    SLIP,
+    SPEED,
+    expand,
+    logarithm,
+    power_of_two,
+)
 
 UPWARD, DOWNWARD = ROWS, ROWS + 1
 """Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""
@@ -83,13 +96,13 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
     rows[SPEED, 0] = state.plate_speed
     expand_stuck(LINEAR_ORDER, rows, unit, linear, bounds.ratio, pulsation)
     torque = bounds.torque_tolerance * 1e12
-    x = remaining / unit
+    longest = ENDLESS
     for k in range(LINEAR_ORDER - 1, LINEAR_ORDER + 1):
         size = max(abs(rows[UPWARD, k]), abs(rows[DOWNWARD, k])) / torque
         size = max(size, abs(rows[SPEED, k]) / bounds.speed_scale)
-        if size * x**k > bounds.truncation:
-            x = SHORTENING * root_of(bounds.truncation / size, k)
-    x = min(x, remaining / unit)
+        if size > 0.0:
+            longest = min(longest, logarithm(bounds.truncation / size) * INVERSE[k])
+    x = min(remaining / unit, SHORTENING * power_of_two(longest))
     return stick_event(bounds, unit, x, LINEAR_ORDER, rows, workspace)
 
 
@@ -112,20 +125,6 @@ def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, wo
 
 
 @fast
-def root_of(base: float, n: int) -> float:
-    """base^(1/n) for base > 0, at most 1.5 % too small and never too large: enough for a length, and faster than exp.
-
-    Beyond 1e300 it is that of 1e300.
-    """
-    mantissa, exponent = math.frexp(min(base, 1e300))
-    # log2 of 0.5 <= m < 1 from below, by its chord and a parabola.
-    logarithm = (exponent - 2.0 + 2.0 * mantissa) / n
-    whole = math.floor(logarithm)
-    part = logarithm - whole
-    return math.ldexp(1.0 + part * (0.6565 + 0.3435 * part) - 0.004, int(whole))
-
-
-@fast
 def series_length(rows: Any, order: int, x: float, truncation: float, scale: float) -> float:
     """A length of at most x at whose end the last two terms are below `truncation`, of the largest of the first terms
     of the slip speed, and of `scale` for the plate speed.
@@ -136,14 +135,15 @@ def series_length(rows: Any, order: int, x: float, truncation: float, scale: flo
         if term > largest:
             largest, at = term, i
         power *= TYPICAL
+    longest = ENDLESS
     for k in range(order - 1, order + 1):
         last = abs(rows[SLIP, k])
         if last > 0.0 and largest > 0.0:
-            x = min(x, SHORTENING * root_of(truncation * abs(rows[SLIP, at]) / last, k - at))
+            longest = min(longest, logarithm(truncation * abs(rows[SLIP, at]) / last) * INVERSE[k - at])
         last = abs(rows[SPEED, k])
         if last > 0.0:
-            x = min(x, SHORTENING * root_of(truncation * scale / last, k))
-    return x
+            longest = min(longest, logarithm(truncation * scale / last) * INVERSE[k])
+    return float(min(x, SHORTENING * power_of_two(longest)))
 
 
 @fast

@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.series import SLIP, SPEED
+from tcc_sim.solvers.series import ENDLESS, INVERSE, SLIP, SPEED, logarithm, power_of_two
 from tcc_sim.solvers.smoothed.collocation_tables import NODES
 
 SAFETY_SERIES = 0.9
@@ -24,16 +24,14 @@ SMALLEST_ERROR = 1e-9
 @fast
 def series_length(rows: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
     """The step, in units of the series' own time, at which its last two terms reach the tolerance."""
-    last = max(abs(rows[SLIP, order]) / slip_tolerance, abs(rows[SPEED, order]) / speed_tolerance)
-    before = max(abs(rows[SLIP, order - 1]) / slip_tolerance, abs(rows[SPEED, order - 1]) / speed_tolerance)
-    if not last + before > 0.0:
-        return math.inf if last + before == 0.0 else math.nan
-    power = -math.inf
-    if last > 0.0:
-        power = math.log(last) / order
-    if before > 0.0:
-        power = max(power, math.log(before) / (order - 1))
-    return SAFETY_SERIES * math.exp(-power)
+    longest = ENDLESS
+    for k in range(order - 1, order + 1):
+        size = max(abs(rows[SLIP, k]) / slip_tolerance, abs(rows[SPEED, k]) / speed_tolerance)
+        if not size < math.inf:
+            return math.nan
+        if size > 0.0:
+            longest = min(longest, logarithm(1.0 / size) * INVERSE[k])
+    return float(SAFETY_SERIES * power_of_two(longest))
 
 
 @fast
