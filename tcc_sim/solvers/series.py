@@ -68,6 +68,20 @@ def inner(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
     return total([a[j] * b[k - j] for j in sorted(range(1, k), key=lambda j: max(j, k - j))])
 
 
+def side_by_side(pairs: Sequence[Any], rows: list[Any], k: int) -> list[Any]:
+    """`inner` of several pairs of series in the lanes of one row, 0 for a pair that is None; `rows` keeps what was
+    asked for before.
+    """
+    there = [pair for pair in pairs if pair is not None]
+    if not there:
+        return [0.0] * len(pairs)
+    rows.append([row_of([series[k - 1] for series in side]) for side in zip(*there)])
+    lefts, rights = zip(*rows)
+    found = inner(lefts, rights, k)
+    lanes = iter(range(len(there)))
+    return [0.0 if pair is None or k == 1 else found[next(lanes)] for pair in pairs]
+
+
 def driven(rate: Any, weighted: Sequence[Any], other: Sequence[Any], k: int) -> Any:
     """Coefficient k >= 1 of the series whose derivative is rate v' times `other`, without what v_k adds, which is
     rate `other`_0 v_k; `weighted` holds j v_j.
@@ -112,6 +126,9 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
     slope = rising + (rising * e[0] + fallen * t[0])
     law, load, weighted = [t[0] + e[0] * t[0]], [rows[LOAD, 0]], [0.0]
     stiff = both * load[0] * slope
+    pairs = [None if decay is None else (weighted, e), None if tanh is None else (weighted, s),
+             None if decay is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
+    packed: list[Any] = []
     last = ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM
     for k in range(last):
         spring = damping * u[k] + stiffness * x[k]
@@ -121,14 +138,15 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
             speed = push - both * friction
         else:
             load.append(0.0 if pulsation is None else rows[LOAD, k])
-            e_early = 0.0 if decay is None else driven(decay, weighted, e, k)
-            t_early = 0.0 if tanh is None else driven(sigma, weighted, s, k)
+            by_e, by_t, by_both, by_load = side_by_side(pairs, packed, k)
+            e_early = 0.0 if decay is None else decay * (1.0 / k) * by_e
+            t_early = 0.0 if tanh is None else sigma * (1.0 / k) * by_t
             e.append(e_early + fallen * v[k])
             t.append(t_early + rising * v[k])
             if tanh is not None:
                 s.append(-square(t, k))
-            law_early = t_early * (1.0 + e[0]) + (e_early * t[0] + inner(e, t, k))
-            early = law[0] * load[k] + inner(law, load, k) + load[0] * law_early
+            law_early = t_early * (1.0 + e[0]) + (e_early * t[0] + by_both)
+            early = law[0] * load[k] + by_load + load[0] * law_early
             law.append(law_early + slope * v[k])
             friction = early + load[0] * slope * v[k]
             speed = (push - both * early) - stiff * v[k]

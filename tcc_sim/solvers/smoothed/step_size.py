@@ -14,7 +14,7 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ENDLESS, INVERSE, SLIP, SPEED, logarithm, power_of_two
 from tcc_sim.solvers.smoothed.collocation_tables import NODES
 
-SAFETY_SERIES = 0.9
+SAFETY_SERIES = 0.905
 SAFETY = 0.85
 SHRINK_MOST = 0.25
 SMALLEST_ERROR = 1e-9
