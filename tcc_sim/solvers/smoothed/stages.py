@@ -93,6 +93,8 @@ def divide_text(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any)
 def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
     """Newton's correction: (L + beta Ts mubar') x = change, by elimination without pivoting, a column in four parts.
 
+    Gauss and Jordan's elimination, below the diagonal and above it: no row waits for the next one's solution.
+
     L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal where it is strong.
     """
     found, = eliminated(coupling, grip, slope, [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
@@ -120,23 +122,13 @@ def eliminated(coupling: Any, grip: Any, slope: Any, sides: list[list[Any]]) -> 
     for k in range(NODES):
         own, lane = divmod(k, WIDTH)
         inverses.append(1.0 / columns[k][own][lane])
-        below = {p: columns[k][p] * inverses[k] for p in parts if p > own}
-        if lane < WIDTH - 1:
-            below[own] = columns[k][own] * inverses[k] * _lanes(lambda i, lane=lane: i > lane)
+        factors = [part * inverses[k] for part in columns[k]]
+        factors[own] = factors[own] * _lanes(lambda i, lane=lane: i != lane)
         for column in [*columns[k + 1:], *sides]:
             head = column[own][lane]
-            for p, factor in below.items():
+            for p, factor in enumerate(factors):
                 column[p] = column[p] - factor * head
-    found = []
-    for right in sides:
-        out: list[Any] = [None] * NODES
-        for k in range(NODES - 1, -1, -1):
-            own, lane = divmod(k, WIDTH)
-            out[k] = right[own][lane] * inverses[k]
-            for p in range(own + (1 if lane > 0 else 0)):
-                right[p] = right[p] - columns[k][p] * out[k]
-        found.append(row_of(out))
-    return found
+    return [row_of([right[k // WIDTH][k % WIDTH] * inverses[k] for k in range(NODES)]) for right in sides]
 
 
 def _lanes(chosen: Any) -> tuple[float, ...]:
