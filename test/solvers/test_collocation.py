@@ -74,7 +74,8 @@ def law(work, sign, sigma, stribeck):
 
 @compiled
 def correct(work, rung, v):
-    stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.grip, work.balance, rung.start, v, work.change)
+    stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
+                             work.change, work.measure)
     stages.eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)
 
 

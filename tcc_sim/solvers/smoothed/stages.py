@@ -11,7 +11,17 @@ from typing import Any
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import exp, largest, limited, magnitude, row_of, unrolled, with_sign
+from tcc_sim.solvers.compiling.unrolled import (
+    exp,
+    folded,
+    largest,
+    lesser,
+    limited,
+    magnitude,
+    row_of,
+    unrolled,
+    with_sign,
+)
 from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
 from tcc_sim.solvers.smoothed.state import SLIDING, Place
 
@@ -24,6 +34,8 @@ LEAST_SLOPE = 0.05
 """Slope of mubar, relative to sigma, below which a residual is no measure of how far V is from its place."""
 STALLED, ROUNDED = 0.3, 100.0
 """Corrections that no longer shrink below the one share, and are within that many accuracies, are rounding."""
+LARGEST, LEAST = range(2)
+"""Places of a measure: Newton's largest correction, and the least beta Ts mubar' at the nodes."""
 WIDTH = 4
 """Numbers in a part of a column."""
 
@@ -66,14 +78,16 @@ def inverse_tanh(y: Any) -> Any:
     return y * (1.0 - s * (0.7789 - 0.0936 * s)) / (1.0 - s * (1.1122 - 0.2236 * s))
 
 
-def residual_text(coupling: Any, slip: Any, law: Any, grip: Any, balance: Any, start: Any, v: Any, change: Any) -> None:
-    """b - L V - beta Ts mubar(V), into `change`."""
+def residual_text(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
+                  change: Any, measure: Any) -> None:
+    """b - L V - beta Ts mubar(V), into `change`, and the least beta Ts mubar'."""
     speeds = slip.row()
     sums = [0.0, 0.0, 0.0, 0.0]
     for j in range(NODES):
         sums[j % 4] = sums[j % 4] + coupling.row(j, 0) * speeds[j]
     change.set_row((balance.row() - grip.row() * law.row() + start.row() * v)
                    - ((sums[0] + sums[1]) + (sums[2] + sums[3])))
+    measure[LEAST,] = folded(lesser, grip.row() * slope.row())
 
 
 def follow_text(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
@@ -87,7 +101,7 @@ def divide_text(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any)
     """Newton's correction with the diagonal of its matrix alone."""
     out = change.row() / (diagonal.row() + grip.row() * slope.row())
     change.set_row(out)
-    measure[0,] = largest(out)
+    measure[LARGEST,] = largest(out)
 
 
 def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
@@ -99,7 +113,7 @@ def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: A
     """
     found, = eliminated(coupling, grip, slope, [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
     change.set_row(found)
-    measure[0,] = largest(found)
+    measure[LARGEST,] = largest(found)
 
 
 def eliminate_rows_text(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
@@ -181,7 +195,8 @@ def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: St
     as it was guessed. It costs a third of an iteration, and saves one.
     """
     evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
-    evaluate_residual(0, rung.coupling, work.slip, work.law, work.grip, work.balance, rung.start, v, work.change)
+    evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
+                      work.change, work.measure)
     follow(0, work.change, work.slip, work.grip, work.slope, sigma)
 
 
@@ -207,17 +222,14 @@ def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: flo
     law_at_nodes(place, sigma, stribeck, work)
     last = 1e300
     for count in range(1, ITERATIONS_MAXIMUM + 1):
-        evaluate_residual(0, coupling, slip, law, grip, work.balance, rung.start, v, change)
-        least = grip[0] * slope[0]
-        for i in range(1, NODES):
-            least = min(least, grip[i] * slope[i])
+        evaluate_residual(0, coupling, slip, law, slope, grip, work.balance, rung.start, v, change, measure)
         contraction = 0.0
-        if least > DOMINANT * diagonal[NODES - 1]:
+        if measure[LEAST] > DOMINANT * diagonal[NODES - 1]:
             divide(0, change, diagonal, grip, slope, measure)
             contraction = 0.5
         else:
             eliminate(0, change, coupling, grip, slope, measure)
-        size = measure[0]
+        size = measure[LARGEST]
         if not size < 1e300:
             return -count
         step = FOLLOWED / (sharpness * size) if sharpness * size > FOLLOWED else 1.0

@@ -55,14 +55,14 @@ WORK = np.dtype([
     ("rows", np.float64, (ROWS, COLUMNS)), ("bernstein", np.float64, WORKSPACE),
     ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES), ("grip", np.float64, NODES),
     ("balance", np.float64, NODES), ("demand", np.float64, NODES), ("change", np.float64, NODES),
-    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 4),
+    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 2),
                  ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
 """Work space.
 
 rows, bernstein : the polynomials of a step, in powers of its time, and what searches on them need
 slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
 balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
-change, measure : Newton's correction of V, and the size of the largest
+change, measure : Newton's correction of V; sizes named in `stages`
 chebyshev : coefficients over the step of the polynomial in hand
 weights : how much of every source there is
 """
