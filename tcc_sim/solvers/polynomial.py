@@ -221,10 +221,10 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
     """`extremes` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
     if not (workspace[BERNSTEIN, HIGH] > highest or workspace[BERNSTEIN, LOW] < lowest):
         return highest, lowest
-    end = value(c, row, degree, x_end)
-    highest, lowest = max(highest, end), min(lowest, end)
+    start, end = workspace[BERNSTEIN, 0], workspace[BERNSTEIN, degree]
+    highest, lowest = max(highest, max(start, end)), min(lowest, min(start, end))
     if one_way(degree, 2.0 * workspace[BERNSTEIN, NOISE], workspace):
-        return max(highest, workspace[BERNSTEIN, 0]), min(lowest, workspace[BERNSTEIN, 0])
+        return highest, lowest
     for i in range(WORKSPACE[1]):
         workspace[1, i] = workspace[BERNSTEIN, i]
     top = 1

@@ -24,7 +24,15 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
 from tcc_sim.solvers.smoothed.drive import grip_at_nodes, weigh_torque
 from tcc_sim.solvers.smoothed.series_step import fastest
 from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.stages import add_slip, follow_manifold, guess, slip_polynomial, solve_stages, to_powers
+from tcc_sim.solvers.smoothed.stages import (
+    add_share,
+    add_slip,
+    follow_manifold,
+    guess,
+    slip_polynomial,
+    solve_stages,
+    to_powers,
+)
 from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
 from tcc_sim.solvers.smoothed.step_size import SHRINK_MOST, growth, rung_below
 from tcc_sim.solvers.terms import Terms
@@ -53,13 +61,9 @@ def weigh(state: Any, h: float, limits: Limits, mean_torque: float, waves: Any, 
 @fast
 def balance(sources: Any, level: int, work: Any) -> None:
     """b without the share of v(0) at the nodes."""
-    total, weights = work.balance, work.weights
-    for i in range(NODES):
-        total[i] = 0.0
+    work.balance[:] = 0.0
     for k in range(sources.shape[1]):
-        weight, share = weights[k], sources[level, k].balance
-        for i in range(NODES):
-            total[i] += weight * share[i]
+        add_share(0, work.balance, sources[level, k].balance, work.weights[k])
 
 
 @fast
@@ -79,24 +83,17 @@ def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> 
     """The polynomials of theta2 and theta2' over the step, and the Chebyshev coefficients of theta2' in
     work.chebyshev.
     """
-    slip, weights, chebyshev = work.slip, work.weights, work.chebyshev
-    for i in range(TERMS):
-        chebyshev[i] = 0.0
+    rows, slip, weights, chebyshev = work.rows, work.slip, work.weights, work.chebyshev
+    chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
-        weight, share = weights[k], sources[level, k].angle
-        for i in range(TERMS):
-            chebyshev[i] += weight * share[i]
+        add_share(0, chebyshev, sources[level, k].angle, weights[k])
     add_slip(0, slip, rung.angle, chebyshev)
-    to_powers(0, chebyshev, work.rows[ANGLE])
-    for i in range(TERMS):
-        chebyshev[i] = 0.0
+    to_powers(0, chebyshev, rows[ANGLE])
+    chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
-        weight, share = weights[k], sources[level, k].speed
-        for i in range(TERMS):
-            chebyshev[i] += weight * share[i]
+        add_share(0, chebyshev, sources[level, k].speed, weights[k])
     add_slip(0, slip, rung.speed, chebyshev)
-    to_powers(0, chebyshev, work.rows[SPEED])
-    rows = work.rows
+    to_powers(0, chebyshev, rows[SPEED])
     for i in range(TERMS):
         rows[SPEED, i] -= kappa * rows[SLIP, i]
 

@@ -150,6 +150,11 @@ def _lanes(chosen: Any) -> tuple[float, ...]:
     return tuple(1.0 if chosen(i) else 0.0 for i in range(WIDTH))
 
 
+def add_share_text(total: Any, share: Any, weight: Any) -> None:
+    """Add so much of a source to what it adds to."""
+    total.set_row(total.row() + share.row() * weight)
+
+
 def add_slip_text(slip: Any, shares: Any, chebyshev: Any) -> None:
     """Add the shares of the slip speeds at the nodes to Chebyshev coefficients."""
     speeds, out = slip.row(), chebyshev.row()
@@ -184,6 +189,7 @@ follow = unrolled(follow_text)
 divide = unrolled(divide_text)
 eliminate = unrolled(eliminate_text)
 eliminate_rows = unrolled(eliminate_rows_text)
+add_share = unrolled(add_share_text)
 add_slip = unrolled(add_slip_text)
 slip_polynomial = unrolled(slip_polynomial_text)
 to_powers = unrolled(powers_text)
