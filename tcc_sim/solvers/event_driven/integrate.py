@@ -26,7 +26,7 @@ from tcc_sim.solvers.event_driven.step import (
 from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
 from tcc_sim.solvers.loads import keep_loads
-from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, add_integral
+from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.step_output import Store, end_cycle, keep_cycle, keep_samples, keep_stick
 from tcc_sim.solvers.terms import Terms
 
@@ -123,24 +123,13 @@ def fresh_length(linear: Linear) -> float:
 
 
 @fast
-def state_at(rows: Any, degree: int, x: float) -> tuple[float, float, float]:
-    """Slip speed, plate angle and plate speed at a place of a step, their three sums side by side."""
-    v, angle, speed = rows[SLIP, degree], rows[ANGLE, degree], rows[SPEED, degree]
-    for k in range(degree - 1, -1, -1):
-        v = v * x + rows[SLIP, k]
-        angle = angle * x + rows[ANGLE, k]
-        speed = speed * x + rows[SPEED, k]
-    return v, angle, speed
-
-
-@fast
 def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
            angle: Any) -> bool:
     """Bring the state to the end of a step and decide the mode that follows; True where it may be another one."""
     until = min(goal, state.load_edge)
     full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
     if step.x > 0.0:
-        slip_speed, state.plate_angle, state.plate_speed = state_at(rows, step.degree, step.x)
+        slip_speed, state.plate_angle, state.plate_speed = polynomial.values(rows, step.degree, step.x)
         if angle is not None:
             state.flywheel_angle = polynomial.value(rows, FLYWHEEL, step.degree, step.x)
         if state.mode != STICK:
@@ -195,7 +184,7 @@ def keep(step: Step, mode: int, tau: float, period: float, ends: bool, linear: L
         behind = keep_stick(output, 0.0, step.x, cut, step.unit)
         output.highest, output.lowest = max(output.highest, 0.0), min(output.lowest, 0.0)
         if cut <= step.x:
-            _, plate_angle, plate_speed = state_at(rows, step.degree, cut)
+            _, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
             end_cycle(output, cycles, 0.0, plate_angle, plate_speed, behind)
         return
     v = rows[SLIP, 0]
@@ -203,7 +192,7 @@ def keep(step: Step, mode: int, tau: float, period: float, ends: bool, linear: L
         return
     if monotone(rows, step.degree, step.x, step.reach):
         if cut <= step.x:
-            slip_speed, plate_angle, plate_speed = state_at(rows, step.degree, cut)
+            slip_speed, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
             output.highest, output.lowest = max(output.highest, slip_speed), min(output.lowest, slip_speed)
             end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
         v = polynomial.value(rows, SLIP, step.degree, step.x)
