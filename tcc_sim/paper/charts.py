@@ -16,7 +16,7 @@ from tcc_sim.continuation.codim2 import BifurcationCurve, Ranges, bifurcation_cu
 from tcc_sim.continuation.diagram import SWEPT
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats
-from tcc_sim.continuation.settings import Settings
+from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
@@ -35,8 +35,6 @@ FEW = replace(SWEPT, longest_period=LONGEST)
 """Longest period, in those of the excitation, whose bifurcations are followed."""
 ENDING = 1.001
 """Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
-CHARTED = Settings(max_points=1000)
-"""Curves are followed until something ends them."""
 PASSED = 4e-3
 """Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""
 UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "pressure.phase": math.pi}
@@ -84,7 +82,7 @@ def followed(found: Bifurcation, of: DrivelineMap, ranges: Ranges, second: float
     for curve in known:
         if (curve.kind, curve.period) == (found.kind, orbit.period) and distance(at, _scaled(curve, ranges)) < PASSED:
             return None
-    return bifurcation_curve(found, of, ranges, second, CHARTED)
+    return bifurcation_curve(found, of, ranges, second, DEFAULTS)
 
 
 def _scaled(curve: ChartCurve, ranges: Ranges) -> Floats:
