@@ -60,6 +60,6 @@ def test_motions_that_settle_slowly_lie_on_their_branch_and_their_jump_is_the_do
     values = tuple(r * STATIC for r in np.arange(0.768, 0.8365, 0.004))
     plan = Plan(cycles=150, discard=50, direction="down")
     found, = motions_behind(sweep_curves([Curve(system, KEY, values)], plan))
-    jump, = found["jumps"]
+    jump, = found.jumps
     assert jump["cause"] == "period_doubling"
     assert jump["value"] / STATIC == pytest.approx(DOUBLING, abs=1e-9)
