@@ -10,24 +10,13 @@ import math
 from typing import Any
 
 from tcc_sim.model.equations import Linear
+from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN, HALVINGS, LEFT, NOISE, WIDTH, WORKSPACE, halve, to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD
-from tcc_sim.solvers.key_derivatives import (
-    DAMPING,
-    EXCESS_RATIO,
-    FLYWHEEL_INERTIA,
-    LOAD_AMPLITUDE,
-    LOAD_PHASE,
-    MEAN_LOAD,
-    MEAN_TORQUE,
-    PLATE_INERTIA,
-    STIFFNESS,
-    TORQUE_AMPLITUDE,
-)
 from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, sine_and_cosine
 
 GRAZING, ARRIVAL, STUCK = range(3)
@@ -102,10 +91,11 @@ def torque_change(number: Any, plate_angle: float, plate_speed: float, engine: f
     both = flywheel + plate
     spring = damping * plate_speed + stiffness * plate_angle
     torque = (plate * engine + flywheel * spring) / both
-    spring_change = (number[DAMPING] * plate_speed + number[STIFFNESS] * plate_angle
+    inertia_change = number[of.FLYWHEEL_INERTIA] + number[of.PLATE_INERTIA]
+    spring_change = (number[of.DAMPING] * plate_speed + number[of.STIFFNESS] * plate_angle
                      + damping * speed_change + stiffness * angle_change)
-    return float((number[PLATE_INERTIA] * engine + number[FLYWHEEL_INERTIA] * spring + plate * engine_change
-                  + flywheel * spring_change - torque * (number[FLYWHEEL_INERTIA] + number[PLATE_INERTIA])) / both)
+    return float((number[of.PLATE_INERTIA] * engine + number[of.FLYWHEEL_INERTIA] * spring + plate * engine_change
+                  + flywheel * spring_change - torque * inertia_change) / both)
 
 
 @fast
@@ -143,9 +133,9 @@ def excitation_change(number: Any, tau: float, shift: float, rates: Rates) -> tu
     """Derivatives of Te and Ts by a disturbance, tau seconds into the cycle."""
     sine, _ = sine_and_cosine(rates.engine * tau)
     load_sine, load_cosine = sine_and_cosine(rates.load * tau + shift)
-    engine = number[MEAN_TORQUE] + number[TORQUE_AMPLITUDE] * sine
-    return (engine,
-            number[MEAN_LOAD] + number[LOAD_AMPLITUDE] * load_sine + number[LOAD_PHASE] * rates.amplitude * load_cosine)
+    engine = number[of.MEAN_TORQUE] + number[of.TORQUE_AMPLITUDE] * sine
+    return engine, (number[of.MEAN_LOAD] + number[of.LOAD_AMPLITUDE] * load_sine
+                    + number[of.LOAD_PHASE] * rates.amplitude * load_cosine)
 
 
 @fast
@@ -165,7 +155,7 @@ def note_gradient(mode: int, order: int, block: int, tau: float, shift: float, l
                                  polynomial.value(work.rows, ENGINE, order, s), engine,
                                  lane_value(work.series, 1, lane, order, s),
                                  lane_value(work.series, 2, lane, order, s), linear)
-            strength = ratio * load + number[EXCESS_RATIO] * polynomial.value(work.rows, LOAD, order, s)
+            strength = ratio * load + number[of.EXCESS_RATIO] * polynomial.value(work.rows, LOAD, order, s)
             least[STUCK, column] = strength - places[ARRIVAL] * need
 
 
@@ -194,5 +184,5 @@ def note_arrival(mode: int, state: Any, drive: Any, rates: Rates, numbers: Any,
             engine, load = excitation_change(number, state.tau, state.shift, rates)
             need = torque_change(number, state.plate_angle, state.plate_speed, drive.torque, engine,
                                  columns[b, 1, lane], columns[b, 2, lane], linear)
-            least[ARRIVAL, GRADIENT + b * LANES + lane] = (ratio * load + number[EXCESS_RATIO] * drive.load
+            least[ARRIVAL, GRADIENT + b * LANES + lane] = (ratio * load + number[of.EXCESS_RATIO] * drive.load
                                                            + mode * need - rate / slip_rate * columns[b, 0, lane])

@@ -17,24 +17,11 @@ import numpy as np
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, LINEAR_ORDER
-from tcc_sim.solvers.key_derivatives import (
-    DAMPING,
-    DECAY,
-    EXCESS_RATIO,
-    FLYWHEEL_INERTIA,
-    LOAD_AMPLITUDE,
-    LOAD_PHASE,
-    LOG_FREQUENCY,
-    MEAN_LOAD,
-    MEAN_TORQUE,
-    PLATE_INERTIA,
-    STIFFNESS,
-    TORQUE_AMPLITUDE,
-)
 from tcc_sim.solvers.series import (
     ANGLE,
     COLUMNS,
@@ -175,24 +162,24 @@ def friction_change(mode: int, order: int, number: Any, rates: Rates, length: fl
                     stribeck: Stribeck, falls: bool, rows: Any) -> None:
     """Row MIXED: how the friction torque changes with the numbers at a given motion; row LOAD_CHANGE: how Ts does."""
     varies = 1
-    if number[LOAD_AMPLITUDE] != 0.0 or number[LOAD_PHASE] != 0.0:
+    if number[of.LOAD_AMPLITUDE] != 0.0 or number[of.LOAD_PHASE] != 0.0:
         varies = order
-    turn = number[LOAD_PHASE] * rates.amplitude / (rates.load * length)
+    turn = number[of.LOAD_PHASE] * rates.amplitude / (rates.load * length)
     for k in range(order):
-        change = number[LOAD_AMPLITUDE] * rows[LOAD_SINE, k] + turn * (k + 1) * rows[LOAD_SINE, k + 1]
-        rows[LOAD_CHANGE, k] = change + (number[MEAN_LOAD] if k == 0 else 0.0)
+        change = number[of.LOAD_AMPLITUDE] * rows[LOAD_SINE, k] + turn * (k + 1) * rows[LOAD_SINE, k + 1]
+        rows[LOAD_CHANGE, k] = change + (number[of.MEAN_LOAD] if k == 0 else 0.0)
         rows[MIXED, k] = mode * rows[LOAD_CHANGE, k]
     if stribeck is not None and falls:
-        share, excess = mode * number[EXCESS_RATIO], mode * stribeck[0]
+        share, excess = mode * number[of.EXCESS_RATIO], mode * stribeck[0]
         for k in range(order):
             rows[MIXED, k] += share * rows[HOLD, k]
         for j in range(varies):
             change = excess * rows[LOAD_CHANGE, j]
             for k in range(j, order):
                 rows[MIXED, k] += change * rows[EXCESS, k - j]
-        if number[DECAY] != 0.0:
+        if number[of.DECAY] != 0.0:
             for j in range(order):
-                change = number[DECAY] * stribeck[0] * rows[SLIP, j]
+                change = number[of.DECAY] * stribeck[0] * rows[SLIP, j]
                 for k in range(j, order):
                     rows[MIXED, k] -= change * rows[HOLD, k - j]
 
@@ -202,23 +189,23 @@ def add_force(mode: int, order: int, length: float, linear: Linear, number: Any,
               force: Any) -> None:
     """The right-hand side df/dp of a lane, in the units of the series, from row MIXED; see `key_derivatives`."""
     flywheel, plate, damping, stiffness = linear
-    per_length, slower = 1.0 / length, number[LOG_FREQUENCY]
+    per_length, slower = 1.0 / length, number[of.LOG_FREQUENCY]
     per_flywheel, per_plate, per_both = 1.0 / flywheel, 1.0 / plate, 1.0 / (flywheel + plate)
     for k in range(order):
         weight = length * INVERSE[k + 1]
         speed_rate = (k + 1) * rows[SPEED, k + 1] * per_length
-        held = number[DAMPING] * rows[SPEED, k] + number[STIFFNESS] * rows[ANGLE, k]
-        torque = number[TORQUE_AMPLITUDE] * rows[SINE, k] + (number[MEAN_TORQUE] if k == 0 else 0.0)
+        held = number[of.DAMPING] * rows[SPEED, k] + number[of.STIFFNESS] * rows[ANGLE, k]
+        torque = number[of.TORQUE_AMPLITUDE] * rows[SINE, k] + (number[of.MEAN_TORQUE] if k == 0 else 0.0)
         force[3 * k + 1, lane] = -weight * slower * rows[SPEED, k]
         if mode == STICK:
-            push = torque - held - speed_rate * (number[FLYWHEEL_INERTIA] + number[PLATE_INERTIA])
+            push = torque - held - speed_rate * (number[of.FLYWHEEL_INERTIA] + number[of.PLATE_INERTIA])
             force[3 * k, lane] = 0.0
             force[3 * k + 2, lane] = weight * (push * per_both - slower * speed_rate)
         else:
             friction = plate * speed_rate + damping * rows[SPEED, k] + stiffness * rows[ANGLE, k]
             change = rows[MIXED, k] if mode != FREE else 0.0
-            drive = torque - change - (rows[ENGINE, k] - friction) * per_flywheel * number[FLYWHEEL_INERTIA]
-            pull = (change - held - speed_rate * number[PLATE_INERTIA]) * per_plate
+            drive = torque - change - (rows[ENGINE, k] - friction) * per_flywheel * number[of.FLYWHEEL_INERTIA]
+            pull = (change - held - speed_rate * number[of.PLATE_INERTIA]) * per_plate
             slip_rate = (k + 1) * rows[SLIP, k + 1] * per_length
             force[3 * k, lane] = weight * (drive * per_flywheel - pull - slower * slip_rate)
             force[3 * k + 2, lane] = weight * (pull - slower * speed_rate)

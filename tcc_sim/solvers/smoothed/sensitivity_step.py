@@ -6,23 +6,9 @@ import math
 from typing import Any
 
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.key_derivatives import (
-    DAMPING,
-    DECAY,
-    EXCESS_RATIO,
-    FLYWHEEL_INERTIA,
-    LOAD_AMPLITUDE,
-    LOAD_PHASE,
-    LOG_FREQUENCY,
-    MEAN_LOAD,
-    MEAN_TORQUE,
-    PLATE_INERTIA,
-    SMOOTHING,
-    STIFFNESS,
-    TORQUE_AMPLITUDE,
-)
 from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, add_sine
 from tcc_sim.solvers.smoothed.collocation_tables import (
     DEGREE,
@@ -95,19 +81,19 @@ def change_excitation(group: Any, lane: int, count: int, unit: float, loaded: bo
     """The rows TORQUE and LOADED: coefficients of what Te and Ts change by, at constant time from the step's start."""
     by = group.by
     for k in range(count):
-        series[TORQUE, k] = by[LOG_FREQUENCY, lane] * k * rows[ENGINE, k]
+        series[TORQUE, k] = by[of.LOG_FREQUENCY, lane] * k * rows[ENGINE, k]
         series[LOADED, k] = 0.0
-    series[TORQUE, 0] += by[MEAN_TORQUE, lane]
-    if by[TORQUE_AMPLITUDE, lane] != 0.0:
-        share = by[TORQUE_AMPLITUDE, lane]
+    series[TORQUE, 0] += by[of.MEAN_TORQUE, lane]
+    if by[of.TORQUE_AMPLITUDE, lane] != 0.0:
+        share = by[of.TORQUE_AMPLITUDE, lane]
         add_sine(series, TORQUE, count, share * waves[0].sine, share * waves[0].cosine, waves[0].rate * unit)
     if loaded:
-        series[LOADED, 0] = by[MEAN_LOAD, lane]
+        series[LOADED, 0] = by[of.MEAN_LOAD, lane]
         if pulsation is not None:
-            if by[LOG_FREQUENCY, lane] != 0.0:
+            if by[of.LOG_FREQUENCY, lane] != 0.0:
                 for k in range(1, count):
-                    series[LOADED, k] = by[LOG_FREQUENCY, lane] * k * rows[LOAD, k]
-            share, turned = by[LOAD_AMPLITUDE, lane], by[LOAD_PHASE, lane] * pulsation[0]
+                    series[LOADED, k] = by[of.LOG_FREQUENCY, lane] * k * rows[LOAD, k]
+            share, turned = by[of.LOAD_AMPLITUDE, lane], by[of.LOAD_PHASE, lane] * pulsation[0]
             if share != 0.0 or turned != 0.0:
                 add_sine(series, LOADED, count, share * drive.load_sine + turned * drive.load_cosine,
                          share * drive.load_cosine - turned * drive.load_sine, pulsation[1] * unit)
@@ -119,16 +105,16 @@ def change_law(group: Any, lane: int, count: int, sign: float, rows: Any, stribe
     by = group.by
     for k in range(count):
         series[SCRATCH, k] = 0.0
-    if by[SMOOTHING, lane] != 0.0:
+    if by[of.SMOOTHING, lane] != 0.0:
         for k in range(count):
             for j in range(k + 1):
-                series[SCRATCH, k] += by[SMOOTHING, lane] * series[RISING, j] * rows[SLIP, k - j]
+                series[SCRATCH, k] += by[of.SMOOTHING, lane] * series[RISING, j] * rows[SLIP, k - j]
     if stribeck is not None:
-        if by[EXCESS_RATIO, lane] != 0.0:
+        if by[of.EXCESS_RATIO, lane] != 0.0:
             for k in range(count):
-                series[SCRATCH, k] += by[EXCESS_RATIO, lane] * series[FALLEN, k]
-        if by[DECAY, lane] != 0.0:
-            share = -by[DECAY, lane] * stribeck[0] * sign
+                series[SCRATCH, k] += by[of.EXCESS_RATIO, lane] * series[FALLEN, k]
+        if by[of.DECAY, lane] != 0.0:
+            share = -by[of.DECAY, lane] * stribeck[0] * sign
             for k in range(count):
                 for j in range(k + 1):
                     series[SCRATCH, k] += share * series[FALLEN, j] * rows[SLIP, k - j]
@@ -150,9 +136,9 @@ def change_torques(group: Any, lane: int, count: int, unit: float, constant: boo
                     friction += rows[LOAD, j] * series[SCRATCH, k - j]
         plate, slip = (k + 1) * rows[SPEED, k + 1] / unit, (k + 1) * rows[SLIP, k + 1] / unit
         torques[ON_CLUTCH, k, lane] = friction
-        torques[ON_FLYWHEEL, k, lane] = series[TORQUE, k] - by[FLYWHEEL_INERTIA, lane] * (slip + plate)
-        torques[ON_PLATE, k, lane] = -(by[PLATE_INERTIA, lane] * plate + by[DAMPING, lane] * rows[SPEED, k]
-                                       + by[STIFFNESS, lane] * rows[ANGLE, k])
+        torques[ON_FLYWHEEL, k, lane] = series[TORQUE, k] - by[of.FLYWHEEL_INERTIA, lane] * (slip + plate)
+        torques[ON_PLATE, k, lane] = -(by[of.PLATE_INERTIA, lane] * plate + by[of.DAMPING, lane] * rows[SPEED, k]
+                                       + by[of.STIFFNESS, lane] * rows[ANGLE, k])
 
 
 @fast
@@ -197,35 +183,36 @@ def change_at_nodes(group: Any, lane: int, h: float, level: int, sign: float, lo
     by, rows, turn = group.by, work.rows, tables.turns[level]
     for n in range(NODES):
         s = C[n] * h
-        torque, load = by[MEAN_TORQUE, lane], 0.0
-        if by[TORQUE_AMPLITUDE, lane] != 0.0:
+        torque, load = by[of.MEAN_TORQUE, lane], 0.0
+        if by[of.TORQUE_AMPLITUDE, lane] != 0.0:
             angle = waves[0].rate * s
-            torque += by[TORQUE_AMPLITUDE, lane] * (waves[0].sine * math.cos(angle) + waves[0].cosine * math.sin(angle))
-        if by[LOG_FREQUENCY, lane] != 0.0:
+            torque += by[of.TORQUE_AMPLITUDE, lane] * (
+                waves[0].sine * math.cos(angle) + waves[0].cosine * math.sin(angle))
+        if by[of.LOG_FREQUENCY, lane] != 0.0:
             for i in range(waves.shape[0]):
                 angle = waves[i].rate * s
-                torque += by[LOG_FREQUENCY, lane] * angle * waves[i].amplitude * (
+                torque += by[of.LOG_FREQUENCY, lane] * angle * waves[i].amplitude * (
                     waves[i].cosine * math.cos(angle) - waves[i].sine * math.sin(angle))
         if loaded:
-            load = by[MEAN_LOAD, lane]
+            load = by[of.MEAN_LOAD, lane]
             if pulsation is not None:
                 sine = drive.load_sine * turn.cosine[n] + drive.load_cosine * turn.sine[n]
                 cosine = drive.load_cosine * turn.cosine[n] - drive.load_sine * turn.sine[n]
-                turned = by[LOAD_PHASE, lane] + by[LOG_FREQUENCY, lane] * pulsation[1] * s
-                load += by[LOAD_AMPLITUDE, lane] * sine + turned * pulsation[0] * cosine
+                turned = by[of.LOAD_PHASE, lane] + by[of.LOG_FREQUENCY, lane] * pulsation[1] * s
+                load += by[of.LOAD_AMPLITUDE, lane] * sine + turned * pulsation[0] * cosine
         v, law, rising, change = work.slip[n], work.law[n], work.slope[n], 0.0
         if stribeck is not None:
             factor = math.exp(-stribeck[1] * sign * v)
             fallen = law * factor / (1.0 + stribeck[0] * factor)
             rising += stribeck[1] * sign * stribeck[0] * fallen
-            change += by[EXCESS_RATIO, lane] * fallen - by[DECAY, lane] * stribeck[0] * sign * v * fallen
-        change += by[SMOOTHING, lane] * rising * v / limits.sigma
+            change += by[of.EXCESS_RATIO, lane] * fallen - by[of.DECAY, lane] * stribeck[0] * sign * v * fallen
+        change += by[of.SMOOTHING, lane] * rising * v / limits.sigma
         plate_speed = polynomial.value(rows, SPEED, DEGREE, C[n])
         plate = polynomial.value_and_slope(rows, SPEED, DEGREE, C[n])[1] / h
         slip = polynomial.value_and_slope(rows, SLIP, DEGREE, C[n])[1] / h
-        pull = -(by[PLATE_INERTIA, lane] * plate + by[DAMPING, lane] * plate_speed
-                 + by[STIFFNESS, lane] * polynomial.value(rows, ANGLE, DEGREE, C[n]))
-        group.applied[lane, n] = torque - by[FLYWHEEL_INERTIA, lane] * (slip + plate) + pull
+        pull = -(by[of.PLATE_INERTIA, lane] * plate + by[of.DAMPING, lane] * plate_speed
+                 + by[of.STIFFNESS, lane] * polynomial.value(rows, ANGLE, DEGREE, C[n]))
+        group.applied[lane, n] = torque - by[of.FLYWHEEL_INERTIA, lane] * (slip + plate) + pull
         group.nodes[lane, n] -= limits.beta * (law * load + pull) + work.grip[n] * change
 
 
