@@ -116,6 +116,33 @@ def later_part(workspace: Any, row: int, degree: int, at: float) -> None:
 
 
 @fast
+def slope_changes(workspace: Any, row: int, degree: int) -> tuple[int, float, float]:
+    """How often the slope of the polynomial whose Bernstein coefficients are in a row may change its sign, by
+    Descartes' rule; where it does last, as a share of the row's interval; and the last step between coefficients.
+    """
+    noise, changes, last, place = workspace[row, NOISE], 0, 0.0, 0.0
+    for i in range(degree):
+        difference = workspace[row, i + 1] - workspace[row, i]
+        if abs(difference) > 2.0 * noise:
+            if difference * last < 0.0:
+                changes += 1
+                place = (i - difference / (difference - last)) / (degree - 1.0)  # The slope's own degree.
+            last = difference
+    return changes, place, last
+
+
+@fast
+def search_on(workspace: Any, row: int, degree: int, changes: int, shortest: float) -> int:
+    """Halve the interval of a row where its slope changes its sign more than once, else drop it; the row that is
+    next.
+    """
+    if changes < 2 or workspace[row, WIDTH] <= shortest or row + 2 >= WORKSPACE[0]:
+        return row - 1
+    halve(workspace, row, degree)
+    return row + 1
+
+
+@fast
 def isolate(workspace: Any, degree: int, threshold: float) -> tuple[float, float, float]:
     """Ends of an interval with exactly one root, the first at which the polynomial of row 1 falls, and a guess of it.
 

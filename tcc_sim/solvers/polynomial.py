@@ -21,9 +21,10 @@ from tcc_sim.solvers.bernstein import (
     ROUNDING,
     WIDTH,
     WORKSPACE,
-    halve,
     isolate,
     later_part,
+    search_on,
+    slope_changes,
     to_bernstein,
 )
 from tcc_sim.solvers.compiling.compiled import fast
@@ -232,30 +233,19 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
     shortest = x_end * 2.0 ** -HALVINGS
     while top > 0:
         noise = workspace[top, NOISE]
-        outside, changes = 0, 0
-        last, place = 0.0, 0.0
+        outside, changes, place, last = 0, 0, 0.0, 0.0
         for i in range(degree + 1):
             coefficient = workspace[top, i]
             outside += 1 if coefficient > highest + noise or coefficient < lowest - noise else 0
         if outside > 0:
             highest = max(highest, workspace[top, 0], workspace[top, degree])
             lowest = min(lowest, workspace[top, 0], workspace[top, degree])
-            for i in range(degree):
-                difference = workspace[top, i + 1] - workspace[top, i]
-                if abs(difference) > 2.0 * noise:
-                    if difference * last < 0.0:
-                        changes += 1
-                        place = (i - difference / (difference - last)) / (degree - 1.0)  # The slope's own degree.
-                    last = difference
-        left, width = workspace[top, LEFT], workspace[top, WIDTH]
+            changes, place, last = slope_changes(workspace, top, degree)
         if changes == 1:
+            left, width = workspace[top, LEFT], workspace[top, WIDTH]
             v = turning(c, row, degree, left, left + width, left + width * place, last < 0.0, noise)
             highest, lowest = max(highest, v), min(lowest, v)
-        if changes < 2 or width <= shortest or top + 2 >= WORKSPACE[0]:
-            top -= 1
-        else:
-            halve(workspace, top, degree)
-            top += 1
+        top = search_on(workspace, top, degree, changes, shortest)
     return highest, lowest
 
 

@@ -12,7 +12,16 @@ from typing import Any
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.bernstein import BERNSTEIN, HALVINGS, LEFT, NOISE, WIDTH, WORKSPACE, halve, to_bernstein
+from tcc_sim.solvers.bernstein import (
+    BERNSTEIN,
+    HALVINGS,
+    LEFT,
+    WIDTH,
+    WORKSPACE,
+    search_on,
+    slope_changes,
+    to_bernstein,
+)
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
@@ -59,27 +68,18 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
     top, place = 1, -1.0
     shortest = x_end * 2.0 ** -HALVINGS
     while top > 0:
-        noise, changes, last, least = workspace[top, NOISE], 0, 0.0, math.inf
+        changes, last, least = 0, 0.0, math.inf
         for i in range(degree + 1):
             least = min(least, sign * workspace[top, i])
         if least < below:
-            for i in range(degree):
-                difference = sign * (workspace[top, i + 1] - workspace[top, i])
-                if abs(difference) > 2.0 * noise:
-                    if difference * last < 0.0:
-                        changes += 1
-                    last = difference
-        left, width = workspace[top, LEFT], workspace[top, WIDTH]
-        if changes == 1 and last > 0.0:
+            changes, _, last = slope_changes(workspace, top, degree)
+        if changes == 1 and sign * last > 0.0:
+            left, width = workspace[top, LEFT], workspace[top, WIDTH]
             x = root_of_slope(c, row, degree, left, left + width, sign)
             value = sign * polynomial.value(c, row, degree, x)
             if value < below and 0.0 < x < x_end:
                 below, place = value, x
-        if changes < 2 or width <= shortest or top + 2 >= WORKSPACE[0]:
-            top -= 1
-        else:
-            halve(workspace, top, degree)
-            top += 1
+        top = search_on(workspace, top, degree, changes, shortest)
     return below, place
 
 
