@@ -152,14 +152,13 @@ def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, outp
 
 
 @fast
-def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
-           stick_speed: float, output: Any, store: Store, angle: Any, workspace: Any) -> None:
+def record(work: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
+           stick_speed: float, output: Any, store: Store, angle: Any) -> None:
     """Keep what a step over [0, x] says.
-
-    The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
 
     Parameters
     ----------
+    work : its `rows`, and `bernstein`, whose first row holds the Bernstein coefficients of the slip speed over [0, x]
     cut : where in [0, x] the engine cycle ends; beyond x where it does not
     tau, time : start of the step in its cycle, and since the start of cycle 0, s
     stick_speed : |v| up to which the mode is stick
@@ -167,6 +166,6 @@ def record(rows: Any, degree: int, unit: float, x: float, cut: float, tau: float
     angle : not None where theta1 is kept too
     """
     if store.per_cycle > 0:
-        keep_samples(rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
-    behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, store.moves, workspace)
-    keep_cycle(rows, degree, x, cut, behind, output, store.cycles, workspace)
+        keep_samples(work.rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
+    behind = keep_modes(work.rows, degree, unit, x, cut, time, stick_speed, output, store.moves, work.bernstein)
+    keep_cycle(work.rows, degree, x, cut, behind, output, store.cycles, work.bernstein)

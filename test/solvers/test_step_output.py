@@ -12,6 +12,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from tcc_sim.solvers import polynomial, step_output
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
+from tcc_sim.solvers.smoothed.state import WORK
 
 PERIOD, CYCLES, LAYER = 0.5, 3, 0.25
 END = PERIOD * CYCLES
@@ -41,21 +42,21 @@ class Kept:
         self.samples = np.full((CYCLES * per_cycle, 4 if angle else 3), np.nan)
         start = float(motions[SLIP](0.0))
         self.output["mode"], self.output["highest"], self.output["lowest"] = mode, start, start
-        rows, workspace = np.zeros((max(motions) + 2, polynomial.DEGREE_MAXIMUM + 3)), np.zeros(polynomial.WORKSPACE)
+        work: Any = np.zeros(1, WORK)[0]
         degree = max(p.degree() for p in motions.values())
         begin, tau = 0.0, 0.0
         for end in ends:
             for row, p in motions.items():
-                rows[row] = 0.0
+                work["rows"][row] = 0.0
                 found = about(p, begin, unit)
-                rows[row, :len(found)] = found
+                work["rows"][row, :len(found)] = found
             x = (end - begin) / unit
             cut = (PERIOD - tau) / unit
             cut = x if abs(cut - x) < 1e-12 else cut
-            polynomial.to_bernstein(rows, SLIP, degree, x, workspace)
-            step_output.record(rows, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
+            polynomial.to_bernstein(work["rows"], SLIP, degree, x, work["bernstein"])
+            step_output.record(work, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
                                step_output.Store(self.cycles, self.samples, per_cycle, self.moves),
-                               True if angle else None, workspace)
+                               True if angle else None)
             begin, tau = end, end - PERIOD * self.output["cycle"]
 
 

@@ -25,7 +25,7 @@ from tcc_sim.solvers.bernstein import (
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
-from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD
+from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
 from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, sine_and_cosine
 
 GRAZING, ARRIVAL, STUCK = range(3)
@@ -139,10 +139,10 @@ def excitation_change(number: Any, tau: float, shift: float, rates: Rates) -> tu
 
 
 @fast
-def note_gradient(mode: int, order: int, block: int, tau: float, shift: float, length: float,
-                  rates: Rates, numbers: Any, linear: Linear, ratio: float, work: Any,
-                  least: Any, places: Any) -> None:
-    """Derivatives of the margins that `note_step` has found in a step, by the disturbances of a block."""
+def note_gradient(mode: int, step: Step, block: int, tau: float, shift: float, rates: Rates, numbers: Any,
+                  linear: Linear, ratio: float, work: Any, least: Any, places: Any) -> None:
+    """Derivatives of the margins that `note_step` has found in a step from `tau`, by the disturbances of a block."""
+    order, length = step.degree, step.x * step.unit
     for lane in range(LANES):
         column = GRADIENT + block * LANES + lane
         if places[GRAZING] > 0.0:

@@ -180,8 +180,8 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                     for lane in range(LANES):
                         climbs[n, block, lane] = side * lane_value(work.series, 0, lane, step.degree, peak)
                 if found:
-                    note_gradient(mode, step.degree, block, tau, shift, length, rates, numbers, terms.linear,
-                                  bounds.ratio, work, least, places)
+                    note_gradient(mode, step, block, tau, shift, rates, numbers, terms.linear, bounds.ratio, work,
+                                  least, places)
         event = settle(bounds, terms, waves, step, goal, state, drive, rows, None)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return LOST

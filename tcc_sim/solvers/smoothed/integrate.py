@@ -168,8 +168,8 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
     state, _, _, work, _, output = memory
     keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
     begun = started(first + output.cycle, limits.period, terms.course)
-    record(work.rows, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed,
-           output, store, angle, work.bernstein)
+    record(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed, output,
+           store, angle)
 
 
 @fast

@@ -158,8 +158,8 @@ def carry(tangent: Any, method: int, place: Place, friction: Friction, step: Ste
     rows, series = work.rows, method == SERIES
     rung = tables.rungs[level]
     if series:
-        carry_series(tangent, place, friction, order, step.unit, loaded, limits, terms, waves, drive, rows,
-                     terms.pulsation, terms.stribeck)
+        carry_series(tangent, place, friction, step, loaded, limits, terms, waves, drive, rows, terms.pulsation,
+                     terms.stribeck)
     else:
         fill_plate(rung, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,

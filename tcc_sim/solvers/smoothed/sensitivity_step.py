@@ -142,11 +142,11 @@ def change_torques(group: Any, lane: int, count: int, unit: float, constant: boo
 
 
 @fast
-def carry_series(tangent: Any, place: Place, friction: Friction, order: int, unit: float, loaded: bool, limits: Limits,
-                 terms: Terms, waves: Any, drive: Any, rows: Any, pulsation: tuple[float, float, float] | None,
+def carry_series(tangent: Any, place: Place, friction: Friction, step: Step, loaded: bool, limits: Limits, terms: Terms,
+                 waves: Any, drive: Any, rows: Any, pulsation: tuple[float, float, float] | None,
                  stribeck: Stribeck) -> None:
     """Coefficients of all changes over a series step."""
-    series = tangent.shared.series
+    series, order, unit = tangent.shared.series, step.degree, step.unit
     varies = place.region != 0 and loaded
     if varies:
         friction_along(order, rows, series, place.region, rows[SLIP, 0], place.sign, limits.sigma, friction, pulsation,
@@ -176,11 +176,11 @@ def carry_series(tangent: Any, place: Place, friction: Friction, order: int, uni
 
 
 @fast
-def change_at_nodes(group: Any, lane: int, h: float, level: int, sign: float, loaded: bool, limits: Limits,
-                    waves: Any, tables: Tables, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
+def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool, limits: Limits, waves: Any,
+                    tables: Tables, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
                     stribeck: Stribeck) -> None:
     """Torque on flywheel and plate together, and what the balance of the nodes changes by, of one lane."""
-    by, rows, turn = group.by, work.rows, tables.turns[level]
+    by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
     for n in range(NODES):
         s = C[n] * h
         torque, load = by[of.MEAN_TORQUE, lane], 0.0
@@ -220,7 +220,7 @@ def change_at_nodes(group: Any, lane: int, h: float, level: int, sign: float, lo
 def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Tables,
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Changes of the slip speed at the nodes of a collocation step."""
-    rung, h = tables.rungs[level], tables.rungs[level].length
+    rung = tables.rungs[level]
     law_at_nodes(place, limits.sigma, stribeck, work)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
     for i in range(tangent.groups.shape[0]):
@@ -231,8 +231,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
             for n in range(NODES):
                 nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * rung.start[n]
             if group.forced & (1 << lane):
-                change_at_nodes(group, lane, h, level, place.sign, loaded, limits, waves, tables, drive, work,
-                                pulsation,
+                change_at_nodes(group, lane, level, place.sign, loaded, limits, waves, tables, drive, work, pulsation,
                                 stribeck)
                 for m in range(NODES):
                     for n in range(NODES):
