@@ -13,7 +13,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.integrate import Setup, advance, begin, load_phase, note_move, settle
+from tcc_sim.solvers.event_driven.integrate import Memory, Setup, advance, begin, load_phase, note_move, settle
 from tcc_sim.solvers.event_driven.margins import lane_value, note_arrival, note_gradient, note_step, smallest_dip
 from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import (
@@ -128,18 +128,46 @@ def note_start(n: int, v: float, columns: Any, heights: Any, climbs: Any) -> Non
 
 
 @compiled
-def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rates: Rates, state: Any, drive: Any,
-                        output: Any, moves: Any, disturbed: Disturbed, wanted: bool, least: Any, work: Any,
-                        room: Any) -> int:
+def resolved_step(finish: float, setup: Setup, rates: Rates, memory: Memory,
+                  work: Any) -> tuple[Step, float, float, bool]:
+    """The next step, no longer than the series of disturbances hold, with what they take of it in `work`.
+
+    Returns
+    -------
+    The step, its length (s), the time that it was to reach (s into the cycle), whether the friction coefficient varies.
+    """
+    bounds, terms, waves, _, _ = setup
+    state, drive, counters, _, (rows, workspace, _, _) = memory
+    mode, tau, shift = state.mode, state.tau, state.shift
+    goal = min(finish, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
+                                          state))
+    while True:
+        step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
+        counters.steps += 1
+        length = step.x * step.unit
+        falls = False
+        if terms.stribeck is not None:
+            falls = step.degree == FALLING_ORDER and mode != STICK and mode != FREE
+        if length > 0.0:
+            scale_step(mode, falls, step.degree, step.x, rows, rates, tau, shift, length, terms.pulsation,
+                       terms.stribeck, work.rows)
+        if not (falls and length > 0.0 and unresolved(work.rows, terms.stribeck)):
+            return step, length, goal, falls
+        goal = tau + SHORTER * length
+
+
+@compiled
+def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rates: Rates, memory: Memory, moves: Any,
+                        disturbed: Disturbed, wanted: bool, least: Any, work: Any, places: Any) -> int:
     """From `state.tau` seconds into cycle `first` over `passes` ends of cycles to `tail` seconds behind the last one.
 
     wanted, least : whether margins are looked for, and where they are kept
-    room : arrays (SHAPE), (WORKSPACE) and (3) to work in
+    work, places : a record of VARIATION and an array (3) to work in
     """
     bounds, terms, waves, phase, _ = setup
+    state, drive, counters, output, (rows, workspace, _, _) = memory
     numbers, columns, heights, climbs = disturbed
-    rows, workspace, places = room
-    period, steps, n = bounds.period, 0, 0
+    period, n = bounds.period, 0
     total = passes + (1 if tail > 0.0 else 0)
     state.shift = load_phase(phase[0], phase[1], float(first))
     begin(bounds, terms, waves, state, drive)
@@ -150,25 +178,11 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
     while n < total:
         finish = period if n < passes else tail
         mode, tau, shift = state.mode, state.tau, state.shift
-        goal = min(finish, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
-                                              state))
-        while True:
-            step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
-            steps += 1
-            if not step.x >= 0.0:
-                return LOST
-            if steps > bounds.steps * total:
-                return SLOW
-            length = step.x * step.unit
-            falls = False
-            if terms.stribeck is not None:
-                falls = step.degree == FALLING_ORDER and mode != STICK and mode != FREE
-            if length > 0.0:
-                scale_step(mode, falls, step.degree, step.x, rows, rates, tau, shift, length, terms.pulsation,
-                           terms.stribeck, work.rows)
-            if not (falls and length > 0.0 and unresolved(work.rows, terms.stribeck)):
-                break
-            goal = tau + SHORTER * length
+        step, length, goal, falls = resolved_step(finish, setup, rates, memory, work)
+        if not step.x >= 0.0:
+            return LOST
+        if counters.steps > bounds.steps * total:
+            return SLOW
         if length > 0.0:
             found = wanted and note_step(mode, step.degree, step.x, rows, least, places, workspace)
             heights[n], peak, side = note_height(mode, step, rows, heights[n], workspace)

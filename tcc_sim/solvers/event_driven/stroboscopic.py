@@ -13,7 +13,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.event_driven.integrate import UNKNOWN, Setup
+from tcc_sim.solvers.event_driven.integrate import COUNTERS, UNKNOWN, Memory, Setup, Work
 from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
 from tcc_sim.solvers.event_driven.modes import STATE
 from tcc_sim.solvers.event_driven.sensitivity import LANES, VARIATION, Rates
@@ -93,16 +93,16 @@ class Prepared:
         n = last - first + (1 if tail > 0.0 else 0)
         columns = np.zeros((self.blocks, 3, LANES))
         columns[0, 0, 0] = columns[0, 1, 1] = columns[0, 2, 2] = 1.0
-        work, at, drive, output = (np.zeros(1, kind) for kind in (VARIATION, STATE, DRIVE, OUTPUT))
+        work, at, drive, counters, output = (np.zeros(1, kind) for kind in (VARIATION, STATE, DRIVE, COUNTERS, OUTPUT))
         at[0] = (state[0], state[1], state[2], 0.0, UNKNOWN, (start - first) * self.period, 0.0, math.inf, 0, UNKNOWN,
                  0.0)
         moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + self.blocks * LANES))
         least[:, VALUE] = np.inf
         heights, climbs = np.zeros(n), np.zeros((n, self.blocks, LANES))
-        disturbed = Disturbed(self.numbers, columns, heights, climbs)
-        ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, at[0], drive[0], output[0],
-                                    moves, disturbed, margins, least, work[0],
-                                    (np.zeros(SHAPE), np.zeros(WORKSPACE), np.zeros(3)))
+        memory = Memory(at[0], drive[0], counters[0], output[0], Work(np.zeros(SHAPE), np.zeros(WORKSPACE), None, None))
+        ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, memory, moves,
+                                    Disturbed(self.numbers, columns, heights, climbs), margins, least, work[0],
+                                    np.zeros(3))
         if ended != ARRIVED:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
         last_state, seen = at[0], moves[:int(output[0]["moves"])]
