@@ -37,9 +37,8 @@ from tcc_sim.solvers.smoothed.state import (
     Step,
 )
 from tcc_sim.solvers.smoothed.switching import (
-    after_collocation,
     after_refusal,
-    after_series,
+    after_step,
     begin_cycle,
     choose_method,
     not_a_number,
@@ -198,8 +197,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
     """
     limits, terms, ratio, waves, tables = setup
     state, control, drive, work, counters, output = memory
-    period = limits.period
-    shift = phase_of(first + output.cycle, ratio, terms.pulsation)
+    period, shift = limits.period, phase_of(first + output.cycle, ratio, terms.pulsation)
     while True:
         end = (count - output.cycle) * period + tail
         if not state.tau < end:
@@ -240,19 +238,15 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
         keep(step, degree, x, cut, first, limits, terms, memory, store, angle)
         finish(degree, x, whole, setup, memory, angle)
+        state.tau = after
         if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
-            state.tau = after
             return NOT_FINITE
         counters.steps += 1
         if after >= period:
-            after -= period
+            state.tau -= period
             begin_cycle(state, control)
             shift = phase_of(first + output.cycle, ratio, terms.pulsation)
-        state.tau = after
-        if method == SERIES:
-            after_series(x * step.unit, control)
-        elif whole:
-            after_collocation(step.error, step.unit, control, limits, tables)
+        after_step(step, x, control, limits, tables)
 
 
 @fast

@@ -16,7 +16,7 @@ from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
 from tcc_sim.solvers.smoothed.collocation_tables import LEVELS, Tables
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place
+from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place, Step
 from tcc_sim.solvers.smoothed.step_size import growth, rung_below
 from tcc_sim.solvers.terms import Terms
 
@@ -157,6 +157,15 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
     if control.method == STIFF:
         control.patience = PATIENCE
     leave_if_short(control, limits, tables)
+
+
+@fast
+def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Tables) -> None:
+    """What the next step is chosen by, after [0, x] of a step was taken."""
+    if control.method == SERIES:
+        after_series(x * step.unit, control)
+    elif x == step.x:
+        after_collocation(step.error, step.unit, control, limits, tables)
 
 
 @fast
