@@ -6,14 +6,17 @@ and may run across the end of that cycle; its polynomials are the rows SLIP, ANG
 
 from __future__ import annotations
 
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
+from tcc_sim.trajectory import Transitions
 
 CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
@@ -39,6 +42,32 @@ class Store(NamedTuple):
     per_cycle: int
     moves: Any
     loads: Any = None
+
+
+class _Scratch(threading.local):
+    """Where the transitions of a thread's solves go, one after the other: to ask for it anew costs more than a short
+    solve.
+    """
+
+    moves = np.empty(0, MOVE)
+
+
+_scratch = _Scratch()
+
+
+def room_for_moves(count: int) -> NDArray[Any]:
+    """Where so many transitions fit, until the thread's next solve."""
+    if len(_scratch.moves) < count:
+        _scratch.moves = np.empty(count, MOVE)
+    return _scratch.moves[:count]
+
+
+def transitions_of(found: list[NDArray[Any]]) -> Transitions:
+    """The transitions of all calls of a solve, from their records of MOVE."""
+    if not found:
+        return Transitions.none()
+    moves = np.concatenate(found)
+    return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))
 
 
 @fast

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import threading
 import time
 from typing import Any
 
@@ -42,9 +41,9 @@ from tcc_sim.solvers.loads import loads_of, room_for_loads
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
+from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store, room_for_moves, transitions_of
 from tcc_sim.solvers.terms import Terms, terms_of
-from tcc_sim.trajectory import Cycles, Floats, Modes, Statistics, Status, Trajectory, Transitions
+from tcc_sim.trajectory import Cycles, Floats, Modes, Statistics, Status, Trajectory
 
 STEP_MAXIMUM = 1_000_000
 """Most steps of one engine cycle."""
@@ -75,23 +74,6 @@ def work_of(bounds: Bounds) -> Work:
     return Work(np.zeros(SHAPE), np.zeros(WORKSPACE), *stiff)
 
 
-class Scratch(threading.local):
-    """Where the transitions of a thread's solves go, one after the other: to ask for it anew costs more than a
-    cycle.
-    """
-
-    moves = np.empty(0, MOVE)
-
-    def room_for(self, count: int) -> NDArray[Any]:
-        """Where so many transitions fit."""
-        if len(self.moves) < count:
-            self.moves = np.empty(count, MOVE)
-        return self.moves[:count]
-
-
-scratch = Scratch()
-
-
 def solve(problem: Problem) -> Trajectory:
     """Solve (1), (2) with the set-valued law (6), exact to rounding where mu_k = mu_s.
 
@@ -114,7 +96,7 @@ def solve(problem: Problem) -> Trajectory:
     output["highest"] = output["lowest"] = s.slip_speed
     cycles, samples = np.zeros((whole + 2, CYCLE.itemsize // 8)), np.zeros((len(times), 5))
     cycles[0, :3] = s.slip_speed, s.plate_angle, s.plate_speed
-    moves = scratch.room_for(MOVES + limit)
+    moves = room_for_moves(MOVES + limit)
     work = work_of(setup.bounds)
     loads = room_for_loads(problem)
     given = (setup._replace(waves=setup.waves.copy()),
@@ -126,13 +108,12 @@ def solve(problem: Problem) -> Trajectory:
         integrate(problem.start_cycle, 0, 0.0, STEP_MAXIMUM, *given)
         _compiled.add(variant)  # Compiling is not solving.
     began = time.perf_counter()
-    kept: list[Transitions] = []
+    kept: list[NDArray[Any]] = []
     while True:
         ended = integrate(problem.start_cycle, whole, rest, STEP_MAXIMUM, *given)
         n = int(output["moves"][0])
         if n:
-            kept.append(Transitions(moves["time"][:n].copy(), moves["before"][:n].astype(np.int8),
-                                    moves["after"][:n].astype(np.int8)))
+            kept.append(moves[:n].copy())
             output["moves"] = 0
         if ended != FULL:
             break
@@ -142,8 +123,7 @@ def solve(problem: Problem) -> Trajectory:
     times, samples = _with_end(times, samples, int(output["samples"][0]), problem, state[0], done * cycle, status)
     modes = samples[:, 4].astype(np.int8)
     highest, lowest, stick_time = cycles[:done, 3:].T.copy()
-    transitions = Transitions(*(np.concatenate(parts) for parts in zip(*map(_columns, kept)))) if kept else (
-        Transitions.none())
+    transitions = transitions_of(kept)
     out = assemble(problem, "event_driven", times, samples[:, :4 if problem.flywheel_angle else 3],
                    friction_torque=friction_torques(terms, times, samples, modes),
                    cycles=Cycles(cycles[:done + 1, :3].copy(), highest, lowest, stick_time,
@@ -151,11 +131,6 @@ def solve(problem: Problem) -> Trajectory:
                    transitions=transitions, status=status, detail=_detail(status, limit),
                    statistics=Statistics(steps=int(counters["steps"][0]), seconds=seconds))
     return dataclasses.replace(out, state=np.where(modes == FREE, np.sign(samples[:, 0]), modes).astype(np.int8))
-
-
-def _columns(moves: Transitions) -> tuple[Any, Any, Any]:
-    """The arrays of a part of the transitions."""
-    return moves.time, moves.before, moves.after
 
 
 def _with_end(times: Floats, samples: Floats, filled: int, problem: Problem, last: Any, done: float,

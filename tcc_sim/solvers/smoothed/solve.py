@@ -41,9 +41,9 @@ from tcc_sim.solvers.smoothed.state import (
 )
 from tcc_sim.solvers.smoothed.stretches import Stretch, longest_and_shortest_cycle, stretches_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store
+from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store, room_for_moves, transitions_of
 from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
-from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions
+from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory
 
 STEPS_AT_FIRST = 400_000
 """Steps of a solve before those of its cycles are counted."""
@@ -67,7 +67,6 @@ class Scratch(threading.local):
         self.whole = np.zeros(1, np.dtype(list(KINDS._asdict().items())))
         self.bytes = self.whole.view(np.uint8)
         self.memory = Memory(*(self.whole[0][name] for name in Memory._fields))
-        self.moves = np.empty(0, MOVE)
 
     def at(self, start: State, limits: Limits) -> Memory:
         """The memory as a solve finds it at its start."""
@@ -80,12 +79,6 @@ class Scratch(threading.local):
         output["mode"] = 0 if abs(v) <= limits.stick_speed else (1 if v > 0.0 else -1)
         output["highest"] = output["lowest"] = v
         return self.memory
-
-    def room_for(self, moves: int) -> NDArray[Any]:
-        """Where so many transitions fit."""
-        if len(self.moves) < moves:
-            self.moves = np.empty(moves, MOVE)
-        return self.moves[:moves]
 
 
 scratch = Scratch()
@@ -162,7 +155,7 @@ def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
         if variant not in _compiled:
             integrate(stretch._replace(cycles=0, rest=0.0), np.empty(0, MOVE))  # Compiling is not solving.
             _compiled.add(variant)
-        moves = scratch.room_for(min(16 * stretch.cycles + 4096, TRANSITIONS_MAXIMUM - kept))
+        moves = room_for_moves(min(16 * stretch.cycles + 4096, TRANSITIONS_MAXIMUM - kept))
         begin = time.perf_counter()
         status = integrate(stretch, moves)
         seconds += time.perf_counter() - begin
@@ -212,11 +205,3 @@ def sampled(problem: Problem, final: tuple[float, ...], samples: Floats, filled:
     else:
         filled = min(filled, len(times) - 1, int(np.searchsorted(times, reached)))
     return np.append(times[:filled], end), np.vstack([samples[:filled], final[:columns]])
-
-
-def transitions_of(found: list[NDArray[Any]]) -> Transitions:
-    """The transitions of all batches."""
-    if not found:
-        return Transitions.none()
-    moves = np.concatenate(found)
-    return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))
