@@ -187,6 +187,13 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
 
 
 @fast
+def newton_within(low: float, high: float, x: float, f: float, slope: float) -> float:
+    """Newton's next x for a root of f between low and high; their middle where it is not between them."""
+    following = x - f / slope if slope != 0.0 else math.inf
+    return following if low <= following <= high else 0.5 * (low + high)
+
+
+@fast
 def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, rising: bool, noise: float) -> float:
     """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high; x is
     a guess of it.
@@ -197,9 +204,7 @@ def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, ri
             low = x
         else:
             high = x
-        following = x - slope / curvature if curvature != 0.0 else math.inf
-        if not low <= following <= high:
-            following = 0.5 * (low + high)
+        following = newton_within(low, high, x, slope, curvature)
         if abs(slope * (following - x)) <= 0.1 * noise or abs(following - x) <= 4e-16 * high:
             return float(value(c, row, degree, following))
         x = following

@@ -45,9 +45,7 @@ def root_of_slope(c: Any, row: int, degree: int, low: float, high: float, sign: 
             low = x
         else:
             high = x
-        following = x - slope / curvature if curvature != 0.0 else math.inf
-        if not low <= following <= high:
-            following = 0.5 * (low + high)
+        following = polynomial.newton_within(low, high, x, slope, curvature)
         if abs(following - x) <= 1e-15 * high:
             return float(following)
         x = following
