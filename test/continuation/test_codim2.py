@@ -7,11 +7,8 @@ import pytest
 from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
-from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
-from tcc_sim.continuation.follow_curve import follow_curve
-from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
-from tcc_sim.continuation.problem import Image
+from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.smoothing_limit import limit_of
@@ -185,131 +182,6 @@ def test_a_neimark_sacker_curve_ends_in_the_resonances_1_1_and_1_2() -> None:
         assert found[name] == pytest.approx(place(angle), abs=1e-5)
 
 
-def test_a_curve_that_comes_back_is_closed() -> None:
-    def ring(x, p):  # Folds where p^2 + q^2 = 1.
-        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
-                np.array([[0.4 * p[0], 0.4 * p[1]]]))
-
-    curve, _ = curve_of(ring, 1, "fold", (0.0, 0.3), [-0.9], first=ParameterRange(-2.0, 2.0),
-                        second=ParameterRange(-2.0, 2.0))
-    assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
-    assert [p**2 + q**2 for p, q in zip(curve.values, curve.second)] == pytest.approx([1.0] * len(curve.values))
-
-
-class TakenBack(TextbookMap):
-    """Four cycles multiply x, known to 1e-15, by `gain` each; the fifth one has a cusp in that, and divides."""
-
-    forcing_period = 5
-    gain = 11.0
-
-    def __init__(self) -> None:
-        def step(x, p):
-            y = x * self.gain**4
-            return ((y + 0.2 * (p[0] + p[1] * y - y**3)) / self.gain**4,
-                    np.array([[1.0 + 0.2 * (p[1] - 3.0 * y[0] ** 2)]]), 0.2 / self.gain**4 * np.array([[1.0, y[0]]]))
-
-        super().__init__(step, 1)
-
-    def evaluate(self, x, values, first, cycles):
-        if cycles > 1:
-            a, b = self.evaluate(x, values, first, 1), self.evaluate
-            b = self.evaluate(a.value, values, first + 1, cycles - 1)
-            return Image(b.value, b.jacobian @ a.jacobian, b.jacobian @ a.by_parameter + b.by_parameter)
-        if first % 5 < 4:
-            return Image(self.gain * np.round(x, 15), np.array([[self.gain]]), np.zeros((1, 2)))
-        value, jacobian, by_parameter = self.step(x / self.gain**4, values)
-        return Image(value, jacobian / self.gain**4, by_parameter)
-
-
-def test_a_curve_goes_on_in_more_segments_where_growth_within_one_is_taken_back() -> None:
-    # The derivative over all cycles is one, but it bends within 1e-4.
-    span = ParameterRange(-1.0, 1.0)
-    of = TakenBack()
-    whole = Shooting.single(of, 5, span, Q)
-    x = -math.sqrt(0.2)
-    start = whole.unknowns(np.array([[x / of.gain**4]]), (-2.0 * x**3, 0.6))
-    equations = MinimallyAugmented("fold", whole, start)
-    steps = list(follow_curve(equations, equations.start, False, ((2, 0.0, 1.0), (1, 0.0, 1.0))))
-    values = [step.equations.shooting.values(step.solution.z) for step in steps]  # type: ignore[union-attr]
-    assert [27.0 * p**2 for p, _ in values] == pytest.approx([4.0 * q**3 for _, q in values], abs=1e-6)
-    assert min(values[-1][0] + 1.0, 1.5 - values[-1][1]) == pytest.approx(0.0, abs=1e-9)
-    assert [kind for step in steps for kind, _ in step.special] == ["cusp"]
-
-
-def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
-    # Folds on the circle x = 0, p^2 + q^2 = 1, and y' = (2.5 + p) y: three cycles are one segment at first.
-    def ring(x, p):
-        return (np.array([x[0] + 0.2 * (x[0] ** 2 + p[0] ** 2 + p[1] ** 2 - 1.0), (2.5 + p[0]) * x[1]]),
-                np.diag([1.0 + 0.4 * x[0], 2.5 + p[0]]), np.array([[0.4 * p[0], 0.4 * p[1]], [x[1], 0.0]]))
-
-    span = ParameterRange(-2.0, 2.0)
-    whole = Shooting.single(TextbookMap(ring, 2), 3, span, span, settings=Settings(growth=3.0, fewer_after=5))
-    equations = MinimallyAugmented("fold", whole, whole.unknowns(np.zeros((1, 2)), (-0.8, 0.6)))
-    steps, cuts = follow_curve(equations, equations.start, True, ((3, 0.0, 1.0), (2, 0.0, 1.0))), set()
-    while True:
-        try:
-            cuts.add(next(steps).equations.shooting.segments)  # type: ignore[union-attr]
-        except StopIteration as stopped:
-            reason, _ = stopped.value
-            break
-    assert cuts == {(3,), (1, 1, 1)}
-    assert reason is StopReason.CLOSED
-
-
-def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
-    ways = 0
-
-    def ring(x, p):  # Folds where p^2 + q^2 = 1; on the first way there is no map where q > 0.9.
-        if ways == 1 and p[1] > 0.9:
-            raise ArithmeticError("no map")
-        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
-                np.array([[0.4 * p[0], 0.4 * p[1]]]))
-
-    class Counted(TextbookMap):
-        """Counts how many ways have begun, by the parameters with which they do."""
-
-        def evaluate_each(self, states, values, firsts, cycles):
-            nonlocal ways
-            begins = np.allclose(values, (found.value, 0.3), rtol=0.0, atol=1e-12)
-            ways += begins and not self.beginning
-            self.beginning = begins
-            return super().evaluate_each(states, values, firsts, cycles)
-
-        beginning = False
-
-    span = ParameterRange(-2.0, 2.0)
-    found = of_kind(branch_of(at_second(ring, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
-    curve = bifurcation_curve(found, Counted(ring, 1), (span, span), 0.3)
-    assert ways == 2
-    assert curve is not None
-    assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
-    assert (curve.values[0], curve.second[0]) == (curve.values[-1], curve.second[-1])
-
-
-def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
-    # Folds on the circle x = 0, p^2 + q^2 = 1; the points behind are 40 degrees apart, so the chord is 20 off.
-    def ring(x, p):
-        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
-                np.array([[0.4 * p[0], 0.4 * p[1]]]))
-
-    def point(degrees: float) -> Solution:
-        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-        return solution_at(z := np.array([0.0, c, s]), equations.linearise(z), np.array([0.0, -s, c]))
-
-    span = ParameterRange(0.0, 1.0)
-    shooting = Shooting.single(TextbookMap(ring, 1), 1, span, span)
-    equations = MinimallyAugmented("fold", shooting, np.array([0.0, 1.0, 0.0]))
-    new = next_solution(equations, point(0.0), [point(-80.0), point(-40.0)], StepSize(equations.settings, 2.0))
-    assert new is not None
-    assert np.hypot(*new.z[1:]) == pytest.approx(1.0, abs=1e-8)
-    assert new.z[2] > 0.0
-
-
-def test_a_curve_stops_after_as_many_points_as_are_allowed() -> None:
-    curve, _ = curve_of(henon, 2, "fold", (0.1, 0.3), [0.1, 0.1], settings=Settings(max_points=3))
-    assert {end.reason for end in curve.ended} == {StopReason.POINTS}
-
-
 def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -> None:
     def smoothed(x, p):  # A fold at p = -1/sigma.
         e = 1.0 / p[1] if len(p) > 1 else 0.0
@@ -360,24 +232,3 @@ def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -
     lost = limit(torn(10.0, np.inf), 0.8, smoothed)
     assert lost.value is None
     assert lost.why.startswith("not found: the curve of the bifurcation was lost at sigma = ")
-
-
-def test_a_curve_goes_on_where_its_orbits_are_cut_anew() -> None:
-    # Period two has x + y = 1 - b and x y = (1 - b)^2 - a; its derivative has the trace 4 x y + 2 b and the
-    # determinant b^2, so it doubles at a = (1 - b)^2 + (1 + b)^2/4.
-    settings = Settings(growth=2.2)
-    curve, of = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], settings=settings, period=2)
-    assert curve.values == pytest.approx([(1.0 - b) ** 2 + 0.25 * (1.0 + b) ** 2 for b in curve.second], abs=1e-7)
-    assert {end.reason for end in curve.ended} == {StopReason.RANGE}
-    assert (min(curve.second) < -1.1, max(curve.second)) == (True, pytest.approx(1.5))
-    # Both cycles are one segment at first, and two where a disturbance grows to twice what is allowed over one.
-    found = of_kind(branch_of(at_second(henon, 0.3), 2, P.low, P.high, 0.6, [0.83, -0.13], 2), "period_doubling")
-    whole = Shooting.single(of, 2, P, Q, settings=settings)
-    start = whole.unknowns(found.point.orbit.nodes, (found.value, 0.3))
-    equations = MinimallyAugmented("period_doubling", whole, start)
-    for forward in (True, False):
-        steps = list(follow_curve(equations, equations.start, forward, ((3, 0.0, 1.0), (2, 0.0, 1.0))))
-        cuts = [step.equations.shooting.segments for step in steps]  # type: ignore[union-attr]
-        assert (cuts[0], cuts[-1]) == ((2,), (1, 1))
-        grown = [float(np.abs(step.solution.found.blocks).max()) for step, cut in zip(steps, cuts) if cut == (2,)]
-        assert 3.5 < max(grown) < 5.0
