@@ -105,8 +105,8 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
         if pressed:
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
         if number % 100 == 99:
-            writer.flush()
-    writer.flush()
+            writer.file.flush()
+    writer.file.flush()
     if cut:
         writer.abandon()
     else:

@@ -102,8 +102,8 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
         bag.write(states, n * 1_000_000, n * 1_000_000,
                   cdr.joint_state(n * 1_000_000, 0.1, 0.1, 50.0, 0.0, 300.0, 300.0))
         bag.write(other, n, n, b"\0\1\0\0" + evil.encode())
-    bag.metadata("rosbag2", {"serialized_metadata": f"relative_file_paths: ['{evil}']", "path": evil})
-    bag.note(evil, {"output": evil})
+    bag.file.metadata("rosbag2", {"serialized_metadata": f"relative_file_paths: ['{evil}']", "path": evil})
+    bag.file.note(evil, {"output": evil})
     bag.close({"lost": {evil: 1}, "solver": evil, "output": evil})
     (tmp_path / "run" / "metadata.yaml").write_text(f"relative_file_paths: ['{evil!r}']\n")
     assert main(["analyse", "run", "--verify"]) == 0  # From here on every kernel is in its cache.

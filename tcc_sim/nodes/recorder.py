@@ -121,10 +121,10 @@ class Recorder:
             wake = time.monotonic() + self.drain_period
             self.drain()
             if time.monotonic() >= flush:
-                self.bag.flush()
+                self.bag.file.flush()
                 flush = time.monotonic() + self.flush_period - self.drain_period
             if self.fsync_period and time.monotonic() >= synced + self.fsync_period - self.drain_period:
-                self.bag.sync()
+                self.bag.file.sync()
                 synced = time.monotonic()
             if time.monotonic() >= self.next_look:
                 self.bag.check()
@@ -298,7 +298,7 @@ def record(node: Node) -> int:
         return 0
     recorder.bag.abandon()
     said = str(failure) if isinstance(failure, RecordingError) else (
-        f"{recorder.bag.path} cannot be written: {failure.strerror}")
+        f"{recorder.bag.file.path} cannot be written: {failure.strerror}")
     sys.stderr.write(f"recorder: {one_line(said)}; what is in it stays readable\n")
     return 1
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,8 +14,8 @@ import yaml
 
 from tcc_sim import __version__
 from tcc_sim.errors import RecordingError
-from tcc_sim.messages.definitions import Definition, definition
-from tcc_sim.recording.mcap_file import MOST_CHUNKS, RELIABLE, FileSummary, McapFile, Topic, information
+from tcc_sim.messages.definitions import Definition
+from tcc_sim.recording.mcap_file import MOST_CHUNKS, RELIABLE, FileSummary, McapFile, information
 
 _PART = "_999999.mcap"
 
@@ -52,19 +53,21 @@ class BagWriter:
         self._max_chunks = max_chunks
         self._sync, self._result = sync, result
         self._done: list[FileSummary] = []
-        self._topics: list[Topic] = []
         self._scene: tuple[str, str, int] | None = None
-        self._counts: dict[int, int] = {}
         made = _make(directory)
         self._folder = -1
         try:
             self._folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-            self._file = McapFile(self._path(0), scene_text, version, self._folder)
+            self.file = McapFile(self._path(0), scene_text, version, self._folder)
             if scene_text is not None:
                 self._scene = scene_text, version, 0
             if sync:
                 os.fsync(self._folder)
-                _sync(directory.absolute().parent)
+                parent = os.open(directory.absolute().parent, os.O_RDONLY | os.O_DIRECTORY)
+                try:
+                    os.fsync(parent)
+                finally:
+                    os.close(parent)
         except BaseException:
             if self._folder >= 0:
                 os.close(self._folder)
@@ -74,14 +77,9 @@ class BagWriter:
             raise
 
     @property
-    def path(self) -> Path:
-        """The file that is being written."""
-        return self._file.path
-
-    @property
-    def counts(self) -> dict[int, int]:
+    def counts(self) -> Counter[int]:
         """Messages by channel, in all parts."""
-        return {channel: self._counts.get(channel, 0) + count for channel, count in self._file.counts.items()}
+        return sum((Counter(part.counts) for part in [*self._done, self.file.summary]), Counter())
 
     @property
     def scene_text(self) -> str | None:
@@ -90,40 +88,21 @@ class BagWriter:
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
         """Say which scene (YAML) the messages from here on come from."""
-        self._file.describe(scene_text, version, log_ns)
+        self.file.describe(scene_text, version, log_ns)
         self._scene = scene_text, version, log_ns
-
-    def note(self, name: str, result: Mapping[str, Any] | Sequence[str]) -> None:
-        """Write a metadata record of plain values (JSON) with its digest."""
-        self._file.note(name, result)
-
-    def metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record at once, outside any chunk."""
-        self._file.metadata(name, values)
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
                 schema: Definition | None = None, publisher: str = "") -> int:
         """Announce a topic (fully resolved name), of one publisher where that is said, and get its channel."""
-        found = Topic(topic, type_name, tuple(qos), schema or definition(type_name), publisher)
-        self._topics.append(found)
-        return self._file.announce(found)
+        return self.file.channel(topic, type_name, qos, schema, publisher)
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one serialised message: when it was received and sent, and its number at the publisher."""
-        file = self._file
+        file = self.file
         full = file.chunks and (file.size >= self._size or file.chunks >= self._max_chunks)
-        if full or log_ns - file.first_ns >= self._duration_ns:
-            self._split()
-            file = self._file
+        if full or log_ns - file.summary.first_ns >= self._duration_ns:
+            file = self._split()
         file.write(channel, log_ns, publish_ns, data, sequence)
-
-    def flush(self) -> None:
-        """Hand everything written so far to the operating system: a kill loses only what comes later."""
-        self._file.flush()
-
-    def sync(self) -> None:
-        """Wait until everything written so far is on the disk: a power cut loses only what comes later."""
-        self._file.sync()
 
     def check(self) -> None:
         """Raise RecordingError where the directory, or the file that is written, is no more where it was made."""
@@ -132,18 +111,19 @@ class BagWriter:
         except OSError:
             pass
         else:
-            if os.path.samestat(there, held) and self._file.linked():
+            if os.path.samestat(there, held) and self.file.linked():
                 return
         raise RecordingError(f"{self.directory} was renamed or removed while it was recorded to")
 
     def close(self, result: Mapping[str, Any] | None = None) -> None:
         """Close the last part and write metadata.yaml, which appears whole or not at all, and never over another."""
-        self._file.close(result, self._sync)
+        self.file.close(result, self._sync)
         draft = f".{os.urandom(8).hex()}.part"
         file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=self._folder)
         try:
             with open(file, "w", encoding="utf-8") as stream:
-                yaml.safe_dump({"rosbag2_bagfile_information": self.information()}, stream, sort_keys=False)
+                yaml.safe_dump({"rosbag2_bagfile_information": information([*self._done, self.file.summary])}, stream,
+                               sort_keys=False)
                 if self._sync:
                     stream.flush()
                     os.fsync(file)
@@ -167,7 +147,7 @@ class BagWriter:
 
     def abandon(self) -> None:
         """Close the file as it is, readable up to the last flush."""
-        self._file.abandon()
+        self.file.abandon()
         self._release()
 
     def _release(self) -> None:
@@ -176,34 +156,30 @@ class BagWriter:
             os.close(self._folder)
         self._folder = -1
 
-    def information(self) -> dict[str, Any]:
-        """What metadata.yaml says."""
-        return information([*self._done, self._file])
-
     def _path(self, number: int) -> Path:
         """The file of a part."""
         return self.directory / f"{self._name}_{number}.mcap"
 
-    def _split(self) -> None:
-        """End the part and begin the next one with the same channels and the scene in force.
+    def _split(self) -> McapFile:
+        """End the part and begin the next one, which is given, with the same channels and the scene in force.
 
         The next file comes first: where it cannot be made the part is still open, and can be closed in order.
         """
-        before, after = self._file, McapFile(self._path(len(self._done) + 1), folder=self._folder)
+        before, after = self.file, McapFile(self._path(len(self._done) + 1), folder=self._folder)
         try:
             before.close(self._result() if self._result is not None else None, self._sync)
         except BaseException:
             after.remove()
             raise
-        self._counts = {channel: self._counts.get(channel, 0) + count for channel, count in before.counts.items()}
-        self._done.append(before.summary())
-        self._file = after
+        self._done.append(before.summary)
+        self.file = after
         if self._scene is not None:
-            self._file.describe(*self._scene)
-        for topic in self._topics:
-            self._file.announce(topic)
+            after.describe(*self._scene)
+        for topic in before.summary.topics.values():
+            after.announce(topic)
         if self._sync:
             os.fsync(self._folder)
+        return after
 
 
 def _make(directory: Path) -> list[Path]:
@@ -231,13 +207,3 @@ def _make(directory: Path) -> list[Path]:
     except OSError as error:
         raise RecordingError(f"{directory} cannot be created: {error.strerror}") from None
     return [directory, *made]
-
-
-def _sync(*directories: Path) -> None:
-    """Wait until the names in directories are on the disk."""
-    for directory in directories:
-        descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

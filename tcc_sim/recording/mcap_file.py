@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -46,17 +47,17 @@ def digest(*texts: str) -> str:
 class _Output:
     """A new file, unbuffered, so that after a full disk nothing is left that could fail again."""
 
-    def __init__(self, path: Path, folder: int | None) -> None:
-        self._name, self._folder = path if folder is None else path.name, folder
-        self._file = FileIO(os.open(self._name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666,
-                                    dir_fd=folder), "wb")
+    def __init__(self, name: Path | str, folder: int | None) -> None:
+        self.file = FileIO(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=folder),
+                           "wb")
+        self.flush = self.file.flush  # Everything is with the operating system already.
         self._position = 0
 
     def write(self, data: bytes) -> int:
         """Write all of `data`."""
         left = memoryview(data)
         while left:
-            count = self._file.write(left)
+            count = self.file.write(left)
             self._position += count
             left = left[count:]
         return len(data)
@@ -64,26 +65,6 @@ class _Output:
     def tell(self) -> int:
         """Bytes written."""
         return self._position
-
-    def flush(self) -> None:
-        """Everything is with the operating system already."""
-
-    def sync(self) -> None:
-        """Wait until everything is on the disk."""
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def linked(self) -> bool:
-        """Whether the file still has a name."""
-        return os.fstat(self._file.fileno()).st_nlink > 0
-
-    def remove(self) -> None:
-        """Close the file and take it away."""
-        self._file.close()
-        os.unlink(self._name, dir_fd=self._folder)
 
 
 @dataclass(frozen=True)
@@ -120,20 +101,17 @@ class McapFile:
 
     def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__,
                  folder: int | None = None) -> None:
+        self._name, self._folder = path if folder is None else path.name, folder
         try:
-            self._output = _Output(path, folder)
+            self._output = _Output(self._name, folder)
         except FileExistsError:
             raise RecordingError(f"{path} exists already and is not overwritten") from None
         except OSError as error:
             raise RecordingError(f"{path} cannot be written: {error.strerror}") from None
-        self.path = path
-        self.counts: dict[int, int] = {}
-        self.first_ns = (1 << 63) - 1
-        self.last_ns = 0
+        self.path, self.summary = path, FileSummary(path.name)
         self.chunks = 0
         self._waiting = 0
         self._schemas: dict[tuple[str, str], int] = {}
-        self.topics: dict[int, Topic] = {}
         self._writer = Writer(self._output, chunk_size=_CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._add_message = self._writer.add_message
         try:
@@ -188,21 +166,21 @@ class McapFile:
         if topic.publisher:
             metadata[PUBLISHER_KEY] = topic.publisher
         channel: int = self._writer.register_channel(topic.name, "cdr", self._schemas[key], metadata)
-        self.counts[channel] = 0
-        self.topics[channel] = topic
+        self.summary.topics[channel], self.summary.counts[channel] = topic, 0
         return channel
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one serialised message: when it was received and sent, and its number at the publisher."""
         self._add_message(channel, log_ns, data, publish_ns, sequence & 0xFFFFFFFF)
-        self.counts[channel] += 1
+        summary = self.summary
+        summary.counts[channel] += 1
         self._waiting += len(data) + 31
         if self._waiting > _CHUNK_SIZE:
             self.chunks, self._waiting = self.chunks + 1, 0
-        if log_ns < self.first_ns:
-            self.first_ns = log_ns
-        if log_ns > self.last_ns:
-            self.last_ns = log_ns
+        if log_ns < summary.first_ns:
+            summary.first_ns = log_ns
+        if log_ns > summary.last_ns:
+            summary.last_ns = log_ns
 
     @property
     def size(self) -> int:
@@ -217,55 +195,49 @@ class McapFile:
     def sync(self) -> None:
         """Wait until everything written so far is on the disk: a power cut loses only what comes later."""
         self.flush()
-        self._output.sync()
+        os.fsync(self._output.file.fileno())
 
     def close(self, result: Mapping[str, Any] | None = None, sync: bool = False) -> None:
         """Write the result record, index and footer. No ROS call is needed."""
         self._writer.flush()
         if result is not None:
             self.note(RESULT_RECORD, result)
-        self.metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information([self]), sort_keys=False)})
+        self.metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information([self.summary]), sort_keys=False)})
         self._writer.finish()
         if sync:
-            self._output.sync()
-        self._output.close()
+            os.fsync(self._output.file.fileno())
+        self.abandon()
 
     def abandon(self) -> None:
         """Close the file as it is, readable up to the last flush."""
-        self._output.close()
+        self._output.file.close()
 
     def remove(self) -> None:
         """Close the file and take it away."""
-        self._output.remove()
+        self.abandon()
+        os.unlink(self._name, dir_fd=self._folder)
 
     def linked(self) -> bool:
         """Whether the file still has a name."""
-        return self._output.linked()
-
-    def summary(self) -> FileSummary:
-        """What metadata.yaml says of the file."""
-        return FileSummary(self.path.name, self.first_ns, self.last_ns,
-                           tuple((self.topics[channel], count) for channel, count in self.counts.items()))
+        return os.fstat(self._output.file.fileno()).st_nlink > 0
 
 
-@dataclass(frozen=True)
+@dataclass
 class FileSummary:
-    """What metadata.yaml says of one file: name, times of the first and the last message (ns), messages by topic."""
+    """What metadata.yaml says of one file: name, times of the first and the last message (ns), topics and messages by
+    channel.
+    """
 
     name: str
-    first_ns: int
-    last_ns: int
-    topics: tuple[tuple[Topic, int], ...]
+    first_ns: int = (1 << 63) - 1
+    last_ns: int = 0
+    topics: dict[int, Topic] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
         """Messages."""
-        return sum(count for _, count in self.topics)
-
-    @property
-    def times(self) -> dict[str, dict[str, int]]:
-        """Start and duration."""
-        return _times([self])
+        return sum(self.counts.values())
 
 
 def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
@@ -276,18 +248,18 @@ def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
     return {"duration": {"nanoseconds": last - first}, "starting_time": {"nanoseconds_since_epoch": first}}
 
 
-def information(files: Sequence[McapFile | FileSummary]) -> dict[str, Any]:
+def information(files: Sequence[FileSummary]) -> dict[str, Any]:
     """What metadata.yaml says of a bag of these files (rosbag2_bagfile_information, version 9)."""
-    rows = [file if isinstance(file, FileSummary) else file.summary() for file in files]
-    topics: dict[tuple[str, str], tuple[Topic, int]] = {}
-    for topic, count in (pair for row in rows for pair in row.topics):
-        key = (topic.name, topic.type)
-        topics[key] = (topics[key][0], topics[key][1] + count) if key in topics else (topic, count)
+    topics, counts = dict[tuple[str, str], Topic](), Counter[tuple[str, str]]()
+    for file in files:
+        for channel, topic in file.topics.items():
+            topics.setdefault((topic.name, topic.type), topic)
+            counts[topic.name, topic.type] += file.counts[channel]
     return {
-        "version": _METADATA_VERSION, "storage_identifier": "mcap", **_times(rows),
-        "message_count": sum(row.count for row in rows),
-        "topics_with_message_count": [{"topic_metadata": topic.as_yaml(), "message_count": count}
-                                      for topic, count in topics.values()],
-        "compression_format": "", "compression_mode": "", "relative_file_paths": [row.name for row in rows],
-        "files": [{"path": row.name, **row.times, "message_count": row.count} for row in rows],
+        "version": _METADATA_VERSION, "storage_identifier": "mcap", **_times(files),
+        "message_count": sum(file.count for file in files),
+        "topics_with_message_count": [{"topic_metadata": topic.as_yaml(), "message_count": counts[key]}
+                                      for key, topic in topics.items()],
+        "compression_format": "", "compression_mode": "", "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **_times([file]), "message_count": file.count} for file in files],
         "custom_data": None, "ros_distro": os.environ.get("ROS_DISTRO", "")}

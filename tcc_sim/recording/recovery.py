@@ -62,7 +62,7 @@ def recover(run: Run, directory: Path) -> Recovery:
         if copy.bag is None:
             reason = f" ({run.warnings[0]})" if run.warnings else ""
             raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")
-        copy.bag.note(RECOVERY_RECORD, run.warnings)
+        copy.bag.file.note(RECOVERY_RECORD, run.warnings)
         copy.bag.close(run.result)
     except BaseException as error:
         if copy.bag is not None:

@@ -35,7 +35,7 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     until(lambda: found.bag.scene_text == SCENE, step=found.drain)
     for n in range(0, 2000, 200):
         publish(found, publisher, range(n, n + 200))
-        found.bag.flush()
+        found.bag.file.flush()
     found.unsent.add(b"driveline", unsent.encoded("driveline", {"/joint_states": 3}))
     assert "2001 messages" in (said := found.close())
     assert said.endswith("0 lost, 3 never sent")

@@ -44,11 +44,11 @@ def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50
             for n in range(late, block[-1] + 1 if block[-1] + 1 == len(rows) else start + 25):
                 bag.write(pressure, 10**18 + stamps[n], 0, cdr.fluid_pressure(stamps[n], pressures[n]), n)
             late = start + 25
-        bag.flush()
+        bag.file.flush()
     if close:
         bag.close({"lost": {"/joint_states": 0, "/slip_speed": lost}})
     else:
-        bag.flush()
+        bag.file.flush()
         bag.abandon()
     return directory / f"{directory.name}_0.mcap"
 

@@ -55,7 +55,7 @@ def found(tmp_path_factory):
             writer.write(channels["target_slip_speed"], log, log, cdr.float64(math.nan), k)
             writer.write(channels["target_slip_speed"], log, log, b"\x00\x00\x00\x00" + struct.pack(">d", 7.0), k)
         if k % 100 == 99:
-            writer.flush()
+            writer.file.flush()
     writer.close({"lost": {}})
     return replay(folder).control, sent
 
@@ -100,7 +100,7 @@ def test_commands_are_beside_their_states_after_the_clock_was_set(step, at, tmp_
             log += TICK // 2
             writer.write(commands, log, log, cdr.fluid_pressure(0, 2e5 + k), k)
         if k % 100 == 99:
-            writer.flush()
+            writer.file.flush()
     writer.close({"lost": {}})
     command = replay(tmp_path / "run", frequency=150.0).control.command
     np.testing.assert_array_equal(command.values, [2e5 + k for k in sent])
@@ -128,7 +128,7 @@ def test_a_command_that_is_received_late_stands_where_it_was_sent_and_holds_up_n
         elif k % 500 == 4:
             writer.write(others, sent + TICK // 2, sent + TICK // 2, cdr.fluid_pressure(0, 2e5 + k), k)
         if k % 100 == 99:
-            writer.flush()
+            writer.file.flush()
     writer.close({"lost": {}})
     command = replay(tmp_path / "run", frequency=150.0).control.command
     sent_at = np.array([k for k in range(2999) if k % 2 or k % 500 == 4])
@@ -149,7 +149,7 @@ def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ev
             log += TICK // 2
             writer.write(commands, log, log - 3600 * 10**9 * (k > 500), cdr.fluid_pressure(0, 2e5 + k), k)
         if k % 100 == 99:
-            writer.flush()
+            writer.file.flush()
     writer.close({"lost": {}})
     command = replay(tmp_path / "run", frequency=150.0).control.command
     sent_at = np.array([*range(3, 500, 10), *range(1003, 2000, 10)])  # Between, the last of those that were held up.
@@ -179,7 +179,7 @@ def test_an_input_falls_back_where_the_driveline_says_so(says, tmp_path):
         if 50 <= k < 100 or k >= 800:  # Those from 100 to 600 are lost.
             writer.write(commands, log + TICK // 2, log + TICK // 2, cdr.fluid_pressure(0, 2e5), k)
         if k % 100 == 99:
-            writer.flush()
+            writer.file.flush()
     writer.close({"lost": {}})
     control = replay(tmp_path / "run", frequency=150.0).control
     at = 0.6 if says else 0.3

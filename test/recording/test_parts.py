@@ -145,7 +145,7 @@ def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
         writer.write(joints, n * TICK, n * TICK, cdr.joint_state(n * TICK, *[0.0] * 6), n)
     assert {os.path.relpath(name, tmp_path) for name in synced} == {".", "safe", "safe/safe_0.mcap"}
     synced.clear()
-    writer.sync()
+    writer.file.sync()
     assert [os.path.basename(name) for name in synced] == ["safe_1.mcap"]
     assert sum(map(len, open_run(tmp_path / "safe" / "safe_1.mcap").batches())) == 200
     synced.clear()
@@ -233,7 +233,7 @@ def test_what_is_removed_while_it_is_written_is_noticed(tmp_path, gone):
     writer = BagWriter(tmp_path / "run")
     writer.check()
     if gone == "file":
-        writer.path.unlink()
+        writer.file.path.unlink()
     else:
         shutil.rmtree(tmp_path / "run")
     with pytest.raises(RecordingError, match="renamed or removed"):

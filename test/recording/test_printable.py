@@ -29,14 +29,14 @@ def recording(tmp_path: Path, cut: bool) -> Path:
     states = bag.channel(f"/{EVIL}/joint_states", JOINT_STATE)
     pressure = bag.channel(f"/{EVIL}/applied_pressure", FLUID_PRESSURE)
     other = bag.channel(EVIL, EVIL, schema=Definition(EVIL, EVIL))
-    bag.note(RECOVERY_RECORD, [EVIL, EVIL * 1000])
+    bag.file.note(RECOVERY_RECORD, [EVIL, EVIL * 1000])
     for n in range(400):
         bag.write(states, n, n, cdr.joint_state(n * TICK, 0.1, 0.1, 50.0, 0.0, 300.0, 300.0 if n != 100 else 0.0), n)
         if n % 7:
             bag.write(pressure, n, n, cdr.fluid_pressure(n * TICK, 2e5), n)
         bag.write(other, n, n, b"\0\1\0\0")
     bag.write(states, 400, 400, b"\0\1\0\0 not of this layout")
-    bag.flush()
+    bag.file.flush()
     if cut:
         bag.abandon()
     else:

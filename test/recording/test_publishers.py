@@ -115,7 +115,7 @@ def test_a_cut_recording_in_a_namespace_is_read(tmp_path):
     joints = writer.channel("/left/driveline/joint_states", JOINT_STATE)
     for n in range(300):
         writer.write(joints, n, n, cdr.joint_state(n * TICK, *[0.0] * 6), n)
-    writer.flush()
+    writer.file.flush()
     writer.abandon()
     run = open_run(tmp_path / "run")
     assert run.joint_states_topic == "/left/driveline/joint_states"
