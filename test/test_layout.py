@@ -46,8 +46,9 @@ GROWING = ["analysis.stream.RunCycles", "basins.rows._Progress", "benchmarks.ref
            "continuation.branch.Branch", "continuation.codim2._Way", "continuation.detection.ClosedBranch",
            "continuation.follow.State", "continuation.follow_curve.CurveState", "continuation.motions.Motions",
            "continuation.palc.StepSize", "nodes.loop.Request", "paper.evidence.Evidence",
-           "paper.stable_motions.StableMotions", "recording.contents.Contents", "recording.mcap_file.FileSummary", "recording.records.RecordStream",
-           "recording.stamps._Run", "recording.stamps.StampCounter", "replay.segments._Open"]
+           "paper.stable_motions.StableMotions", "recording.contents.Contents", "recording.mcap_file.FileSummary",
+           "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter",
+           "replay.segments._Open"]
 """Dataclasses that are not frozen."""
 LONGEST = 330
 LONGER: dict[str, int] = {}
