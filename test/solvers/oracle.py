@@ -1,4 +1,4 @@
-"""An independent solution of the smoothed law: SciPy's Radau at tight tolerance on equations written out once more.
+"""An independent solution of the smoothed law: SciPy's LSODA at tight tolerance on equations written out once more.
 
 Slow and plain; nothing of the package's solvers or model is used. Its fellow for the set-valued law is `piecewise`.
 """
@@ -16,8 +16,10 @@ def coefficient_and_slope(v, ratio, decay, sigma):
     return (1.0 + falling) * step, slope
 
 
-def smoothed_states(system, state, cycles, per_cycle, rtol=1e-10, first=0):
-    """(cycles * per_cycle + 1, 4): slip speed, plate angle, plate speed, flywheel angle; restarted at every cycle."""
+def smoothed_run(system, state, cycles, per_cycle, rtol=1e-12, first=0, stick_speed=None):
+    """As `Piecewise.run` for states at `per_cycle` samples a cycle, (n, 4): with the transitions [(t, before, after)]
+    through a stick speed and the stick time where that is given. Restarted at every cycle.
+    """
     e, pr, f, d = system.engine, system.pressure, system.friction, system.driveline
     i1, i2 = d.flywheel_inertia, d.plate_inertia
     ratio = f.static_coefficient / f.kinetic_coefficient
@@ -40,12 +42,27 @@ def smoothed_states(system, state, cycles, per_cycle, rtol=1e-10, first=0):
         return np.array([[-g / i1 - g / i2, d.stiffness / i2, d.damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
                          [g / i2, -d.stiffness / i2, -d.damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]])
 
+    edges = [] if stick_speed is None else [lambda t, y: y[0] - stick_speed, lambda t, y: y[0] + stick_speed]
     y = np.array(state, dtype=float)
-    rows = [y[:, None]]
+    rows, changes = [y[:, None]], []
     for n in range(first, first + cycles):
         t = (n + np.arange(per_cycle + 1) / per_cycle) * system.cycle
-        found = solve_ivp(rates, (t[0], t[-1]), y, "Radau", t, rtol=rtol, jac=jacobian,
+        found = solve_ivp(rates, (t[0], t[-1]), y, "LSODA", t, rtol=rtol, jac=jacobian, events=edges or None,
                           atol=np.array([1.0 / max(1.0, f.smoothing / 50.0), 1e-2, 1.0, 0.1]) * rtol)
         y = found.y[:, -1]
         rows.append(found.y[:, 1:])
-    return np.hstack(rows).T
+        for side, times, states in zip((1, -1), found.t_events or (), found.y_events or ()):
+            changes += [(float(u), *((0, side) if rates(u, x)[0] * side > 0.0 else (side, 0)))
+                        for u, x in zip(times, states)]
+    stuck = 0.0
+    if edges:
+        changes.sort()
+        marks = [first * system.cycle, *(u for u, _, _ in changes), (first + cycles) * system.cycle]
+        modes = [0 if abs(state[0]) <= stick_speed else 1, *(after for _, _, after in changes)]
+        stuck = sum(b - a for a, b, mode in zip(marks, marks[1:], modes) if mode == 0)
+    return np.hstack(rows).T, changes, stuck
+
+
+def smoothed_states(*question, **settings):
+    """The states of `smoothed_run`."""
+    return smoothed_run(*question, **settings)[0]

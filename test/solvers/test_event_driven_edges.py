@@ -86,15 +86,6 @@ def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
     assert trapezoid(power, run.t) == pytest.approx(stored[-1] - stored[0], abs=1e-4 * np.abs(stored).max())
 
 
-def test_a_failure_says_the_time_it_reached(monkeypatch):
-    from tcc_sim.solvers.event_driven import solve as solution
-    monkeypatch.setattr(solution, "STEP_MAXIMUM", 3)
-    run = solve(FIG02, cycles=5)
-    assert run.status is Status.STEP_LIMIT
-    assert 0.0 < run.t[-1] < FIG02.cycle
-    assert "3 steps" in run.detail
-
-
 def test_a_large_state_is_no_failure():
     """1e4 rad/s and a spring wound up by 100 rad: all of it finite."""
     run = solve(FIG02, cycles=1, state=State(1e4, 100.0, 0.0))

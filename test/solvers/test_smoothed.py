@@ -1,4 +1,4 @@
-"""The smoothed engine against SciPy at tight tolerance, and against identities of the equations."""
+"""The smoothed engine where it is stiff, steep or slow: against SciPy, in how many steps, and in its law's limit."""
 
 import math
 from dataclasses import astuple
@@ -22,13 +22,8 @@ PERIODIC = {**FIG02, "friction.kinetic_coefficient": 0.3, "pressure.amplitude": 
 SCENES = {
     "no stribeck": PERIODIC,
     "fig02": FIG02,
-    "steep": {**FIG02, "friction.kinetic_coefficient": 0.15},
     "harmonics": {**FIG02, "engine.harmonic_amplitudes": [80.0, 40.0], "engine.harmonic_phases": [0.3, 1.0],
                   "pressure.frequency_ratio": 2.0 / 3.0},
-    "clamped": {**PERIODIC, "pressure.amplitude": 4e5, "pressure.phase": 1.0},
-    "pure stick": {"pressure.mean": 4e5, "friction.kinetic_coefficient": 0.2, "engine.frequency": 60.0},
-    "stiff": {**PERIODIC, "friction.smoothing": 1e4},
-    "very stiff": {**PERIODIC, "friction.smoothing": 1e6},
 }
 START = State(5.0, 0.1, -5.0, 0.1)
 
@@ -42,23 +37,6 @@ def reference(p, count, per_cycle):
     return smoothed_states(p.system, astuple(p.state), count, per_cycle)
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_agrees_with_scipy_radau(name):
-    p = problem(SCENES[name], rtol=1e-10, samples_per_cycle=100, flywheel_angle=True)
-    got = smoothed.solve(p)
-    want = reference(p, 2, 100)
-    assert got.status is Status.DONE
-    states = np.column_stack([got.slip_speed, got.plate_angle, got.plate_speed, got.flywheel_angle])
-    scale = np.abs(want).max(axis=0)
-    assert np.all(np.abs(states - want) <= 2e-7 * scale)
-    assert np.all(np.abs(got.cycles.section - want[::100, :3]) <= 2e-8 * scale[:3])
-    dense = want[:, 0].reshape(-1)[:-1].reshape(2, 100)
-    assert np.all(got.cycles.highest >= dense.max(axis=1) - 1e-6 * scale[0])
-    assert np.all(got.cycles.lowest <= dense.min(axis=1) + 1e-6 * scale[0])
-    share = np.mean(np.abs(dense) <= stick_speed_of(terms_of(p.system)), axis=1)
-    assert np.all(np.abs(got.cycles.stick_time / got.cycle - share) <= 0.05)
-
-
 @pytest.mark.parametrize("name", ["no stribeck", "fig02"])
 def test_friction_samples_are_as_good_as_the_slip_speed_lets_them_be(name):
     """Also within microseconds of the projection onto the slow manifold, which leaves out a decaying part of v."""
@@ -68,48 +46,6 @@ def test_friction_samples_are_as_good_as_the_slip_speed_lets_them_be(name):
     error = np.abs(coarse.friction_torque - fine.friction_torque) / np.abs(fine.friction_torque).max()
     assert np.quantile(error[stuck], 0.99) <= 3e-8
     assert error[stuck].max() <= 3e-7
-
-
-@pytest.mark.parametrize("name", ["no stribeck", "fig02", "clamped", "stiff"])
-def test_default_tolerance_is_good_to_a_millionth(name):
-    p = problem(SCENES[name], cycles=40, state=State(150.0, 0.0, 0.0))
-    coarse, fine = smoothed.solve(p).cycles, smoothed.solve(changed(p, rtol=1e-11)).cycles
-    assert np.all(np.abs(coarse.section - fine.section) <= 1e-6 * np.abs(fine.section).max(axis=0))
-    assert np.all(np.abs(coarse.highest - fine.highest) <= 1e-6 * np.abs(fine.highest).max())
-
-
-def test_terms_too_small_to_be_felt_give_the_motion_without_them():
-    harmonics = {"engine.harmonic_amplitudes": [1e-12], "engine.harmonic_phases": [0.0]}
-    falling_and_pulsating = {"pressure.amplitude": 1e-9, "friction.kinetic_coefficient": 0.3 - 1e-14}
-    for values, small in ((PERIODIC, falling_and_pulsating), (FIG02, {})):
-        p = problem(values, cycles=4, rtol=1e-11)
-        with_all = problem({**values, **harmonics, **small}, cycles=4, rtol=1e-11)
-        terms = terms_of(with_all.system)
-        assert None not in (terms.pulsation, terms.stribeck)
-        assert terms.harmonics is not None
-        own, general = smoothed.solve(p), smoothed.solve(with_all)
-        np.testing.assert_allclose(general.cycles.section, own.cycles.section, rtol=1e-8, atol=1e-8)
-
-
-def test_a_duration_ends_within_a_cycle_and_samples_agree_with_whole_cycles():
-    p = problem(FIG02, cycles=3, rtol=1e-10, samples_per_cycle=10)
-    whole = smoothed.solve(p)
-    part = smoothed.solve(changed(p, cycles=None, duration=2.55 * p.system.cycle))
-    assert part.t[-1] == 2.55 * p.system.cycle
-    assert len(part.cycles) == 2
-    np.testing.assert_allclose(part.slip_speed[:-1], whole.slip_speed[:len(part.t) - 1], atol=1e-6)
-    bare = smoothed.solve(changed(p, cycles=None, duration=2.55 * p.system.cycle, samples_per_cycle=0))
-    assert bare.final.slip_speed == pytest.approx(part.final.slip_speed, abs=1e-6)
-
-
-def test_transitions_alternate_and_make_up_the_stick_time():
-    run = smoothed.solve(problem(FIG02, cycles=5, state=State(10.0, 0.1, -5.0)))
-    moves = run.transitions
-    assert np.all(np.diff(moves.time) > 0.0)
-    assert np.all(moves.before[1:] == moves.after[:-1])
-    edges = np.concatenate([[0.0], moves.time, [run.t[-1]]])
-    stuck = np.concatenate([moves.before[:1], moves.after]) == 0
-    assert np.diff(edges)[stuck].sum() == pytest.approx(run.cycles.stick_time.sum(), rel=1e-9)
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
@@ -235,20 +171,6 @@ def test_a_loose_tolerance_does_not_step_through_the_layer(name):
     run = smoothed.solve(changed(p, rtol=1e-3))
     assert np.all(np.abs(run.cycles.section - expected) <= 1e-4 * np.abs(expected).max(axis=0))
     assert run.statistics.steps < 60 * 4
-
-
-def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch):
-    p = problem(FIG02, cycles=3, samples_per_cycle=100)
-    whole, integrate = smoothed.solve(p), smoothed.kernel.integrate
-    monkeypatch.setattr(smoothed.kernel, "integrate", lambda first, cycles, rest, limit, *others: integrate(
-        first, cycles, rest, 60, *others))
-    cut = smoothed.solve(p)
-    assert cut.status is Status.STEP_LIMIT
-    assert 0.0 < cut.t[-1] < whole.t[-1]
-    count = len(cut.t) - 1
-    assert count == np.searchsorted(whole.t, cut.t[-1]) > 20
-    for column in ("t", "slip_speed", "plate_angle", "plate_speed"):
-        np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])
 
 
 @pytest.mark.parametrize("sigma", [50.0, 1e3, 1e4, 1e6])

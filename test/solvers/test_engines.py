@@ -1,0 +1,240 @@
+"""Both engines against independent solutions with SciPy, closed forms and identities: one suite, so that what one of
+them lacks is seen.
+"""
+
+import math
+from dataclasses import astuple
+from importlib import import_module
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from oracle import smoothed_run
+from piecewise import Piecewise
+
+from tcc_sim.model import closed_form
+from tcc_sim.model.friction import stick_speed
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers.terms import steps_allowed, terms_of
+from tcc_sim.trajectory import State
+
+
+class Engine(NamedTuple):
+    """An engine's law, the tolerance that it is given, and how near it comes to the independent solution: samples and
+    section relative to each signal's size, and events in s.
+    """
+
+    law: str
+    rtol: float | None
+    samples: float
+    section: float
+    event: float
+
+    def system(self, values=None, **more):
+        return replace(BASE, {"friction.law": self.law, **(values or {}), **more})
+
+
+ENGINES = {"smoothed": Engine("smoothed", 1e-11, 2e-9, 2e-9, 1e-10),
+           "event_driven": Engine("set_valued", None, 1e-10, 1e-10, 1e-10)}
+BASE = replace(System(), {"friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3, "pressure.amplitude": 0.0,
+                          "engine.frequency": 150.0, "initial.slip_speed": 10.0})
+FIG02 = {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260416.67, "pressure.amplitude": 52083.3}
+SCENES = {
+    "stick-slip": {},
+    "low frequency from rest": {"engine.frequency": 60.0, "initial.slip_speed": 0.0},
+    "pressure at 3/2": {"pressure.amplitude": 100e3, "pressure.frequency_ratio": 1.5, "pressure.phase": 0.7},
+    "three harmonics": {"engine.harmonic_amplitudes": (100.0, 50.0), "engine.harmonic_phases": (0.3, 1.0)},
+    "reversals": {"engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0},
+    "clamped pressure": {"pressure.amplitude": 300e3},
+    "heavy damping": {"driveline.damping": 40.0, "engine.torque_amplitude": 500.0},
+    "critical damping": {"driveline.damping": 2.0 * math.sqrt(60.0), "engine.torque_amplitude": 500.0},
+    "no damping": {"driveline.damping": 0.0},
+    "r = 1.25": {"friction.kinetic_coefficient": 0.24},
+    "fig02": FIG02,
+    "harmonics, pressure at 2/3": {**FIG02, "engine.harmonic_amplitudes": (80.0, 40.0),
+                                   "engine.harmonic_phases": (0.3, 1.0), "pressure.frequency_ratio": 2.0 / 3.0},
+    "r = 2, pressure": {**FIG02, "friction.kinetic_coefficient": 0.15},
+    "r = 2, reversals": {"friction.kinetic_coefficient": 0.15, "pressure.mean": 300e3, "engine.torque_amplitude": 700.0,
+                         "engine.mean_torque": 0.0},
+    "r = 1.5, clamped": {"friction.kinetic_coefficient": 0.2, "pressure.amplitude": 250e3, "engine.mean_torque": 100.0},
+    "r = 1.5, constant law": {"friction.kinetic_coefficient": 0.2, "friction.decay": 0.0},
+    "pure stick": {"pressure.mean": 4e5, "friction.kinetic_coefficient": 0.2, "engine.frequency": 60.0,
+                   "initial.slip_speed": 0.0},
+}
+SHARP = {"stiff": {"friction.smoothing": 1e4}, "very stiff": {"friction.smoothing": 1e6}}
+"""Of the smoothed law alone."""
+both = pytest.mark.parametrize("name", ENGINES)
+
+
+def initial(system):
+    i = system.initial
+    return State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
+
+
+def truth(system, cycles, per_cycle):
+    """States (n, 4), transitions and stick time by SciPy."""
+    if system.friction.law == "smoothed":
+        ratio = system.friction_ratio
+        layer = stick_speed(system.friction.smoothing, (ratio - 1.0, system.friction.decay) if ratio > 1.0 else None)
+        return smoothed_run(system, astuple(initial(system)), cycles, per_cycle, stick_speed=layer)
+    times = np.arange(cycles * per_cycle + 1) * (system.cycle / per_cycle)
+    return Piecewise(system).run(cycles * system.cycle, times, slices=20 * cycles)
+
+
+@pytest.mark.parametrize(("name", "scene"), [(name, scene) for name in ENGINES for scene in SCENES]
+                         + [("smoothed", scene) for scene in SHARP])
+def test_agrees_with_scipy(name, scene):
+    engine, cycles, per_cycle = ENGINES[name], {"smoothed": 2, "event_driven": 5}[name], 40
+    system = engine.system({**SCENES, **SHARP}[scene])
+    whole = scene == "fig02"  # The flywheel's angle has no part in the motion; its kernels are of their own.
+    run = solve(system, cycles=cycles, samples_per_cycle=per_cycle, flywheel_angle=whole, rtol=engine.rtol)
+    assert (run.status, run.solver) == (Status.DONE, name)
+    states, changes, stuck = truth(system, cycles, per_cycle)
+    found = [run.slip_speed, run.plate_angle, run.plate_speed, *([run.flywheel_angle] if whole else [])]
+    scale = np.abs(states).max(axis=0) + 1e-3
+    for column, values in enumerate(found):
+        assert np.abs(values - states[:, column]).max() <= engine.samples * scale[column], column
+    assert np.all(np.abs(run.cycles.section - states[::per_cycle, :3]) <= engine.section * scale[:3])
+    dense = states[:-1, 0].reshape(cycles, per_cycle)
+    assert np.all(run.cycles.highest >= dense.max(axis=1) - engine.samples * scale[0])
+    assert np.all(run.cycles.lowest <= dense.min(axis=1) + engine.samples * scale[0])
+    moves = run.transitions
+    assert [(b, a) for _, b, a in changes] == list(zip(moves.before.tolist(), moves.after.tolist()))
+    np.testing.assert_allclose(moves.time, [t for t, _, _ in changes], atol=engine.event)
+    assert run.cycles.stick_time.sum() == pytest.approx(stuck, abs=len(changes) * engine.event + 1e-12)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@both
+def test_samples_cycles_and_torques_are_of_one_motion(name, scene):
+    system = ENGINES[name].system(SCENES[scene])
+    run = solve(system, cycles=3, samples_per_cycle=3000).raise_for_status()
+    d, f = system.driveline, system.friction
+    law = run.saturation_torque * (1 + (system.friction_ratio - 1) * np.exp(-f.decay * np.abs(run.slip_speed)))
+    if f.law == "smoothed":
+        np.testing.assert_allclose(run.friction_torque, np.tanh(f.smoothing * run.slip_speed) * law, atol=1e-9)
+    else:
+        slipping, loaded = run.state != 0, run.saturation_torque > 0
+        np.testing.assert_array_equal(run.slip_speed[~slipping & loaded], 0.0)
+        assert np.all(np.abs(run.friction_torque) <= system.friction_ratio * run.saturation_torque + 1e-9)
+        moving = slipping & loaded
+        np.testing.assert_allclose(run.friction_torque[moving], (np.sign(run.state) * law)[moving], atol=1e-9)
+    balance = (d.plate_inertia * np.gradient(run.plate_speed, run.t) + d.damping * run.plate_speed
+               + d.stiffness * run.plate_angle - run.friction_torque)
+    calm = np.abs(np.gradient(run.friction_torque)) < 5.0
+    assert np.median(np.abs(balance[calm])) < 0.05
+    for n in range(3):
+        part = run.slip_speed[3000 * n:3000 * n + 3001]
+        step = np.abs(np.diff(part)).max()
+        assert part.max() <= run.cycles.highest[n] + 1e-12 <= part.max() + step + 1e-12
+        assert part.min() >= run.cycles.lowest[n] - 1e-12 >= part.min() - step - 1e-12
+    moves = run.transitions
+    assert np.all(np.diff(moves.time) > 0.0)
+    assert np.all(moves.before[1:] == moves.after[:-1])
+    modes = np.concatenate([moves.before[:1], moves.after]) if len(moves.time) else run.state[:1]
+    edges = np.concatenate([[0.0], moves.time, [run.t[-1]]])
+    assert np.diff(edges)[modes == 0].sum() == pytest.approx(run.cycles.stick_time.sum(), rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("scene", ["stick-slip", "fig02", "clamped pressure", "stiff"])
+@both
+def test_default_tolerance_is_good_to_a_millionth(name, scene):
+    system = ENGINES[name].system({**SCENES, **SHARP}[scene], **{"initial.slip_speed": 150.0})
+    coarse, fine = (solve(system, cycles=40, rtol=rtol).cycles for rtol in (None, 1e-11))
+    assert np.all(np.abs(coarse.section - fine.section) <= 1e-6 * np.abs(fine.section).max(axis=0))
+    assert np.all(np.abs(coarse.highest - fine.highest) <= 1e-6 * np.abs(fine.highest).max())
+
+
+@both
+def test_a_duration_ends_within_a_cycle_and_samples_agree_with_whole_cycles(name):
+    system = ENGINES[name].system(FIG02)
+    duration = 2.55 * system.cycle
+    whole = solve(system, cycles=3, rtol=1e-10, samples_per_cycle=10)
+    part = solve(system, duration=duration, rtol=1e-10, samples_per_cycle=10)
+    assert part.t[-1] == duration
+    assert len(part.cycles) == 2
+    np.testing.assert_allclose(part.slip_speed[:-1], whole.slip_speed[:len(part.t) - 1], atol=1e-6)
+    bare = solve(system, duration=duration, rtol=1e-10)
+    assert bare.final.slip_speed == pytest.approx(part.final.slip_speed, abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "module", "limit"), [
+    ("smoothed", "smoothed.solve", "STEPS_AT_FIRST"), ("event_driven", "event_driven.solve", "STEP_MAXIMUM")])
+def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch, name, module, limit):
+    system = ENGINES[name].system(FIG02, **{"initial.slip_speed": 5.0})
+    whole = solve(system, cycles=3, samples_per_cycle=100)
+    fewest = 60 - 4 * steps_allowed(terms_of(system), system.cycle) if name == "smoothed" else 8
+    monkeypatch.setattr(import_module(f"tcc_sim.solvers.{module}"), limit, fewest)
+    cut = solve(system, cycles=3, samples_per_cycle=100)
+    assert cut.status is Status.STEP_LIMIT
+    assert 0.0 < cut.t[-1] < whole.t[-1]
+    count = len(cut.t) - 1
+    assert count == np.searchsorted(whole.t, cut.t[-1]) > 20
+    for column in ("t", "slip_speed", "plate_angle", "plate_speed"):
+        np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])
+    if name == "event_driven":
+        assert cut.detail == "8 steps in one engine cycle"
+
+
+@both
+def test_half_a_cycle_later_the_odd_system_is_mirrored(name):
+    late = solve(ENGINES[name].system(SCENES["reversals"]), cycles=500, samples_per_cycle=8).slip_speed[-9:]
+    np.testing.assert_allclose(late[4:], -late[:5], atol=1e-7 * np.abs(late).max())
+
+
+@both
+def test_a_start_many_cycles_later_is_the_same_motion(name):
+    system = ENGINES[name].system(SCENES["pressure at 3/2"])
+    early, late = (solve(system, cycles=6, start_cycle=first, rtol=1e-11) for first in (0, 9_000_000))
+    np.testing.assert_allclose(late.cycles.section, early.cycles.section, atol=1e-10)
+    np.testing.assert_allclose(late.transitions.time - late.t[0], early.transitions.time, atol=1e-8)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.6, 2.0 * math.sqrt(60.0), 90.0])
+@both
+def test_pure_slip_closed_form(name, damping):
+    """As fast as this tanh is 1 to the last bit."""
+    system = ENGINES[name].system({
+        "initial.slip_speed": 150.0, "pressure.mean": 100e3, "pressure.amplitude": 60e3, "pressure.phase": 0.4,
+        "pressure.frequency_ratio": 0.75, "driveline.damping": damping, "initial.plate_speed": 3.0})
+    run = solve(system, cycles=12, samples_per_cycle=50, rtol=1e-13)
+    exact = closed_form.pure_slip(system)
+    np.testing.assert_array_equal(run.state, 1)
+    np.testing.assert_allclose(run.slip_speed, exact.slip_speed(run.t), rtol=1e-12)
+    np.testing.assert_allclose(run.plate_angle, exact.plate_angle(run.t), atol=1e-12)
+    np.testing.assert_allclose(run.plate_speed, exact.plate_speed(run.t), atol=1e-10)
+    fine = np.linspace(0.0, system.cycle, 200_001)
+    assert run.cycles.highest[0] == pytest.approx(exact.slip_speed(fine).max(), abs=1e-6)
+    assert run.cycles.lowest[0] == pytest.approx(exact.slip_speed(fine).min(), abs=1e-6)
+
+
+@both
+def test_pure_stick_closed_form(name):
+    """To rounding under the set-valued law; the smoothed one creeps at about 1/sigma."""
+    system = ENGINES[name].system({"engine.torque_amplitude": 100.0, "engine.frequency": 60.0, "pressure.mean": 300e3,
+                                   "initial.slip_speed": 0.0, "friction.smoothing": 1e6})
+    run = solve(system, cycles=400, samples_per_cycle=12)
+    angle, creep = closed_form.plate_angle(system), 0.0 if name == "event_driven" else 1e-6
+    late = slice(390 * 12, None)
+    assert closed_form.stick_margin(system).sticks
+    np.testing.assert_array_equal(run.state, 0)
+    np.testing.assert_allclose(run.plate_angle[late], angle(run.t[late]), atol=1e-13 + creep)
+    np.testing.assert_allclose(run.plate_speed[late], angle.rate()(run.t[late]), atol=1e-11 + 10.0 * creep)
+    np.testing.assert_allclose(run.friction_torque[late], closed_form.interface_torque(system)(run.t[late]),
+                               atol=1e-9 + 1e3 * creep)
+    np.testing.assert_allclose(run.cycles.stick_time, system.cycle, rtol=1e-12)
+    assert np.abs(run.cycles.highest).max() <= math.atanh(0.99) * creep
+
+
+@pytest.mark.parametrize("values", [FIG02, {"pressure.mean": 225e3}], ids=["fig02", "stick-slip"])
+@both
+def test_terms_too_small_to_be_felt_give_the_motion_without_them(name, values):
+    harmonics = {"engine.harmonic_amplitudes": (1e-12,), "engine.harmonic_phases": (0.0,)}
+    small = {} if values is FIG02 else {"pressure.amplitude": 1e-9, "friction.kinetic_coefficient": 0.3 - 1e-14}
+    general = ENGINES[name].system({**values, **harmonics, **small})
+    terms = terms_of(general)
+    assert None not in (terms.pulsation, terms.stribeck)
+    assert terms.harmonics is not None
+    own, other = (solve(s, cycles=4, rtol=1e-11).cycles.section for s in (ENGINES[name].system(values), general))
+    np.testing.assert_allclose(other, own, rtol=1e-8, atol=1e-8)
