@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -13,12 +12,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.message_types import message_class
 from tcc_sim.nodes.qos import COMMANDS
-from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.nodes.subscriptions import MOST_TAKEN, poll, subscribe, taker
 from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.topics import FLUID_PRESSURE, Topic
-
-MOST_TAKEN = 100_000
-"""Messages taken in one tick: whoever sends faster than they are taken does not hold the loop."""
 
 
 class Command:
@@ -46,7 +42,7 @@ class Command:
         self._last_tick = 0
         self._stamped = row.type == FLUID_PRESSURE
         self.subscription: Any = subscribe(node, message_class(row.type), row.name, COMMANDS)
-        self._take = partial(self.subscription.handle.take_message, self.subscription.msg_type, True)
+        self._take = taker(self.subscription)
 
     @property
     def fallen_back(self) -> bool:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from itertools import islice
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+
+MOST_TAKEN = 100_000
+"""Messages taken at once: whoever sends faster than they are taken does not hold who takes them."""
 
 
 class Polled(CallbackGroup):
@@ -34,18 +40,17 @@ def _unused(message: bytes) -> None:
     """The callback that rclpy asks for and nothing calls."""
 
 
-def poll(subscription: Subscription[Any], most: int = 100_000) -> list[tuple[bytes, dict[str, Any]]]:
+def taker(subscription: Subscription[Any]) -> Callable[[], tuple[bytes, dict[str, Any]] | None]:
+    """What takes the next waiting message, None where there is none; who calls it sees to it that the subscription is
+    there.
+    """
+    return partial(subscription.handle.take_message, subscription.msg_type, subscription.raw)
+
+
+def poll(subscription: Subscription[Any], most: int = MOST_TAKEN) -> list[tuple[bytes, dict[str, Any]]]:
     """Take up to `most` waiting messages: serialised bytes and message information each.
 
     It works on after the context was shut down, so that the last messages can still be saved.
     """
-    taken: list[tuple[bytes, dict[str, Any]]] = []
-    handle, message_class, raw = subscription.handle, subscription.msg_type, subscription.raw
-    with handle:
-        take = handle.take_message
-        while len(taken) < most:
-            item = take(message_class, raw)
-            if item is None:
-                break
-            taken.append(item)
-    return taken
+    with subscription.handle:
+        return list(islice(iter(taker(subscription), None), most))
