@@ -26,7 +26,7 @@ from tcc_sim.nodes.inputs import Command
 from tcc_sim.nodes.outputs import Outputs
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.scheduling import attend, prepare_thread
-from tcc_sim.plant.driveline import Plant
+from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic
@@ -164,7 +164,7 @@ class RealTimeLoop:
         self.plant.reset()
         self._unanswered, self._said_commanded = None, []
         if self.clock_started.is_set():
-            self._publish()
+            self._publish(self.plant.reading())
         return True
 
     def pause(self, paused: bool) -> bool:
@@ -186,7 +186,7 @@ class RealTimeLoop:
         """The initial state, where the loop is stepped by its owner and not by its thread."""
         self.plant.warm_up()
         self.clock_started.set()
-        self._publish()
+        self._publish(self.plant.reading())
 
     def step(self) -> None:
         """One tick with the commands that have arrived."""
@@ -210,7 +210,7 @@ class RealTimeLoop:
             self.refused_wishes = prepare_thread(wishes.thread_priority, wishes.cpu_affinity, wishes.lock_memory)
             if not self._await_subscribers():
                 return
-            self._publish()
+            self._publish(self.plant.reading())
             self.pacer.anchor()
             self.clock_started.set()
             with ExitStack() as held:
@@ -281,12 +281,10 @@ class RealTimeLoop:
         if self.commands:
             self.plant.hold(_value(self.engine_command), _value(self.pressure_command))
         self._unanswered = None
-        self.plant.stepper.advance()
-        self._publish()
+        self._publish(self.plant.advance())
 
-    def _publish(self) -> None:
-        """Publish the state of this tick, stamped with simulation time."""
-        reading = self.plant.reading()
+    def _publish(self, reading: Reading) -> None:
+        """Publish the state of a tick, stamped with simulation time."""
         if reading.stick_slip_state:
             self.slip_ticks += 1
         else:

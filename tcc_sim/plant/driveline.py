@@ -158,10 +158,17 @@ class Plant:
         """Simulation time of a tick, ns."""
         return round(tick * self._stamp_step)
 
+    def advance(self) -> Reading:
+        """One tick; the state after it."""
+        return self._read(*self.stepper.advance())
+
     def reading(self) -> Reading:
         """The state as it is."""
+        return self._read(*self.stepper.torques())
+
+    def _read(self, engine: float, friction: float) -> Reading:
+        """The state as it is, with engine and friction torque, N m."""
         v, plate_angle, plate_speed, flywheel_angle = self.stepper.state.tolist()
-        engine, friction = self.stepper.torques()
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         return Reading(self.stamp_ns, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction, v,
                        state, self._applied_pressure())
@@ -216,7 +223,7 @@ class Plant:
             shortest = np.inf
             for _ in range(REPEATS):
                 began = self._clock()
-                tick(state.copy(), 0.0, MEASURED, self.stepper.step / self.stepper.substeps, terms)
+                tick(state.copy(), 0.0, 0.0, MEASURED, self.stepper.step / self.stepper.substeps, terms)
                 shortest = min(shortest, (self._clock() - began) / MEASURED)
             dearest = max(dearest, shortest)
         return float(dearest)

@@ -178,7 +178,7 @@ class Stepper:
         self.state = np.zeros(4)
         self.iterations_most = 0
         self.iterations_bound = ITERATION_BOUND
-        self._tick = Call(tick, 1, "dq")
+        self._tick = Call(tick, 1, "ddq")
         self._laid_out: Terms | None = None
         self.use(terms_of(system))
         self.reset(system)
@@ -197,26 +197,27 @@ class Stepper:
     def warm_up(self, *variants: Terms) -> None:
         """Compile and run the kernel once for each kind of terms, without touching the state."""
         for terms in (self.terms, *variants):
-            tick(self.state.copy(), 0.0, 1, self.step, terms)
+            tick(self.state.copy(), 0.0, 0.0, 1, self.step, terms)
 
-    def advance(self) -> None:
-        """One tick."""
-        most, _, _ = self._called(self.substeps)
+    def advance(self) -> tuple[float, float]:
+        """One tick; engine torque and friction torque after it, N m."""
+        most, engine, friction_torque = self._called(self.substeps, (self.tick + 1) * self.step)
         if most > self.iterations_most:
             self.iterations_most = most
         self.tick += 1
+        return engine, friction_torque
 
     def torques(self) -> tuple[float, float]:
         """Engine torque and friction torque now, N m."""
-        _, engine, friction_torque = self._called(0)
+        _, engine, friction_torque = self._called(0, self.tick * self.step)
         return engine, friction_torque
 
-    def _called(self, n: int) -> tuple[int, float, float]:
+    def _called(self, n: int, end: float) -> tuple[int, float, float]:
         """`tick` of so many sub-steps from now; what is the same in every tick is laid out once for the same terms."""
         if self._laid_out is not self.terms:
-            self._tick.use(self.state, 0.0, n, self.step / self.substeps, self.terms)
+            self._tick.use(self.state, 0.0, end, n, self.step / self.substeps, self.terms)
             self._laid_out = self.terms
-        found: tuple[int, float, float] = self._tick(self.tick * self.step, n)
+        found: tuple[int, float, float] = self._tick(self.tick * self.step, end, n)
         return found
 
 
@@ -228,12 +229,12 @@ def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]
 
 
 @compiled
-def tick(state: Floats, t: float, n: int, h: float, terms: Terms) -> tuple[int, float, float]:
+def tick(state: Floats, t: float, end: float, n: int, h: float, terms: Terms) -> tuple[int, float, float]:
     """`advance` with theta1 by n sub-steps of h seconds from time t; most iterations in one stage, and engine and
-    friction torque after them, N m.
+    friction torque then, at time `end` as the next tick counts it, N m.
     """
     _, most = advance(state, t, h, n, terms, True, None)
-    engine, friction_torque = engine_and_friction(t + n * h, state[0], terms)
+    engine, friction_torque = engine_and_friction(end, state[0], terms)
     return most, engine, friction_torque
 
 
