@@ -168,15 +168,9 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
 
 def halton(count: int, dimensions: int) -> Floats:
     """(count, dimensions) points of the unit cube that fill it evenly (J. H. Halton, Numer. Math. 2, 1960)."""
-    out = np.zeros((count, dimensions))
-    for d, base in enumerate((2, 3, 5, 7, 11)[:dimensions]):
-        for i in range(count):
-            n, part = i + 1, 1.0
-            while n:
-                part /= base
-                out[i, d] += part * (n % base)
-                n //= base
-    return out
+    from scipy.stats.qmc import Halton
+
+    return np.asarray(Halton(dimensions, scramble=False).random(count + 1)[1:])
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
