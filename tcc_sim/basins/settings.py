@@ -11,9 +11,10 @@ from tcc_sim.model.quantity import quantity
 
 
 @dataclass(frozen=True)
-class AttractorSettings:
-    """How attractors are found and told apart (`attractors.py`)."""
+class Settings:
+    """How attractors are found and told apart, and cells followed to them."""
 
+    # How attractors are found and told apart (`attractors.py`).
     longest_period: int = quantity(16, "longest period looked for", "cycles")
     settling: int = quantity(256, "time after which a motion is first asked whether it repeats; doubled until "
                              "`longest`", "cycles")
@@ -30,11 +31,7 @@ class AttractorSettings:
     same_cloud: float = quantity(1e-3, "distance at which two clouds' points are one")
     shared: float = quantity(0.9, "share of a cloud's points that must be so near")
 
-
-@dataclass(frozen=True)
-class CaptureSettings:
-    """When a motion has come to an attractor (`attractors.py`, `proximity.py`)."""
-
+    # When a motion has come to an attractor (`attractors.py`, `proximity.py`).
     radius: float = quantity(0.2, "largest capture radius")
     smallest_radius: float = quantity(1e-4, "a capture radius is halved until it is no larger")
     apart: float = quantity(0.4, "largest capture radius, relative to the distance of the nearest other attractor")
@@ -43,11 +40,7 @@ class CaptureSettings:
     cycles: int = quantity(600, "longest that a cell is followed", "cycles")
     chunk: int = quantity(4, "time after which motions are asked where they are", "cycles")
 
-
-@dataclass(frozen=True)
-class PlaneSettings:
-    """The cells of a plane (`compute.py`, `rows.py`, `driveline.py`)."""
-
+    # The cells of a plane (`compute.py`, `rows.py`, `driveline.py`).
     seeds: int = quantity(48, "cells of the plane from which attractors are looked for, beside its corners and middle")
     rounds: int = quantity(3, "how often attractors are looked for again from the cells that came to none known")
     searched: int = quantity(24, "undecided cells from which they are then looked for")
@@ -59,14 +52,8 @@ class PlaneSettings:
                                "the rest")
     most_cells: int = quantity(4_000_000, "most cells of a plane")
     attractors_shown: int = quantity(12, "attractors in the text of a result")
-    ahead: int = quantity(3, "rows handed out per thread, so that Ctrl-C ends soon")
     distances: tuple[int, ...] = quantity((1, 2, 4, 8, 16), "distances over which final states are compared (C. "
                                           "Grebogi et al., Phys. Lett. A 99, 1983)", "cells")
-
-
-@dataclass(frozen=True)
-class Settings(AttractorSettings, CaptureSettings, PlaneSettings):
-    """How attractors are found and told apart, and cells followed to them."""
 
 
 DEFAULTS = Settings()

@@ -1,7 +1,7 @@
 """The settings of the room: every tolerance, length and bound that the study of motions works with, in one object.
 
-Lengths, steps and residuals are in natural sizes where nothing else is said. `Settings` is made of groups, one for each
-part of the work, as BifurcationKit.jl's `ContinuationPar` holds its `NewtonPar`.
+Lengths, steps and residuals are in natural sizes where nothing else is said. They stand in groups,
+one for each part of the work, as BifurcationKit.jl's `ContinuationPar` holds its `NewtonPar`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from tcc_sim.model.quantity import quantity
 
 
 @dataclass(frozen=True)
-class ShootingSettings:
-    """The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `remeshing.py`)."""
+class Settings:
+    """How orbits are solved for, followed and told apart."""
 
+    # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `follow.py`).
     solver_tolerance: float = quantity(1e-12, "relative tolerance of the driveline's map: what a step leaves is some "
                                        "1e-13 then, and the derivatives are good to 2e-7")
     stuck: float = quantity(1e-12, "slip speed below which the set-valued law is taken to stick", "rad/s")
@@ -27,16 +28,7 @@ class ShootingSettings:
                               "grows in slip and is taken back by stick within one part is not in its derivative, but "
                               "in how sharply it bends")
 
-    @property
-    def finest(self) -> float:
-        """Shortest part of a segment, cycles."""
-        return 1.0 / self.parts**3
-
-
-@dataclass(frozen=True)
-class NewtonSettings:
-    """Newton's method for an orbit, and when two are the same (`newton.py`)."""
-
+    # Newton's method for an orbit, and when two are the same (`newton.py`).
     newton_tolerance: float = quantity(1e-10, "last step at which an orbit counts as found")
     newton_iterations: int = quantity(25, "most steps of the method")
     newton_rounding: float = quantity(1e-12, "residual below which no further step is worth taking")
@@ -53,11 +45,7 @@ class NewtonSettings:
     neutral: float = quantity(1e-9, "distance of a multiplier from the unit circle that may be rounding: what is no "
                               "further is neither stable nor a change of sign of a test function")
 
-
-@dataclass(frozen=True)
-class CorrectorSettings:
-    """The corrector of a continuation (`palc.py`)."""
-
+    # The corrector of a continuation (`palc.py`).
     correct_tolerance: float = quantity(1e-9, "last step at which a point counts as found")
     correct_iterations: int = quantity(8, "most steps of the corrector")
     correct_step: float = quantity(10.0, "step above which the corrector is given up")
@@ -70,11 +58,7 @@ class CorrectorSettings:
     contraction: float = quantity(0.15, "share of the corrector's first step that its second one is to be: four of "
                                   "them then reach rounding")
 
-
-@dataclass(frozen=True)
-class StepSettings:
-    """The steps of a continuation and their control (`palc.py`, `follow.py`)."""
-
+    # The steps of a continuation and their control (`palc.py`, `follow.py`).
     first_step: float = quantity(0.01, "first step of a continuation")
     flat_step: float = quantity(1e-3, "first step without the amplitudes among the arclength's coordinates")
     smallest_step: float = quantity(1e-9, "smallest step, below which a continuation ends")
@@ -90,11 +74,7 @@ class StepSettings:
     max_points: int = quantity(3000, "most points in one direction of a branch")
     max_tries: int = quantity(6000, "most steps tried, halved ones too, in one direction")
 
-
-@dataclass(frozen=True)
-class EndSettings:
-    """Where a branch ends, or is closed (`follow.py`, `detection.py`, `branch.py`)."""
-
+    # Where a branch ends, or is closed (`follow.py`, `detection.py`, `branch.py`).
     canard: float = quantity(1e10, "modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes "
                              "to no better than 1e-2 over its period, and neither value nor sign of such a multiplier "
                              "can be trusted. Motions along the falling branch of friction get there")
@@ -110,11 +90,7 @@ class EndSettings:
     passed: float = quantity(0.02, "distance from the first point, relative to the step, within which the branch is at "
                              "that point")
 
-
-@dataclass(frozen=True)
-class DetectionSettings:
-    """Special points: told and located (`detection.py`, `special_points.py`, `augmented.py`)."""
-
+    # Special points: told and located (`detection.py`, `special_points.py`, `augmented.py`).
     detect: bool = quantity(True, "whether special points are looked for")
     root: float = quantity(1e-13, "width of a bracket, relative to the step, at which a root counts as found")
     enough: float = quantity(1e-11, "residual at which a root counts as found, however wide the bracket is")
@@ -141,11 +117,7 @@ class DetectionSettings:
     halves_reach: float = quantity(0.1, "how far a doubling in which such a branch ends may be from where its halves "
                                    "look the same")
 
-
-@dataclass(frozen=True)
-class BorderSettings:
-    """Sliding bifurcations, where the event sequence changes (`sliding_location.py`, `corner.py`)."""
-
+    # Sliding bifurcations, where the event sequence changes (`sliding_location.py`, `corner.py`).
     most_borders: int = quantity(6, "changes of the event sequence that are looked for in one step")
     corner_step: float = quantity(1e-10, "smallest step beyond a corner")
     beside: tuple[float, ...] = quantity((1e-8, 1e-7, 1e-6, 1e-5), "how far beyond a change of the event sequence its "
@@ -165,11 +137,7 @@ class BorderSettings:
                                     "found", "lengths of the bracket")
     repeats: int = quantity(8, "changes of one kind that are looked for at once (a symmetric motion has them in pairs)")
 
-
-@dataclass(frozen=True)
-class DiagramSettings:
-    """Bifurcation diagrams and the motions they begin with (`diagram.py`, `motions.py`, `initial_orbits.py`, ...)."""
-
+    # Bifurcation diagrams and the motions they begin with (`diagram.py`, `motions.py`, `initial_orbits.py`, ...).
     amplitudes: tuple[float, ...] = quantity((3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6), "distances from a doubling at "
                                              "which its branch is looked for; next to a canard, where the map bends "
                                              "within 1e-5, only the smallest are on it")
@@ -196,11 +164,7 @@ class DiagramSettings:
                                 "that chord climbs")
     on_chord: float = quantity(1e-3, "the same where the chord does not climb")
 
-
-@dataclass(frozen=True)
-class CurveSettings:
-    """Curves of bifurcations in two keys (`codim2.py`, `follow_curve.py`, `augmented.py`)."""
-
+    # Curves of bifurcations in two keys (`codim2.py`, `follow_curve.py`, `augmented.py`).
     curve_step: float = quantity(0.03, "longest step, of which a picture shows every corner")
     curve_regrowth: float = quantity(2.0, "`regrowth` along a curve")
     finer_growths: tuple[float, ...] = quantity(
@@ -215,11 +179,7 @@ class CurveSettings:
                            "changes by one")
     margin_step: float = quantity(1e-6, "step of differences of a margin by the two parameters")
 
-
-@dataclass(frozen=True)
-class LimitSettings:
-    """Where a bifurcation goes as the smoothing goes to none (`smoothing_limit.py`)."""
-
+    # Where a bifurcation goes as the smoothing goes to none (`smoothing_limit.py`).
     limit_landings: tuple[float, ...] = quantity((8e-3, 4e-3, 2e-3, 1e-3), "smoothing of the scene over those at which "
                                                  "a trace over the smoothing has points, the last one its end")
     limit_steps: tuple[float, float] = quantity((0.02, 1e-7), "first and smallest step of that trace")
@@ -234,11 +194,10 @@ class LimitSettings:
     limit_stuck: float = quantity(1e-3, "slip speed on the section at which a smoothed motion is one in stick", "rad/s")
     limit_solved: float = quantity(1e-9, "error, relative to the range, of a bifurcation of the set-valued law")
 
-
-@dataclass(frozen=True)
-class Settings(ShootingSettings, NewtonSettings, CorrectorSettings, StepSettings, EndSettings, DetectionSettings,
-               BorderSettings, DiagramSettings, CurveSettings, LimitSettings):
-    """How orbits are solved for, followed and told apart."""
+    @property
+    def finest(self) -> float:
+        """Shortest part of a segment, cycles."""
+        return 1.0 / self.parts**3
 
 
 DEFAULTS = Settings()

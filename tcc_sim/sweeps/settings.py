@@ -11,9 +11,10 @@ from tcc_sim.model.quantity import quantity
 
 
 @dataclass(frozen=True)
-class PointSettings:
-    """The points of a sweep and their file (`point.py`, `ranges.py`, `file.py`)."""
+class Settings:
+    """How points of a sweep are solved, exponents worked out, and tasks given to others."""
 
+    # The points of a sweep and their file (`point.py`, `ranges.py`, `file.py`).
     rtol: float = quantity(1e-6, "relative tolerance of a sweep that is given none: sections are good to that (fig02: "
                            "4e-8, set-valued 2e-7), and over the curves of Figs. 4 to 18, 57 values each, the period "
                            "is that at 1e-10 in all but three of 1995 points")
@@ -22,11 +23,7 @@ class PointSettings:
     most_values: int = quantity(1_000_000, "most values of a range, of a grid, and of samples")
     longest_line: int = quantity(1 << 28, "longest line of a file of points", "bytes")
 
-
-@dataclass(frozen=True)
-class ExponentSettings:
-    """Lyapunov exponents (`exponents.py`)."""
-
+    # Lyapunov exponents (`exponents.py`).
     lyapunov_cycles: int = quantity(2000, "length of a mean growth where nothing is said", "engine cycles")
     confidence: float = quantity(0.95, "confidence of the interval of a mean growth")
     batches: int = quantity(20, "means of consecutive runs of cycles, each long enough to be nearly independent")
@@ -52,23 +49,15 @@ class ExponentSettings:
     converged: float = quantity(1e-6, "largest difference, relative to the size of the motion, of bump averages over "
                                 "the halves of a section on a torus")
 
-
-@dataclass(frozen=True)
-class WorkerSettings:
-    """Tasks given to processes and clusters (`workers.py`, `cluster.py`)."""
-
+    # Tasks given to processes and clusters (`workers.py`, `cluster.py`).
     look: float = quantity(2.0, "time without a result after which it is asked whether those who work are still "
                            "there", "s")
     connect_timeout: float = quantity(8.0, "time that a scheduler has to answer", "s")
     patience: float = quantity(60.0, "time that it may be silent, or without workers, before a sweep that it works on "
                                "is given up", "s")
     lost_workers: int = quantity(10, "workers that may die over one task before the task is given up")
+    ahead: int = quantity(3, "tasks handed out per thread")
     dask_batch: int = quantity(8, "points in one task on a cluster: a task costs the scheduler about a millisecond")
-
-
-@dataclass(frozen=True)
-class Settings(PointSettings, ExponentSettings, WorkerSettings):
-    """How points of a sweep are solved, exponents worked out, and tasks given to others."""
 
 
 DEFAULTS = Settings()
