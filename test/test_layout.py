@@ -42,7 +42,7 @@ MEASURING = ["cli.precision", "cli.stability", "cli.realtime", "cli.soak"]
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
-GROWING = ["analysis.stream.RunCycles", "basins.rows._Progress", "benchmarks.references.Law",
+GROWING = ["analysis.stream.RunCycles", "benchmarks.references.Law",
            "continuation.branch.Branch", "continuation.codim2._Way", "continuation.detection.ClosedBranch",
            "continuation.follow.State", "continuation.follow_curve.CurveState", "continuation.motions.Motions",
            "continuation.palc.StepSize", "nodes.loop.Request", "paper.evidence.Evidence",

@@ -9,6 +9,7 @@ cells.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -176,8 +177,7 @@ def _validated(of: Motion, found: Sequence[Attractor], settings: Settings) -> li
         else:
             while radius > settings.smallest_radius and not _captures(of, attractor, radius, settings):
                 radius *= 0.5
-        out.append(Attractor(attractor.period, attractor.section, attractor.phases, attractor.multipliers,
-                             attractor.largest, radius))
+        out.append(replace(attractor, radius=radius))
     return out
 
 

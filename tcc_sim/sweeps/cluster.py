@@ -13,12 +13,13 @@ from typing import Any
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, WorkersLost, require
 from tcc_sim.sweeps.settings import DEFAULTS
+from tcc_sim.sweeps.workers import Attendance
 
 ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 """Protocol, host and port."""
 
 
-class Scheduler:
+class Scheduler(Attendance):
     """Asks a scheduler whether it and its workers are still there.
 
     Parameters
@@ -30,17 +31,13 @@ class Scheduler:
 
     def __init__(self, client: Any, address: str, connect: float) -> None:
         self._client, self._address, self._connect = client, address, connect
-        self._threads = self._ask()
+        super().__init__(self._ask())
         self._seen = time.monotonic()
-
-    def threads(self) -> int:
-        """Threads of all workers, as far as was heard."""
-        return self._threads
 
     def check(self) -> None:
         """Raise WorkersLost where scheduler or workers have been gone for `patience` seconds."""
-        self._threads = self._ask()
-        if self._threads:
+        self.threads = self._ask()
+        if self.threads:
             self._seen = time.monotonic()
         elif time.monotonic() - self._seen > DEFAULTS.patience:
             gone = "has no workers" if self._client.status == "running" else "is gone"
@@ -84,7 +81,7 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
         raise InputError(f"--dask {address}: no Dask scheduler answers ({error or type(error).__name__})") from None
     with client:
         there = Scheduler(client, address, connect)
-        if not there.threads():
+        if not there.threads:
             raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
         executor = client.get_executor(pure=False, retries=DEFAULTS.lost_workers)
         try:

@@ -28,7 +28,7 @@ class SweepFile:
 
     Parameters
     ----------
-    path : where it is, or will be
+    path : where it is, or will be; None for no file, which takes everything and keeps nothing
     header : what tells the sweep from others; it becomes the first line
     form : name and version of the file's schema
     kind : what the file is of, in errors
@@ -44,9 +44,11 @@ class SweepFile:
         It cannot be read or written.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None], *,
-                 form: str = FORMAT, kind: str = "sweep", said: Mapping[str, Any] | None = None) -> None:
-        self._kind = kind
+    def __init__(self, path: Path | None, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None],
+                 *, form: str = FORMAT, kind: str = "sweep", said: Mapping[str, Any] | None = None) -> None:
+        self._kind, self._stream = kind, None
+        if path is None:
+            return
         wanted: dict[str, Any] = json.loads(json.dumps({"format": form, **header}))
         first = encoded({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
         whole = self._read(path, wanted, first, take) if path.exists() else 0
@@ -101,10 +103,12 @@ class SweepFile:
 
     def append(self, curve: int, index: int, record: Mapping[str, Any]) -> None:
         """Write one point and hand it to the operating system."""
-        self._write(encoded({"curve": curve, "index": index, "record": record}))
+        if self._stream is not None:
+            self._write(encoded({"curve": curve, "index": index, "record": record}))
 
     def _write(self, line: bytes) -> None:
         """One line."""
+        assert self._stream is not None
         try:
             self._stream.write(line)
             self._stream.flush()
@@ -113,8 +117,9 @@ class SweepFile:
 
     def close(self) -> None:
         """Close the file; what a full disk did not take was said when it was written."""
-        with suppress(OSError):
-            self._stream.close()
+        if self._stream is not None:
+            with suppress(OSError):
+                self._stream.close()
 
 
 def _beginning(wanted: Mapping[str, Any]) -> bytes:

@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from tcc_sim.sweeps.results import Curve, Grid, Sweep
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
-from tcc_sim.sweeps.workers import Attendance, first_done, workers
+from tcc_sim.sweeps.workers import Attendance, each_done, workers
 
 Points = list[list[Point | None]]
 """Per curve and value what was found, None for what was not tried yet."""
@@ -120,8 +121,6 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
         plan.check(curve.system)
     if isinstance(plan.discard, int):
         plan.dropped(plan.cycles, 0)
-    if jobs is not None and not 1 <= jobs <= 1024:
-        raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
     began = time.perf_counter()
     points: Points = [[None] * len(curve.values) for curve in curves]
 
@@ -130,25 +129,20 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
             raise ValueError(f"the sweep has no value {i} of curve {c}")
         points[c][i] = point_of(record, curves[c].at(i))
 
-    file: SweepFile | None = None
     try:
-        with workers(jobs, dask) as (executor, there):
-            file = SweepFile(out, _header(curves, plan), take, said=said) if out is not None else None
+        with workers(jobs, dask) as (executor, there), closing(
+                SweepFile(out, _header(curves, plan), take, said=said)) as file:
             done = sum(p is not None for found in points for p in found)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
                 for c, i, point in _solved(curves, plan, executor, there, DEFAULTS.dask_batch if dask else 1, points):
                     points[c][i] = point
-                    if file is not None:
-                        file.append(c, i, point.as_record())
+                    file.append(c, i, point.as_record())
                     bar.update()
     except KeyboardInterrupt:
         raise SweepInterrupted(_results(curves, plan, points, began)) from None
     except WorkersLost as lost:
         lost.sweeps = _results(curves, plan, points, began)
         raise
-    finally:
-        if file is not None:
-            file.close()
     return _results(curves, plan, points, began)
 
 
@@ -170,34 +164,24 @@ Task = tuple[int, list[int], Start | None]
 
 def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Attendance, batch: int,
             points: Points) -> Iterator[tuple[int, int, Point]]:
-    """Every point that was not found yet, as it is done; few tasks are handed out ahead, so memory does not grow."""
+    """Every point that was not found yet, as it is done."""
     ready = _tasks(curves, plan, batch, points)
     following: deque[Task] = deque()
-    running: dict[Future[list[Point]], Task] = {}
-    try:
-        while True:
-            while len(running) < 3 * max(there.threads(), 1):
-                task = following.popleft() if following else next(ready, None)
-                if task is None:
-                    break
-                c, indices, start = task
-                systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
-                running[executor.submit(solve_points, systems, values, plan, start)] = task
-            if not running:
-                return
-            for future in first_done(running, there):
-                c, indices, _ = running.pop(future)
-                found = future.result()
-                if plan.direction != "cold":
-                    rest = _order(curves[c], plan)
-                    rest = rest[rest.index(indices[-1]) + 1:][:batch]
-                    if rest:
-                        following.append((c, rest, _passed_on(curves[c], indices[-1], found[-1], rest[0])))
-                for i, point in zip(indices, found):
-                    yield c, i, point
-    finally:
-        for future in running:
-            future.cancel()
+
+    def submit(task: Task) -> Future[list[Point]]:
+        c, indices, start = task
+        systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
+        return executor.submit(solve_points, systems, values, plan, start)
+
+    for (c, indices, _), found in each_done(there, lambda: following.popleft() if following else next(ready, None),
+                                            submit):
+        if plan.direction != "cold":
+            rest = _order(curves[c], plan)
+            rest = rest[rest.index(indices[-1]) + 1:][:batch]
+            if rest:
+                following.append((c, rest, _passed_on(curves[c], indices[-1], found[-1], rest[0])))
+        for i, point in zip(indices, found):
+            yield c, i, point
 
 
 def _passed_on(curve: Curve, before: int, point: Point, following: int) -> Start:
