@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +19,6 @@ Stretch = tuple[int, Floats]
 """Engine cycles one after the other: the number of the first, and when each starts and the last ends, s."""
 
 
-class EngineClock(Protocol):
-    """Where the engine cycles of every run of a recording lie."""
-
-    @property
-    def cycle(self) -> float:
-        """A typical cycle, s."""
-
-    @property
-    def told(self) -> bool:
-        """Whether what is counted are engine cycles."""
-
-    def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """The cycles of a run that start between two times, s; those that do not follow each other apart."""
-
-
 @dataclass(frozen=True)
 class Uniform:
     """Cycle n starts at t = n cycle, in every run."""
@@ -43,7 +27,7 @@ class Uniform:
     told: bool = True
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """As EngineClock has it."""
+        """Of which EngineClock tells."""
         first = math.ceil(begin / self.cycle - SLACK)
         return [(first, cycle_starts(first, end, self.cycle))]
 
@@ -61,21 +45,9 @@ class Scheduled:
         return self.system.cycle
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """As EngineClock has it."""
+        """Of which EngineClock tells."""
         first = math.ceil(self.system.cycles_until(begin) - SLACK)
         return [(first, starts_of(self.system, first, end))]
-
-
-def clock_of_scene(system: System) -> EngineClock:
-    """When the engine cycles start where torque and frequency are those of a scene."""
-    return Uniform(system.cycle) if system.course is None else Scheduled(system)
-
-
-def slices(length: float) -> Uniform:
-    """Slices of time, s, in place of engine cycles that nobody knows: their extremes hold, section and period do not
-    exist.
-    """
-    return Uniform(length, told=False)
 
 
 @dataclass(frozen=True)
@@ -92,7 +64,7 @@ class Tracked:
     told: bool = True
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """As EngineClock has it; the last start before a stretch that nobody knows is none."""
+        """Of which EngineClock tells; the last start before a stretch that nobody knows is none."""
         if run not in self.runs:
             return []
         numbers, starts = self.runs[run]
@@ -104,3 +76,22 @@ class Tracked:
             if b > a and (b - a > 1 or (b < len(numbers) and numbers[b] == numbers[a] + 1)):
                 found.append((int(numbers[a]), starts[a:b]))
         return found
+
+
+EngineClock = Uniform | Scheduled | Tracked
+"""Where the engine cycles of every run of a recording lie: `cycle` is a typical one, s, `told` whether what is counted
+are engine cycles, and `stretches` gives those of a run that start between two times, s, cycles that do not follow each
+other apart.
+"""
+
+
+def clock_of_scene(system: System) -> EngineClock:
+    """When the engine cycles start where torque and frequency are those of a scene."""
+    return Uniform(system.cycle) if system.course is None else Scheduled(system)
+
+
+def slices(length: float) -> Uniform:
+    """Slices of time, s, in place of engine cycles that nobody knows: their extremes hold, section and period do not
+    exist.
+    """
+    return Uniform(length, told=False)

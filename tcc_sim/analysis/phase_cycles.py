@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,40 +22,28 @@ FEWEST_FOR_NOISE, LARGEST_NOISE = 6, 0.17
 """Blocks from which their noise can be told, and the largest, rad, that a constant frequency may have."""
 
 
-class Stretch:
-    """Blocks that follow each other: mid times (s), phases (rad), amplitudes (N m), parts of the variance that the line
-    holds, and where each begins and ends, s.
+class Block(NamedTuple):
+    """A phase (rad) with the middle of its block, s, its amplitude (N m), the part of the variance that the line holds,
+    and where the block begins and ends, s.
     """
 
-    def __init__(self) -> None:
-        self.t: list[float] = []
-        self.phase: list[float] = []
-        self.amplitude: list[float] = []
-        self.share: list[float] = []
-        self.bounds: list[tuple[float, float]] = []
+    t: float
+    phase: float
+    amplitude: float
+    share: float
+    begin: float
+    end: float
 
-    def add(self, at: float, phase: float, amplitude: float, share: float, bounds: tuple[float, float]) -> None:
-        """Add a block."""
-        for column, value in zip((self.t, self.phase, self.amplitude, self.share), (at, phase, amplitude, share)):
-            column.append(value)
-        self.bounds.append(bounds)
 
-    @property
-    def begin(self) -> float:
-        """Where the phase is known from on."""
-        return self.bounds[0][0]
+Stretch = list[Block]
+"""Blocks that follow each other."""
 
-    @property
-    def end(self) -> float:
-        """Up to where it is known."""
-        return self.bounds[-1][1]
 
-    def trim(self) -> None:
-        """Leave out a block at either end that the oscillation fills in part only."""
-        for end, beside in ((0, 1), (-1, -2)):
-            if len(self.t) > 2 and self.amplitude[end] < FULL_SIZE * self.amplitude[beside]:
-                for column in (self.t, self.phase, self.amplitude, self.share, self.bounds):
-                    del column[end]
+def trim(stretch: Stretch) -> None:
+    """Leave out a block at either end that the oscillation fills in part only."""
+    for end, beside in ((0, 1), (-1, -2)):
+        if len(stretch) > 2 and stretch[end].amplitude < FULL_SIZE * stretch[beside].amplitude:
+            del stretch[end]
 
 
 @dataclass(frozen=True)
@@ -79,7 +68,7 @@ def cycles_between(stretches: list[Stretch], known: float) -> RunPhase:
     """The cycles of a run from its stretches, whose phases are first made to follow each other; `known` is the part of
     the run that these are.
     """
-    blocks = [(np.array(s.t), np.array(s.phase)) for s in stretches]
+    blocks = [(np.array([b.t for b in s]), np.array([b.phase for b in s])) for s in stretches]
     t, phase = blocks[0]
     for number, (later, ahead) in enumerate(blocks[1:], 1):
         steady = _steady(t, phase)
@@ -95,13 +84,13 @@ def cycles_between(stretches: list[Stretch], known: float) -> RunPhase:
     shift = zero - math.remainder(zero, 2.0 * math.pi)
     for stretch, (where, values) in zip(stretches, blocks):
         if steady:
-            ends = [start + slope * (at - t[0]) - shift for at in (stretch.begin, stretch.end)]
+            ends = [start + slope * (at - t[0]) - shift for at in (stretch[0].begin, stretch[-1].end)]
             here = np.arange(math.ceil(ends[0] / (2.0 * math.pi) - 1e-9), ends[1] / (2.0 * math.pi) + 1e-9)
             found, rates = t[0] + (2.0 * math.pi * here + shift - start) / slope, np.array([slope])
         else:
             here, found, rates = _varying(stretch, where, values - shift)
         numbers.append(here.astype(np.int64))
-        starts.append(np.maximum(found, stretch.begin))
+        starts.append(np.maximum(found, stretch[0].begin))
         inner = rates[1:-1] if len(rates) > 2 else rates
         low, high = min(low, float(inner.min())), max(high, float(inner.max()))
     return RunPhase(np.concatenate(numbers), np.concatenate(starts), low, high, known)
@@ -126,7 +115,8 @@ def _varying(stretch: Stretch, t: Floats, phase: Floats) -> tuple[Floats, Floats
     """
     from scipy.interpolate import CubicHermiteSpline
 
-    knots = np.concatenate([[stretch.begin], t, [stretch.end]])
+    begin, end = stretch[0].begin, stretch[-1].end
+    knots = np.concatenate([[begin], t, [end]])
     values, rates = np.empty(len(knots)), np.empty(len(knots))
     for k, at in enumerate(knots.tolist()):
         first = min(max(k - 3, 0), max(len(t) - 5, 0))
@@ -138,5 +128,5 @@ def _varying(stretch: Stretch, t: Floats, phase: Floats) -> tuple[Floats, Floats
     here = np.arange(math.ceil(values[0] / (2.0 * math.pi)), values[-1] / (2.0 * math.pi))
     found = np.interp(2.0 * math.pi * here, values[keep], knots[keep])
     for _ in range(4):
-        found = np.clip(found - (curve(found) - 2.0 * math.pi * here) / curve(found, 1), stretch.begin, stretch.end)
+        found = np.clip(found - (curve(found) - 2.0 * math.pi * here) / curve(found, 1), begin, end)
     return here, found, rates

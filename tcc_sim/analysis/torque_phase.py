@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.analysis.engine_clock import Tracked
-from tcc_sim.analysis.phase_cycles import MEMORY, RunPhase, Stretch, cycles_between
+from tcc_sim.analysis.phase_cycles import MEMORY, Block, RunPhase, Stretch, cycles_between, trim
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats
 
@@ -136,15 +136,15 @@ class _Run:
         none = np.empty(0, np.int64), np.empty(0), math.nan, math.nan
         if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
             return RunPhase(*none, why="the engine torque is constant")
-        shares = [share for stretch in self._done for share in stretch.share]
+        shares = [block.share for stretch in self._done for block in stretch]
         short = len(shares) < FEW_BLOCKS and self.samples <= LONGEST_OPENING
         whole = _fitted(*self._opening) if short else None
-        if whole is not None and (len(shares) < FEWEST_BLOCKS or whole.share[0] >= float(np.mean(shares)) - AS_MUCH):
+        if whole is not None and (len(shares) < FEWEST_BLOCKS or whole[0].share >= float(np.mean(shares)) - AS_MUCH):
             self._done = [whole]
         elif len(shares) < FEWEST_BLOCKS:
             return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that "
                             "changes by 10 % a second or less")
-        known = sum(stretch.end - stretch.begin for stretch in self._done) / (self._span[1] - self._span[0])
+        known = sum(stretch[-1].end - stretch[0].begin for stretch in self._done) / (self._span[1] - self._span[0])
         if known < LEAST_KNOWN:
             return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
                             f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are needed")
@@ -174,8 +174,7 @@ class _Run:
         """The phase that the model lets expect."""
         assert self._model is not None
         at, phase, frequency, change = self._model
-        expected: Floats = phase + (t - at) * (frequency + 0.5 * change * (t - at))
-        return expected
+        return phase + (t - at) * (frequency + 0.5 * change * (t - at))
 
     def _block(self) -> int:
         """Samples of the next block."""
@@ -192,7 +191,7 @@ class _Run:
             return False
         t, found = self._t[:count], self._measured(count)
         if found is not None:
-            self._stretch = self._stretch or Stretch()
+            self._stretch = self._stretch or []
             self._misses = 0
             self._add(self._stretch, found, float(t[0]), float(self._t[count]), float(t[-1]))
             self._learn()
@@ -221,7 +220,7 @@ class _Run:
         """Add a block to a stretch: its samples go from `begin` to `last`, the next one begins at `end`."""
         middle = 0.5 * (begin + last)
         phase = float(self._expected(np.array(middle))) + found.ahead
-        stretch.add(middle, phase, found.amplitude, found.share, (begin, end))
+        stretch.append(Block(middle, phase, found.amplitude, found.share, begin, end))
 
     def _take_rest(self, stretch: Stretch) -> None:
         """Make what is left at the end a block of its own, or a part of the last one where it is short."""
@@ -231,13 +230,13 @@ class _Run:
             if found is not None:
                 self._add(stretch, found, begin, last, last)
                 return
-        stretch.bounds[-1] = stretch.bounds[-1][0], last
+        stretch[-1] = stretch[-1]._replace(end=last)
 
     def _learn(self) -> None:
         """Expect what the last blocks say."""
         assert self._stretch is not None
         assert self._model is not None
-        t, phase = np.array(self._stretch.t[-MEMORY:]), np.array(self._stretch.phase[-MEMORY:])
+        t, phase = np.array([(block.t, block.phase) for block in self._stretch[-MEMORY:]]).T
         at, now, (frequency, change) = float(t[-1]), float(phase[-1]), self._model[2:]
         frequency += change * (at - self._model[0])
         if len(t) > 3:
@@ -250,8 +249,8 @@ class _Run:
 
     def _release(self) -> None:
         """End the stretch that was followed."""
-        if self._stretch is not None and len(self._stretch.t) > MISSES:
-            self._stretch.trim()
+        if self._stretch is not None and len(self._stretch) > MISSES:
+            trim(self._stretch)
             self._done.append(self._stretch)
         self._stretch, self._model, self._misses = None, None, 0
 
@@ -324,7 +323,5 @@ def _fitted(t: Floats, torque: Floats) -> Stretch | None:
     found, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
     if found.share < STRONGEST_LINE:
         return None
-    whole = Stretch()
-    for at in ends:
-        whole.add(at, found.ahead + float(best.x) * rough * (at - ends[0]), found.amplitude, found.share, ends)
-    return whole
+    return [Block(at, found.ahead + float(best.x) * rough * (at - ends[0]), found.amplitude, found.share, *ends)
+            for at in ends]
