@@ -186,8 +186,7 @@ def _about_cycle_mean(v: Floats) -> Floats:
     """The slip speed less its mean over the engine cycle that it is in."""
     whole = (len(v) - 1) // PER_CYCLE * PER_CYCLE
     cycles = v[:whole].reshape(-1, PER_CYCLE)
-    out: Floats = np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)
-    return out
+    return np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)
 
 
 def _breakaways(run: Trajectory) -> Floats:

@@ -251,8 +251,7 @@ def _scaled(cycles: Cycles, first: int) -> Floats:
         points = points[int(np.flatnonzero(~finite.all(axis=1))[-1]) + 1:]
     if not len(points):
         return points
-    scaled: Floats = points / _sizes(points, cycles.highest[first:], cycles.lowest[first:])
-    return scaled
+    return points / _sizes(points, cycles.highest[first:], cycles.lowest[first:])
 
 
 def _sizes(points: Floats, *speeds: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tcc_sim.continuation.palc import StepSize, next_solution, null_direction, oriented, solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.shooting import Linearised, Shooting
+from tcc_sim.continuation.shooting import Linearised
 from tcc_sim.continuation.special_points import ContinuationPoint, point_at
 
 
@@ -20,7 +20,8 @@ def beyond_corner(here: ContinuationPoint, step_size: StepSize) -> ContinuationP
         try:
             found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
             along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
-            events = _events_at(shooting, here.solution.z + beside * along)
+            z = here.solution.z + beside * along
+            events = shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events
         except FAILURES:
             continue
         new = None if events == here.orbit.seen.events else _beyond(here, found, along, beside, step_size)
@@ -48,8 +49,3 @@ def _beyond(here: ContinuationPoint, found: Linearised, along: Floats, beside: f
             step_size.length = short.length
             return new
     return None
-
-
-def _events_at(shooting: Shooting, z: Floats) -> str:
-    """The event sequence of one period from a point near an orbit."""
-    return shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events

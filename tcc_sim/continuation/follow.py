@@ -14,9 +14,9 @@ import numpy as np
 
 from tcc_sim.continuation.corner import beyond_corner
 from tcc_sim.continuation.detection import ClosedBranch, period_doubling_end, special_points_between
-from tcc_sim.continuation.palc import Solution, StepSize, corrector, next_solution, solution_at
+from tcc_sim.continuation.newton import newton
+from tcc_sim.continuation.palc import Solution, StepSize, corrector, next_solution, solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES
-from tcc_sim.continuation.remeshing import remeshed
 from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
 from tcc_sim.continuation.stopping import End, StopReason
@@ -194,6 +194,31 @@ def _remesh_for_want_of_a_step(state: State) -> bool:
         return False
     state.points[-1], state.step_size.length, state.before = other, here.shooting.settings.flat_step, []
     return True
+
+
+def remeshed(point: ContinuationPoint, count: int, anew: bool = False) -> ContinuationPoint | None:
+    """The point in other segments, where the growth over one of them is large or fewer may do, or `anew`; None where
+    these stay.
+
+    count : of points until now; fewer segments are tried now and then
+    """
+    shooting, settings = point.shooting, point.shooting.settings
+    large = float(np.abs(point.solution.found.blocks).max()) > settings.regrowth * settings.growth
+    if not shooting.map.divisible and (shooting.period == 1 or len(shooting.segments) == shooting.period):
+        return None
+    fewer = len(shooting.segments) > 1 and count % settings.fewer_after == 0
+    if not (large or fewer or anew):
+        return None
+    finer, z = shooting.cut(point.solution.z)
+    if len(finer.segments) == len(shooting.segments) and not (large or anew):
+        return None
+    polished = newton(finer, z)
+    if polished is None:
+        return None
+    found = finer.linearise(polished)
+    along, n = np.zeros(len(z)), shooting.map.dimension
+    along[:n], along[-1] = point.solution.tangent[:n], point.solution.tangent[-1]
+    return point_at(finer, solution_at(polished, found, tangent_of(found, along)))
 
 
 def _in_family(points: list[ContinuationPoint]) -> bool:

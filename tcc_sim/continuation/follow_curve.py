@@ -97,7 +97,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
         if edge is None and any(not low <= new.z[k] <= high for k, low, high in state.bounds):
             state.step_size.length = 0.5 * length
             continue
-        if _on_a_canard(state, new):
+        if state.augmented is not None and growth_over_parts(new.found.blocks) > settings.canard:
             return StopReason.CANARD_CURVE, 0
         after = _tests(state, new)
         special = _special_between(state, new, tests, after, last=edge is not None)
@@ -120,11 +120,6 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
             if _remesh(state, others=count % settings.fewer_after == 0):
                 tests = _tests(state, state.here)
     return StopReason.POINTS, 0
-
-
-def _on_a_canard(state: CurveState, new: Solution) -> bool:
-    """Whether a disturbance grows so far over some part of the orbit that double precision does not resolve it."""
-    return state.augmented is not None and growth_over_parts(new.found.blocks) > state.equations.settings.canard
 
 
 def growth_over_parts(blocks: Floats) -> float:

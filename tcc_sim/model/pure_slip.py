@@ -41,8 +41,7 @@ class PureSlip:
 
     def slip_speed(self, t: Any) -> Floats:
         """v(t) of (14), rad/s, at the times t (n,)."""
-        out: Floats = self.steady_slip_speed(t) + self.a1 * np.asarray(t) - self._transient(t)[1]
-        return out
+        return self.steady_slip_speed(t) + self.a1 * np.asarray(t) - self._transient(t)[1]
 
     def steady_slip_speed(self, t: Any) -> Floats:
         """v(t) of (15), rad/s, without the transient (and without a1 t, which has no steady state)."""
@@ -50,13 +49,11 @@ class PureSlip:
 
     def plate_angle(self, t: Any) -> Floats:
         """theta2(t), rad."""
-        out: Floats = self.plate(t) + self._transient(t)[0]
-        return out
+        return self.plate(t) + self._transient(t)[0]
 
     def plate_speed(self, t: Any) -> Floats:
         """theta2'(t), rad/s."""
-        out: Floats = self.plate.rate()(t) + self._transient(t)[1]
-        return out
+        return self.plate.rate()(t) + self._transient(t)[1]
 
     @property
     def steady(self) -> bool:

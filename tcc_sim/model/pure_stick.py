@@ -129,8 +129,7 @@ def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickM
     size = abs(torque.mean) + torque.swing() + ratio * (abs(load.mean) + load.swing())
 
     def margin(t: Floats) -> Floats:
-        out: Floats = ratio * np.maximum(load(t), 0.0) - np.abs(torque(t))
-        return out
+        return ratio * np.maximum(load(t), 0.0) - np.abs(torque(t))
 
     width = 2.0 * math.pi / fastest / 32.0
     t = np.arange(0.0, period, width)
@@ -160,8 +159,7 @@ def _kink_slack(torque: Sines, load: Sines, ratio: float, t: Floats, width: floa
         return np.zeros_like(t)
     steepest = ratio * float(load.amplitude @ load.frequency)
     near = np.abs(load(t + 0.5 * width)) <= 0.5 * steepest / ratio * width
-    out: Floats = np.where(near, 0.5 * steepest * width, 0.0)
-    return out
+    return np.where(near, 0.5 * steepest * width, 0.0)
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,7 @@ class Sines:
     def __call__(self, t: Any) -> Floats:
         """The value at the times t, (n,) array or float."""
         angle = np.multiply.outer(np.asarray(t, dtype=np.float64), self.frequency) + self.phase
-        out: Floats = self.mean + np.sin(angle) @ self.amplitude
-        return out
+        return self.mean + np.sin(angle) @ self.amplitude
 
     def through(self, response: Response) -> Sines:
         """The steady output of a linear system whose response to exp(i w t) is `response`(w)."""
