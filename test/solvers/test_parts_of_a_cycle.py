@@ -4,7 +4,7 @@ own states and the variational equations by SciPy.
 
 import numpy as np
 import pytest
-from test_stroboscopic import SIZES, varied
+from oracle import tangent_map
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -12,7 +12,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 
 KEY = "pressure.mean"
-STEPS = np.array([1e-6, 1e-7, 1e-6])
+SIZES, STEPS = np.array([10.0, 0.1, 10.0]), np.array([1e-6, 1e-7, 1e-6])
 PARTS = 23
 
 
@@ -66,7 +66,10 @@ def test_parts_in_stick_have_the_derivatives_of_the_variational_equations(name: 
     for k in range(PARTS):
         found = stroboscopic_map(system, x, 1.0 / PARTS, start_cycle=k / PARTS, parameters=(KEY,))
         if found.events == "S" and seen < 3:
-            state, tangent = varied(system, x, k / PARTS, (k + 1) / PARTS, KEY)
+            unit = 1e-3 * system.pressure.mean
+            state, tangent = tangent_map(system, x, k / PARTS, 1 / PARTS, by=lambda n, unit=unit: replace(
+                system, {KEY: system.pressure.mean + n * unit}))
+            tangent[:, 3] /= unit
             seen += 1
             assert found.state == pytest.approx(state, abs=1e-9)
             own = np.hstack([found.derivative, found.by_parameter])

@@ -1,177 +1,187 @@
-"""The stroboscopic map of the smoothed law: its derivatives against SciPy's variational equations and differences."""
+"""The stroboscopic maps of both engines: derivatives against differences of the solver, SciPy's variational equations
+and closed forms, and parts of a cycle that make the whole.
+"""
 
-import math
+from __future__ import annotations
 
-import central_differences
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from differences import apart, one_sided
+from oracle import tangent_map
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.key_derivatives import OF_ITSELF
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
+from tcc_sim.trajectory import State, event_sequence
 
+MU_K, MU_S, OMEGA = "friction.kinetic_coefficient", "friction.static_coefficient", "engine.frequency"
+BASE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0})
+KEYS = (*OF_ITSELF, OMEGA, MU_S, MU_K, "clutch.area", "clutch.radius", "pressure.mean", "pressure.amplitude")
+CASES = {
+    "stick-slip": {"pressure.amplitude": 40e3, "pressure.phase": 0.7},
+    "pressure at 3/2": {"pressure.amplitude": 100e3, "pressure.frequency_ratio": 1.5},
+    "reversals": {"engine.mean_torque": 20.0, "engine.torque_amplitude": 900.0, "pressure.amplitude": 20e3},
+    "clamped": {"pressure.amplitude": 300e3, "pressure.phase": 0.3},
+    "harmonics": {"engine.harmonic_amplitudes": (100.0, 50.0), "engine.harmonic_phases": (0.3, 1.0),
+                  "pressure.amplitude": 30e3},
+    "r = 2": {MU_K: 0.15, "pressure.mean": 300e3, "pressure.amplitude": 50e3},
+    "stick": {"pressure.mean": 600e3, "pressure.amplitude": 20e3},
+}
+START = np.array([3.0, 0.1, 2.0])
 SIZES = np.array([10.0, 0.1, 10.0])
-VARYING = load_scene("fig02").system
-CLAMPED = replace(VARYING, {"pressure.amplitude": 1.5 * VARYING.pressure.mean})
-HARMONICS = replace(VARYING, {"engine.harmonic_amplitudes": [60.0, 30.0], "engine.harmonic_phases": [0.3, 1.0],
-                              "pressure.frequency_ratio": 0.5, "pressure.phase": 0.4})
-EQUAL = replace(load_scene("minimal").system, {"friction.law": "smoothed"})
-KEYS = ("driveline.flywheel_inertia", "driveline.plate_inertia", "driveline.damping", "driveline.stiffness",
-        "friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
-        "clutch.area",
-        "clutch.radius", "engine.mean_torque", "engine.torque_amplitude", "engine.frequency", "pressure.mean",
-        "pressure.amplitude", "pressure.phase")
+STEPS = np.array([1e-3, 1e-5, 1e-3])
+both = pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 
 
-def settled(system: System, cycles: int = 12) -> np.ndarray:
-    found = solve(system, cycles=cycles, rtol=1e-9).cycles
-    assert found is not None
-    return found.section[-1]
+def at(system: System, key: str) -> float:
+    return float(dict(values_of(system))[key])  # type: ignore[arg-type]
 
 
-def rates(phase: float, y: np.ndarray, system: System) -> np.ndarray:
-    """The equations of motion (1) to (7) by the phase omega t, written out again."""
-    d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
-    v, angle, speed = y
-    torque = e.mean_torque + e.torque_amplitude * math.sin(phase)
-    for n, (a, shift) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
-        torque += a * math.sin(n * phase + shift)
-    pressure = max(p.mean + p.amplitude * math.sin(p.frequency_ratio * phase + p.phase), 0.0)
-    law = 1.0 + (f.static_coefficient / f.kinetic_coefficient - 1.0) * math.exp(-f.decay * abs(v))
-    clutch = system.clutch
-    friction = f.kinetic_coefficient * clutch.area * clutch.radius * pressure * law * math.tanh(f.smoothing * v)
-    plate = (friction - d.damping * speed - d.stiffness * angle) / d.plate_inertia
-    return np.array([(torque - friction) / d.flywheel_inertia - plate, speed, plate]) / e.frequency
+def end(system: System, x: np.ndarray, cycles: int = 2) -> np.ndarray:
+    """The state behind some cycles by the solver."""
+    found = solve(system, cycles=cycles, start_cycle=3, state=State(*map(float, x)), rtol=1e-12).raise_for_status()
+    assert found.cycles is not None
+    return found.cycles.section[-1]
 
 
-def varied(system: System, x: np.ndarray, start: float, end: float, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """State and derivatives by the state and one key, from the variational equations by SciPy's LSODA."""
-    at = dict(values_of(system))[key]
-    h = 1e-3 * at if at else 1e-3
-    moved = {k: replace(system, {key: at + k * h}) for k in (-2, -1, 1, 2)}
-
-    def slope(phase: float, y: np.ndarray) -> np.ndarray:
-        f, law = system.friction, np.empty((3, 3))
-        for k in range(1, 3):
-            e = np.zeros(3)
-            e[k] = 1.0  # Linear in the plate's angle and speed.
-            law[:, k] = rates(phase, y + e, system) - rates(phase, y, system)
-        v, excess = y[0], f.static_coefficient / f.kinetic_coefficient - 1.0
-        falling, step = excess * math.exp(-f.decay * abs(v)), math.tanh(f.smoothing * v)
-        part = f.smoothing * (1.0 + falling) * (1.0 - step * step) - f.decay * falling * math.copysign(1.0, v) * step
-        pressure = system.pressure
-        swing = pressure.amplitude * math.sin(pressure.frequency_ratio * phase + pressure.phase)
-        load = max(pressure.mean + swing, 0.0)
-        rise = system.torque_per_pressure * load * part / system.engine.frequency
-        law[:, 0] = -rise * system.inverse_inertia, 0.0, rise / system.driveline.plate_inertia
-        return law
-
-    def right(phase: float, z: np.ndarray) -> np.ndarray:
-        y, tangent = z[:3], z[3:].reshape(3, 4)
-        out = slope(phase, y) @ tangent
-        a, b, c, d = (rates(phase, y, moved[k]) for k in (-2, -1, 1, 2))
-        out[:, 3] += (a - 8.0 * b + 8.0 * c - d) / (12.0 * h)
-        return np.concatenate([rates(phase, y, system), out.ravel()])
-
-    def jacobian(phase: float, z: np.ndarray) -> np.ndarray:
-        out, a = np.zeros((15, 15)), slope(phase, z[:3])
-        out[:3, :3], out[3:, 3:] = a, np.kron(a, np.eye(4))  # Only steers LSODA's Newton iteration.
-        return out
-
-    initial = np.concatenate([x, np.eye(3, 4).ravel()])
-    found = solve_ivp(right, (2.0 * math.pi * start, 2.0 * math.pi * end), initial, method="LSODA", rtol=1e-11,
-                      atol=1e-13, jac=jacobian)
-    return found.y[:3, -1], found.y[3:, -1].reshape(3, 4)
+@both
+@pytest.mark.parametrize("name", CASES)
+def test_derivatives_are_those_of_the_solver(name: str, law: str) -> None:
+    system, start = replace(BASE, {**CASES[name], "friction.law": law}), START * [name != "stick", 1.0, 1.0]
+    keys = [key for key in KEYS if key != "friction.smoothing" or law == "smoothed"]
+    found = stroboscopic_map(system, start, 2, start_cycle=3, parameters=keys)
+    solved = solve(system, cycles=2, start_cycle=3, state=State(*start), rtol=1e-12)
+    moves, cycles = solved.transitions, solved.cycles
+    assert cycles is not None
+    np.testing.assert_allclose(found.state, cycles.section[-1], rtol=1e-10, atol=1e-10)
+    assert found.events == event_sequence(moves.before, moves.after, int(solved.state[0]))
+    if law == "set_valued":
+        assert [(b, a) for _, b, a in found.moves] == list(zip(moves.before, moves.after))
+        np.testing.assert_allclose([t for t, _, _ in found.moves], moves.time, atol=1e-12)
+    np.testing.assert_allclose(found.heights, np.maximum(cycles.highest, -cycles.lowest), atol=1e-9)
+    assert found.stick_time == pytest.approx(cycles.stick_time.sum(), abs=1e-12)
+    near = 1e-6 if law == "smoothed" else 1e-7
+    held = law == "set_valued" and name == "stick"  # It has no derivative by the slip speed.
+    for k in range(held, 3):
+        step = np.eye(3)[k] * STEPS[k]
+        assert apart(found.derivative[:, k] * STEPS[k], lambda d, s=step: end(system, start + d * s), 1.0,
+                     SIZES, 1e-4 * STEPS[k] / SIZES[k]) < near, k
+    for k, key in enumerate(keys):
+        value = at(system, key)
+        unit = 1e-5 * (abs(value) or 1.0)
+        assert apart(found.by_parameter[:, k] * unit, lambda d, key=key, v=value, u=unit:
+                     end(replace(system, {key: v + d * u}), start), 1.0, SIZES, 1e-8) < near, key
 
 
-@pytest.mark.parametrize(("start", "end", "key"), [(0.0, 0.3, "friction.kinetic_coefficient"),
-                                                   (0.5, 1.0, "engine.frequency")])
-def test_derivatives_are_those_of_the_variational_equations(start: float, end: float, key: str) -> None:
-    x = settled(VARYING)
+@both
+def test_equal_coefficients_have_one_sided_derivatives(law: str) -> None:
+    system = replace(BASE, {MU_K: 0.3, "friction.law": law})
+    found = stroboscopic_map(system, START, 2, start_cycle=3, parameters=(MU_K, MU_S, OMEGA, "friction.decay"))
+    for k, (key, step) in enumerate(((MU_K, -1e-5), (MU_S, 1e-5))):
+        assert apart(found.by_parameter[:, k], lambda d, key=key: end(replace(system, {key: 0.3 + d}), START), step,
+                     SIZES, by=one_sided) < 1e-5
+    assert apart(found.by_parameter[:, 2], lambda d: end(replace(system, {OMEGA: 150.0 + d}), START), 1e-3,
+                 SIZES) < 1e-6
+    assert not found.by_parameter[:, 3].any()
+
+
+@pytest.mark.parametrize(("start", "stop", "key"), [(0.0, 0.3, MU_K), (0.5, 1.0, OMEGA)])
+def test_derivatives_are_those_of_the_variational_equations(start: float, stop: float, key: str) -> None:
+    system = load_scene("fig02").system
+    x = end(system, np.zeros(3), 12)
     if start:
-        x = stroboscopic_map(VARYING, x, start).state
-    found = stroboscopic_map(VARYING, x, end - start, start_cycle=start, parameters=(key,))
-    state, tangent = varied(VARYING, x, start, end, key)
+        x = stroboscopic_map(system, x, start).state
+    found = stroboscopic_map(system, x, stop - start, start_cycle=start, parameters=(key,))
+    unit = 1e-3 * at(system, key)
+    state, tangent = tangent_map(system, x, start, stop - start,
+                                 by=lambda k: replace(system, {key: at(system, key) + k * unit}))
     assert found.state == pytest.approx(state, abs=1e-7)
-    own = np.hstack([found.derivative, found.by_parameter])
+    own = np.hstack([found.derivative, found.by_parameter * unit])
     scale = np.abs(tangent / SIZES[:, None]).max(axis=0)
     assert np.abs((own - tangent) / SIZES[:, None] / scale).max() < 2e-8
 
 
-@pytest.mark.parametrize(("system", "keys"), [
-    (VARYING, KEYS), (CLAMPED, KEYS[:3] + KEYS[4:6] + KEYS[12:]), (HARMONICS, KEYS[2:4] + KEYS[9:13]),
-    (EQUAL, ("driveline.damping", "friction.smoothing", "engine.frequency", "pressure.mean")),
-    (EQUAL, ("friction.static_coefficient",))])
-def test_derivatives_are_those_of_differences(system: System, keys: tuple[str, ...]) -> None:
-    x = settled(system)
-    found = stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
-    expected = central_differences.stroboscopic_map(system, x, 1, start_cycle=12, parameters=keys)
-    assert found.events == expected.events
-    assert found.state == pytest.approx(expected.state, abs=1e-9)
-    own = np.hstack([found.derivative * SIZES, found.by_parameter]) / SIZES[:, None]
-    other = np.hstack([expected.derivative * SIZES, expected.by_parameter]) / SIZES[:, None]
-    assert np.abs(own - other).max(axis=0) == pytest.approx(0.0, abs=1e-6 * max(1.0, np.abs(other[:, :3]).max()))
-    large = np.abs(other).max(axis=0) > 1e-2
-    assert (np.abs(own - other).max(axis=0) / np.abs(other).max(axis=0))[large].max() < 2e-5
+@both
+@pytest.mark.parametrize("cuts", [(3.0, 3.6875, 5.0), (3.0, 3.4, 4.0, 4.3, 5.0), tuple(3.0 + k / 7 for k in range(15))])
+def test_parts_of_a_cycle_make_the_whole(cuts: tuple[float, ...], law: str) -> None:
+    system, keys = replace(BASE, {**CASES["stick-slip"], "friction.law": law}), ("pressure.phase", OMEGA)
+    whole = stroboscopic_map(system, START, 2, start_cycle=3, parameters=keys)
+    x, derivative, by_parameter, stick, heights = START, np.eye(3), np.zeros((3, 2)), 0.0, []
+    for start, stop in pairwise(cuts):
+        part = stroboscopic_map(system, x, stop - start, start_cycle=start, parameters=keys)
+        x, derivative = part.state, part.derivative @ derivative
+        by_parameter = part.derivative @ by_parameter + part.by_parameter
+        stick += part.stick_time
+        heights += list(part.heights)
+    assert x == pytest.approx(whole.state, rel=1e-10, abs=1e-10)
+    assert derivative == pytest.approx(whole.derivative, rel=1e-8, abs=1e-9)
+    assert by_parameter == pytest.approx(whole.by_parameter, rel=1e-8, abs=1e-8)
+    assert stick == pytest.approx(whole.stick_time, rel=1e-11)
+    assert max(heights) == pytest.approx(whole.heights.max(), abs=1e-10)
 
 
-def test_parts_of_a_cycle_make_the_whole() -> None:
-    x, keys = settled(VARYING), ("pressure.phase",)
-    whole = stroboscopic_map(VARYING, x, 2, parameters=keys)
-    first = stroboscopic_map(VARYING, x, 0.6875, parameters=keys)
-    second = stroboscopic_map(VARYING, first.state, 1.3125, start_cycle=0.6875, parameters=keys)
-    assert second.state == pytest.approx(whole.state, abs=1e-10)
-    assert second.derivative @ first.derivative == pytest.approx(whole.derivative, abs=1e-9)
-    assert second.derivative @ first.by_parameter + second.by_parameter == pytest.approx(whole.by_parameter, abs=1e-8)
-    assert max(*first.heights, second.heights[0]) == pytest.approx(whole.heights[0], abs=1e-11)
-    assert first.stick_time + second.stick_time == pytest.approx(whole.stick_time, abs=1e-12)
+@both
+@pytest.mark.parametrize("name", ["reversals", "clamped", "stick-slip"])
+def test_the_largest_slip_speed_has_its_derivatives(name: str, law: str) -> None:
+    system = replace(BASE, {**CASES[name], "friction.law": law})
+    keys = (OMEGA, "pressure.mean")
+    found = stroboscopic_map(system, START, 2, start_cycle=3, parameters=keys)
+
+    def heights(of: System, x: np.ndarray) -> np.ndarray:
+        cycles = solve(of, cycles=2, start_cycle=3, state=State(*x), rtol=1e-12).cycles
+        assert cycles is not None
+        return np.maximum(cycles.highest, -cycles.lowest)
+
+    for k, step in enumerate(STEPS):
+        unit = np.eye(3)[k]
+        assert apart(found.heights_by_state[:, k], lambda d, u=unit: heights(system, START + d * u), step,
+                     floor=1e-2 * 10.0 / SIZES[k]) < 1e-5
+    for k, key in enumerate(keys):
+        value = at(system, key)
+        assert apart(found.heights_by_parameter[:, k], lambda d, key=key, v=value:
+                     heights(replace(system, {key: v + d}), START), 1e-5 * value, floor=1.0 / value) < 1e-5
 
 
-def test_the_largest_slip_speed_has_its_derivatives() -> None:
-    x, key = settled(VARYING), "pressure.mean"
-    found = stroboscopic_map(VARYING, x, 2, parameters=(key,))
-    mean = VARYING.pressure.mean
-    columns = found.heights_by_state[:, 0], found.heights_by_state[:, 1], found.heights_by_parameter[:, 0]
-    for column, by in enumerate(columns):
-        h = (1e-4, 1e-6, 1e-4 * mean)[column]
-        sides = []
-        for sign in (1.0, -1.0):
-            moved = x + np.eye(3)[column] * sign * h if column < 2 else x
-            system = replace(VARYING, {key: mean + sign * h}) if column == 2 else VARYING
-            sides.append(stroboscopic_map(system, moved, 2).heights)
-        assert by == pytest.approx((sides[0] - sides[1]) / (2.0 * h), rel=1e-5, abs=1e-7)
+@both
+def test_pure_stick_has_the_multipliers_of_one_oscillator_and_nought(law: str) -> None:
+    system = replace(BASE, {"pressure.mean": 600e3, "friction.law": law, "friction.smoothing": 5e3})
+    found = stroboscopic_map(system, end(system, np.zeros(3), 12) if law == "smoothed" else START * [0.0, 1.0, 1.0], 1)
+    assert found.events == "S"
+    roots = np.roots([0.22, 0.6, 3000.0]) * system.cycle
+    own = np.linalg.eigvals(found.derivative)
+    small, *pair = own[np.argsort(np.abs(own))]
+    # sigma is finite: a start on the slow manifold forgets its slip speed, but stick creeps.
+    assert abs(small) < (1e-9 if law == "smoothed" else 1e-300)
+    assert np.sort_complex(pair) == pytest.approx(np.sort_complex(np.exp(roots)),
+                                                  abs=1e-4 if law == "smoothed" else 1e-12)
+    if law == "set_valued":
+        assert not found.derivative[:, 0].any()
+        assert not found.derivative[0].any()
 
 
-def test_a_start_on_the_slow_manifold_forgets_its_slip_speed() -> None:
-    system = replace(load_scene("stick").system, {"friction.smoothing": 5e3})
-    x = settled(system)
-    found = stroboscopic_map(system, x, 1)
-    i1, i2 = system.driveline.flywheel_inertia, system.driveline.plate_inertia
-    roots = np.roots([i1 + i2, system.driveline.damping, system.driveline.stiffness]) * system.cycle
-    values = np.linalg.eigvals(found.derivative)
-    slow = values[np.argsort(-np.abs(values))]
-    assert abs(slow[2]) < 1e-9
-    assert np.sort_complex(slow[:2]) == pytest.approx(np.sort_complex(np.exp(roots)), abs=1e-4)  # sigma is finite.
-
-
-def test_keys_without_a_derivative_are_refused() -> None:
-    with pytest.raises(InputError, match=r"initial\.slip_speed"):
-        stroboscopic_map(VARYING, np.zeros(3), 1, parameters=("initial.slip_speed",))
-
-
-def test_parts_that_start_in_stick_have_the_derivatives_of_the_whole() -> None:
+def test_parts_that_start_in_stick_have_the_multipliers_of_the_whole() -> None:
     """Collocation steps over stick at once where a part starts on the slow manifold, but for a few series steps."""
-    system = replace(VARYING, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.kinetic_coefficient": 0.255,
-                               "engine.frequency": 0.36 * VARYING.natural_frequency, "initial.slip_speed": 150.0})
-    x = settled(system, 300)
-    whole, product, at = stroboscopic_map(system, x, 1.0), np.eye(3), x
+    system = replace(BASE, {MU_K: 0.255, OMEGA: 0.36 * BASE.natural_frequency, "initial.slip_speed": 150.0})
+    found = solve(system, cycles=300, rtol=1e-9).cycles
+    assert found is not None
+    x = found.section[-1]
+    whole, product, state = stroboscopic_map(system, x, 1.0), np.eye(3), x
     assert whole.events == "S"
     for k in range(7):
-        part = stroboscopic_map(system, at, (k + 1) / 7 - k / 7, start_cycle=k / 7)
-        product, at = part.derivative @ product, part.state
-    assert at == pytest.approx(whole.state, abs=1e-11)
+        part = stroboscopic_map(system, state, (k + 1) / 7 - k / 7, start_cycle=k / 7)
+        product, state = part.derivative @ product, part.state
+    assert state == pytest.approx(whole.state, abs=1e-11)
     one, two = (np.sort_complex(np.linalg.eigvals(m)) for m in (product, whole.derivative))
     assert np.abs(one - two).max() < 1e-8
+
+
+@both
+@pytest.mark.parametrize("key", ["initial.slip_speed", "pressure.frequency_ratio"])
+def test_keys_without_a_derivative_are_refused(key: str, law: str) -> None:
+    with pytest.raises(InputError, match=f"{key}.*continuously"):
+        stroboscopic_map(replace(BASE, {"friction.law": law}), START, 1, parameters=(key,))

@@ -16,10 +16,8 @@ def coefficient_and_slope(v, ratio, decay, sigma):
     return (1.0 + falling) * step, slope
 
 
-def smoothed_run(system, state, cycles, per_cycle, rtol=1e-12, first=0, stick_speed=None):
-    """As `Piecewise.run` for states at `per_cycle` samples a cycle, (n, 4): with the transitions [(t, before, after)]
-    through a stick speed and the stick time where that is given. Restarted at every cycle.
-    """
+def equations(system):
+    """(1) to (7): the derivatives of (v, theta2, theta2', theta1) at a time, and their Jacobian."""
     e, pr, f, d = system.engine, system.pressure, system.friction, system.driveline
     i1, i2 = d.flywheel_inertia, d.plate_inertia
     ratio = f.static_coefficient / f.kinetic_coefficient
@@ -42,13 +40,21 @@ def smoothed_run(system, state, cycles, per_cycle, rtol=1e-12, first=0, stick_sp
         return np.array([[-g / i1 - g / i2, d.stiffness / i2, d.damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
                          [g / i2, -d.stiffness / i2, -d.damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]])
 
+    return rates, jacobian
+
+
+def smoothed_run(system, state, cycles, per_cycle, rtol=1e-12, first=0, stick_speed=None):
+    """As `Piecewise.run` for states at `per_cycle` samples a cycle, (n, 4): with the transitions [(t, before, after)]
+    through a stick speed and the stick time where that is given. Restarted at every cycle.
+    """
+    rates, jacobian = equations(system)
     edges = [] if stick_speed is None else [lambda t, y: y[0] - stick_speed, lambda t, y: y[0] + stick_speed]
     y = np.array(state, dtype=float)
     rows, changes = [y[:, None]], []
     for n in range(first, first + cycles):
         t = (n + np.arange(per_cycle + 1) / per_cycle) * system.cycle
         found = solve_ivp(rates, (t[0], t[-1]), y, "LSODA", t, rtol=rtol, jac=jacobian, events=edges or None,
-                          atol=np.array([1.0 / max(1.0, f.smoothing / 50.0), 1e-2, 1.0, 0.1]) * rtol)
+                          atol=np.array([1.0 / max(1.0, system.friction.smoothing / 50.0), 1e-2, 1.0, 0.1]) * rtol)
         y = found.y[:, -1]
         rows.append(found.y[:, 1:])
         for side, times, states in zip((1, -1), found.t_events or (), found.y_events or ()):
@@ -66,3 +72,31 @@ def smoothed_run(system, state, cycles, per_cycle, rtol=1e-12, first=0, stick_sp
 def smoothed_states(*question, **settings):
     """The states of `smoothed_run`."""
     return smoothed_run(*question, **settings)[0]
+
+
+def tangent_map(system, x, start, cycles, rtol=1e-11, by=None):
+    """The state (3,) some cycles after `start` cycles, and its derivatives by the state and, last, by a number of which
+    `by(k)` is the system moved by k steps of one unit, at constant phase; from the variational equations.
+    """
+    rates, jacobian = equations(system)
+    cycle, columns = system.cycle, 3 if by is None else 4
+    moved = {} if by is None else {k: (equations(by(k))[0], by(k).cycle) for k in (-2.0, -1.0, 1.0, 2.0)}
+
+    def right(phase, z):  # By the phase in cycles, in which a frequency that varies leaves the sines where they are.
+        y, tangent = np.append(z[:3], 0.0), z[3:].reshape(3, columns)
+        out = jacobian(phase * cycle, y)[:3, :3] @ tangent * cycle
+        if moved:
+            a, b, c, d = (of[1] * np.array(of[0](phase * of[1], y)[:3]) for of in moved.values())
+            out[:, 3] += (a - 8.0 * b + 8.0 * c - d) / 12.0
+        return np.concatenate([np.array(rates(phase * cycle, y)[:3]) * cycle, out.ravel()])
+
+    def steering(phase, z):  # What is left out of it only steers LSODA's Newton iteration.
+        a = jacobian(phase * cycle, np.append(z[:3], 0.0))[:3, :3] * cycle
+        out = np.zeros((len(z), len(z)))
+        out[:3, :3], out[3:, 3:] = a, np.kron(a, np.eye(columns))
+        return out
+
+    initial = np.concatenate([x, np.eye(3, columns).ravel()])
+    found = solve_ivp(right, (start, start + cycles), initial, method="LSODA", rtol=rtol, atol=1e-2 * rtol,
+                      jac=steering)
+    return found.y[:3, -1], found.y[3:, -1].reshape(3, columns)

@@ -1,0 +1,33 @@
+"""Derivatives by differences of fourth order, with steps of several sizes: truncation decides at the one end, rounding
+at the other.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+Function = Callable[[float], np.ndarray]
+
+
+def difference(at: Function, step: float) -> np.ndarray:
+    """The derivative at 0 of a function of one number."""
+    behind, before, after, ahead = (np.asarray(at(k * step)) for k in (-2.0, -1.0, 1.0, 2.0))
+    return (8.0 * (after - before) - (ahead - behind)) / (12.0 * step)
+
+
+def one_sided(at: Function, step: float) -> np.ndarray:
+    """`difference` where the function is known on the side of the step alone."""
+    weights = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / (12.0 * step)
+    return np.tensordot(weights, np.array([at(k * step) for k in range(5)]), 1)
+
+
+def apart(found: np.ndarray, at: Function, step: float, size: np.ndarray | float = 1.0, floor: float = 0.0,
+          by: Callable[[Function, float], np.ndarray] = difference, axis: int | tuple[int, ...] | None = None) -> float:
+    """How far a derivative is from the nearest of some differences: of each row in units of `size` and of the largest
+    of them or `floor`; an axis keeps what it leaves apart.
+    """
+    def relative(expected: np.ndarray) -> float:
+        wrong, large = (np.abs(a / size).max(axis=axis) for a in (found - expected, expected))
+        return float((wrong / np.maximum(large, floor)).max())
+
+    return min(relative(by(at, step * k)) for k in (3.0, 1.0, 0.3, 0.1, 0.03))
