@@ -18,42 +18,39 @@ from typing import NoReturn
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.output.terminal import terminal_width, wrapped
 
-VERBS: dict[str, str] = {
-    "demo": "run the whole chain on real ROS 2: nodes, a recording, its analysis, a Rerun file and a picture",
-    "scenes": "list the bundled scenes",
-    "explain": "show what a scene builds and what it leaves out",
-    "analyse": "summarise a recording, show it in Rerun, solve it again",
-    "simulate": "solve a scene and summarise its steady state",
-    "sweep": "solve a scene at many values of one key",
-    "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
-    "basins": "find attractors and their basins in a plane of two initial conditions",
-    "identify": "find parameters of a scene in a recording or a table of measurements",
-    "linearise": "give the transfer function from pressure or engine torque about a settled motion",
-    "figure": "draw figures of the paper, with their numbers",
-    "claims": "judge the claims of the paper",
-    "watch": "show running nodes live in Rerun",
-    "control": "reset, pause, step, set parameters of running nodes and send them commands",
-    "fmu": "write the real-time tick of a scene in C, as a co-simulation FMU",
-    "soak": "run driveline, recorder and commands for a long time: losses, memory, drift",
-    "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
-    "precision": "measure error against run time of every solver",
-    "stability": "try every engine on stiff and extreme scenes",
-    "recover": "make a complete, indexed bag from a recording that was cut short or damaged",
+GROUPS: dict[str, dict[str, str]] = {
+    "the whole chain": {
+        "demo": "run the whole chain on real ROS 2: nodes, a recording, its analysis, a Rerun file and a picture"},
+    "scenes": {
+        "scenes": "list the bundled scenes",
+        "explain": "show what a scene builds and what it leaves out"},
+    "steady states": {
+        "simulate": "solve a scene and summarise its steady state",
+        "sweep": "solve a scene at many values of one key",
+        "continue": "follow periodic motions along a key, stable or not, with their bifurcations",
+        "basins": "find attractors and their basins in a plane of two initial conditions",
+        "linearise": "give the transfer function from pressure or engine torque about a settled motion"},
+    "recordings": {
+        "analyse": "summarise a recording, show it in Rerun, solve it again",
+        "recover": "make a complete, indexed bag from a recording that was cut short or damaged",
+        "identify": "find parameters of a scene in a recording or a table of measurements"},
+    "running nodes": {
+        "watch": "show running nodes live in Rerun",
+        "control": "reset, pause, step, set parameters of running nodes and send them commands"},
+    "other programs": {
+        "fmu": "write the real-time tick of a scene in C, as a co-simulation FMU"},
+    "the paper": {
+        "figure": "draw figures of the paper, with their numbers",
+        "claims": "judge the claims of the paper"},
+    "what is measured": {
+        "precision": "measure error against run time of every solver",
+        "stability": "try every engine on stiff and extreme scenes",
+        "realtime": "measure the driveline node's pacing beside a bare absolute-deadline loop",
+        "soak": "run driveline, recorder and commands for a long time: losses, memory, drift"},
 }
+"""Verbs with their lines of help, by what they are for, as `--help` shows them."""
+VERBS: dict[str, str] = {name: text for verbs in GROUPS.values() for name, text in verbs.items()}
 """Every verb with its line of help; its module is `tcc_sim.cli.<verb>`, with an underscore after a Python keyword."""
-
-
-GROUPS: dict[str, tuple[str, ...]] = {
-    "the whole chain": ("demo",),
-    "scenes": ("scenes", "explain"),
-    "steady states": ("simulate", "sweep", "continue", "basins", "linearise"),
-    "recordings": ("analyse", "recover", "identify"),
-    "running nodes": ("watch", "control"),
-    "other programs": ("fmu",),
-    "the paper": ("figure", "claims"),
-    "what is measured": ("precision", "stability", "realtime", "soak"),
-}
-"""Verbs by what they are for, as `--help` shows them; those of no group come last."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -80,12 +77,9 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
 
 def _verbs_by_purpose() -> str:
     """Every verb with its line, under what it is for."""
-    others = tuple(name for name in VERBS if not any(name in names for names in GROUPS.values()))
     width = max(map(len, VERBS))
-    lines = []
-    for title, names in {**GROUPS, "more": others}.items():
-        there = [f"  {name:<{width}}  {VERBS[name]}" for name in names if name in VERBS]
-        lines += [f"{title}:", *there] if there else []
+    lines = [line for title, verbs in GROUPS.items()
+             for line in (f"{title}:", *(f"  {name:<{width}}  {text}" for name, text in verbs.items()))]
     return wrapped("\n".join(lines), terminal_width())
 
 

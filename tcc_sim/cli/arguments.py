@@ -17,32 +17,23 @@ if TYPE_CHECKING:
     from tcc_sim.scene import Scene
 
 
-def number(low: float, high: float, unit: str) -> Callable[[str], float]:
-    """An argparse type: a number from `low` to `high`; the error names the value, the unit and the range."""
+def number(low: float, high: float, unit: str = "", kind: type[float] | type[int] = float) -> Callable[[str], Any]:
+    """An argparse type: a number from `low` to `high`; the error names the value, the unit and the range.
+
+    Parameters
+    ----------
+    kind : int takes whole numbers only
+    """
+    what = "a whole number" if kind is int else "a number"
 
     def read(text: str) -> float:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
-            value = float("nan")
+            value = math.nan
         if not low <= value <= high:
             span = f" from {low:g} to {high:g} {unit}".rstrip() if math.isfinite(high) else ""
-            raise argparse.ArgumentTypeError(f"{text!r} must be a number{span}")
-        return value
-
-    return read
-
-
-def whole_number(low: int, high: int) -> Callable[[str], int]:
-    """An argparse type: a whole number from `low` to `high`."""
-
-    def read(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from {low} to {high}")
+            raise argparse.ArgumentTypeError(f"{text!r} must be {what}{span}")
         return value
 
     return read

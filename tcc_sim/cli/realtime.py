@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tcc_sim.cli.arguments import add_measurement, check_measurement, whole_number, write_measurement
+from tcc_sim.cli.arguments import add_measurement, check_measurement, number, write_measurement
 from tcc_sim.cli.study import seconds_bar
 from tcc_sim.output.terminal import say
 
@@ -14,9 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_measurement(parser, 0.5, 60.0)
     parser.add_argument("--recorder", action="store_true",
                         help="publish to a recorder in a process of its own, which competes for the cores")
-    parser.add_argument("--thread-priority", type=whole_number(0, 99), default=0, metavar="N",
+    parser.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
                         help="SCHED_FIFO priority of both loops (0: as it is)")
-    parser.add_argument("--cpu-affinity", type=whole_number(0, 1023), nargs="+", default=[], metavar="CORE",
+    parser.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
                         help="cores that both loops may run on (all)")
     parser.add_argument("--lock-memory", action="store_true", help="lock the memory of both loops")
 
