@@ -8,16 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from tcc_sim.background import begun
-from tcc_sim.cli.arguments import (
-    add_outputs,
-    add_scene,
-    add_solver,
-    check_outputs,
-    draw,
-    present,
-    scene_of,
-    solver_options,
-)
+from tcc_sim.cli import arguments as common
 from tcc_sim.errors import InputError, counted
 
 Result = TypeVar("Result")
@@ -26,7 +17,7 @@ CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is solved, for how long, how, and where the results go."""
-    add_scene(parser)
+    common.add_scene(parser)
     parser.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
                         help="engine.frequency, engine.mean_torque or pressure.mean linear between points in time, s")
     span = parser.add_mutually_exclusive_group()
@@ -36,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--discard", metavar="N", type=int,
                         help="cycles dropped from the summary at the start (default 50, but "
                         "at most half of --cycles, and at most a third of the whole cycles in --duration)")
-    add_solver(parser)
-    add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
+    common.add_solver(parser)
+    common.add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
     parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
                         help="torque and pressure from a recording, or from the columns t, engine_torque and "
                         "actuation_pressure of a table; --plot draws the simulation beside what was recorded")
@@ -54,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.table import order_lines, simulation_lines
     from tcc_sim.sweeps.simulation import Plan, simulate
 
-    scene = scene_of(arguments, parse_profiles(arguments.profile))
+    scene = common.scene_of(arguments, parse_profiles(arguments.profile))
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
 
@@ -63,8 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.cycles is None and duration is None:
         duration = scene.system.span or None
     plan = Plan(cycles=CYCLES if arguments.cycles is None else arguments.cycles, discard=arguments.discard,
-                **solver_options(arguments))
-    check_outputs(arguments, SUFFIXES)
+                **common.solver_options(arguments))
+    common.check_outputs(arguments, SUFFIXES)
     if arguments.out is not None:
         _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
@@ -91,10 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         write_samples(arguments.out, found.trajectory, scene.text())
         lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
-    draw(arguments, drawn, scene.name)
+    common.draw(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
-    present(arguments, scene, lambda: results, lines)
+    common.present(arguments, scene, lambda: results, lines)
     return 0
 
 

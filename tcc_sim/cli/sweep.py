@@ -7,18 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import (
-    add_outputs,
-    add_scene,
-    add_solver,
-    add_workers,
-    check_outputs,
-    draw,
-    present,
-    refuse_swept,
-    scene_of,
-    solver_options,
-)
+from tcc_sim.cli import arguments as common
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width
@@ -30,7 +19,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is swept, how, where, and where the results go."""
-    add_scene(parser)
+    common.add_scene(parser)
     parser.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
                         help="scene key and its values; given twice, a grid of two keys")
     parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
@@ -46,10 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="start every value from the scene's initial state, or go on from the neighbour's last "
                              "state along "
                         "the first key, with the phases of torque and load")
-    add_solver(parser)
-    add_workers(parser)
-    add_outputs(parser, "results in value order", "take every point as it is done; run the same command again to go on "
-                "from there", force="replace the --json file if it exists")
+    common.add_solver(parser)
+    common.add_workers(parser)
+    common.add_outputs(parser, "results in value order", "take every point as it is done; run the same command again "
+                       "to go on from there", force="replace the --json file if it exists")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -59,10 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import Grid, Plan, sweep_curves
 
-    scene = scene_of(arguments)
+    scene = common.scene_of(arguments)
     plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
-                **solver_options(arguments))
-    check_outputs(arguments)
+                **common.solver_options(arguments))
+    common.check_outputs(arguments)
     curves, gather = _work(arguments, scene.system)
     ended = ""
     try:
@@ -84,9 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
         lines = sweep_lines(sweeps, *second, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # What the same command would not overwrite is left to it.
-    present(arguments, scene, found.as_json, lines)
+    common.present(arguments, scene, found.as_json, lines)
     if not resumable:
-        draw(arguments, found, scene.name)
+        common.draw(arguments, found, scene.name)
     if ended:
         kept = f"; the same command goes on from {arguments.out}" if resumable else ""
         print(f"tcc-sim: {ended}{kept}", file=sys.stderr)
@@ -102,7 +91,7 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
 
     over = [values_of_range(text) for text in arguments.over]
     bounds = tuple(bounds_of_range(text, "--scatter", "LOW:HIGH") for text in arguments.scatter)
-    refuse_swept(arguments.set, [key for key, _ in over] + [key for key, _, _ in bounds])
+    common.refuse_swept(arguments.set, [key for key, _ in over] + [key for key, _, _ in bounds])
     if bounds:
         if len(over) > 1:
             raise InputError("--over is given twice beside --scatter; samples are swept over one key at most")

@@ -18,22 +18,8 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.trajectory import Cycles, Floats
+from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import style
-from tcc_sim.views.rerun_layout import (
-    ELAPSED,
-    HELD,
-    LINES,
-    MARKS,
-    PORTRAIT_CYCLES,
-    SIGNALS,
-    SIMULATION,
-    STATE_COLOURS,
-    STATES,
-    PhaseAxes,
-    blueprint,
-    rerun,
-    rgb,
-)
 
 _URL = re.compile(r"rerun(?:\+https?)?://(\[[0-9a-fA-F:]+\]|[^\s/:]+):([0-9]{1,5})/proxy")
 ROOM, LAYOUT = 1 << 20, 1 << 17
@@ -76,7 +62,7 @@ class RerunStream:
                  spawn: bool = False, url: str | None = None, controlled: bool = False) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
-        self._rr = rerun()
+        self._rr = layout.rerun()
         if url is not None:
             _answers(url)
         if file is not None:
@@ -92,19 +78,19 @@ class RerunStream:
         self._cycle_number: int | None = None
         self._mean = 0.0
         self._controlled = controlled
-        self._extents: deque[Floats] = deque(maxlen=PORTRAIT_CYCLES)
-        self._axes: PhaseAxes | None = None
+        self._extents: deque[Floats] = deque(maxlen=layout.PORTRAIT_CYCLES)
+        self._axes: layout.PhaseAxes | None = None
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
-        layout = blueprint(cycle, controlled)
+        shown = layout.blueprint(cycle, controlled)
         if file is not None:
             _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
-            self.recording.save(file, default_blueprint=layout)
+            self.recording.save(file, default_blueprint=shown)
         elif spawn:
-            _open_viewer(self.recording, layout)
+            _open_viewer(self.recording, shown)
         else:
-            self.recording.connect_grpc(url, default_blueprint=layout)
+            self.recording.connect_grpc(url, default_blueprint=shown)
         self.recording.send_recording_name(name)
         self._names()
 
@@ -128,11 +114,10 @@ class RerunStream:
             self._offset_ns = self._elapsed_ns + 1_000_000 - int(stamp_ns[0])
             self._strip, self._state, self._cycle_number = np.empty((0, 2)), None, None
             self._mark(int(stamp_ns[0]), "simulation time starts again: the driveline was reset or restarted")
-        index = self._index(stamp_ns)
         for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque),
-                             ("slip/speed", slip_speed),
-                             ("plate/angle", plate_angle), ("plate_speed/speed", plate_speed)):
-            self.recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
+                             ("slip/speed", slip_speed), ("plate/angle", plate_angle),
+                             ("plate_speed/speed", plate_speed)):
+            self._send(path, stamp_ns, self._rr.Scalars.columns(scalars=values))
         self._lanes(stamp_ns, state)
         self._orbit(stamp_ns, plate_angle, slip_speed)
         self._last_ns = int(stamp_ns[-1])
@@ -143,12 +128,11 @@ class RerunStream:
         if not len(cycles):
             return
         ends = (first + 1 + np.arange(len(cycles))) * self._cycle if cycles.starts is None else cycles.starts[1:]
-        index = self._index(np.rint(ends * 1e9).astype(np.int64))
+        ends_ns = np.rint(ends * 1e9).astype(np.int64)
         for path, values in (("cycles/largest", cycles.highest), ("cycles/smallest", cycles.lowest)):
-            self.recording.send_columns(path, indexes=index, columns=self._rr.Scalars.columns(scalars=values))
+            self._send(path, ends_ns, self._rr.Scalars.columns(scalars=values))
         points = self._plane(cycles.section[1:, 1], cycles.section[1:, 0])
-        self.recording.send_columns("phase/section", indexes=index,
-                                     columns=self._rr.Points2D.columns(positions=points))
+        self._send("phase/section", ends_ns, self._rr.Points2D.columns(positions=points))
 
     def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
         """Send what a controller's test is about, after the samples of the same time.
@@ -161,8 +145,7 @@ class RerunStream:
         """
         for name, (stamps, values) in signals.items():
             if len(stamps):
-                self.recording.send_columns(SIGNALS[name], indexes=self._index(stamps),
-                                             columns=self._rr.Scalars.columns(scalars=values))
+                self._send(layout.SIGNALS[name], stamps, self._rr.Scalars.columns(scalars=values))
         if "mean_slip" in signals and len(signals["mean_slip"][1]):
             self._mean = float(signals["mean_slip"][1][-1])
         for event in events:
@@ -170,7 +153,7 @@ class RerunStream:
 
     def text(self, markdown: str) -> None:
         """Send the summary of the run."""
-        self.recording.log("summary", self._rr.TextDocument(markdown, media_type="text/markdown"), static=True)
+        self._always("summary", self._rr.TextDocument(markdown, media_type="text/markdown"))
 
     def close(self, wait: bool = True) -> None:
         """Hand over what was sent.
@@ -198,20 +181,17 @@ class RerunStream:
 
     def _mark(self, stamp_ns: int, text: str) -> None:
         """An event in the log and as a mark in the time series."""
-        self._at(stamp_ns + self._offset_ns, stamp_ns)
+        self.recording.set_time(layout.ELAPSED, duration=np.timedelta64(stamp_ns + self._offset_ns, "ns"))
+        self.recording.set_time(layout.SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
         self.recording.log("events", self._rr.TextLog(text, level="WARN"))
         self.recording.log("event/mark", self._rr.Scalars(self._mean))
 
-    def _index(self, stamp_ns: NDArray[np.int64]) -> list[Any]:
-        """Both timelines for rows of columns."""
-        elapsed, simulation = stamp_ns + self._offset_ns, stamp_ns
-        return [self._rr.TimeColumn(ELAPSED, duration=elapsed.astype("timedelta64[ns]")),
-                self._rr.TimeColumn(SIMULATION, duration=simulation.astype("timedelta64[ns]"))]
-
-    def _at(self, elapsed_ns: int, stamp_ns: int) -> None:
-        """Both timelines for what is logged next."""
-        self.recording.set_time(ELAPSED, duration=np.timedelta64(elapsed_ns, "ns"))
-        self.recording.set_time(SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
+    def _send(self, path: str, stamp_ns: NDArray[np.int64], columns: Any) -> None:
+        """Send rows of columns on both timelines."""
+        elapsed = stamp_ns + self._offset_ns
+        self.recording.send_columns(path, columns=columns, indexes=[
+            self._rr.TimeColumn(layout.ELAPSED, duration=elapsed.astype("timedelta64[ns]")),
+            self._rr.TimeColumn(layout.SIMULATION, duration=stamp_ns.astype("timedelta64[ns]"))])
 
     def _plane(self, plate_angle: Floats, slip_speed: Floats) -> NDArray[np.float32]:
         """Points of the phase portrait; the second axis of a Rerun 2D view points down."""
@@ -223,9 +203,8 @@ class RerunStream:
         changed = np.flatnonzero(state != before)
         self._state = int(state[-1])
         if len(changed):
-            self.recording.send_columns("state", indexes=self._index(stamp_ns[changed]),
-                                         columns=self._rr.StateChange.columns(
-                state=[STATES[s] for s in state[changed].tolist()]))
+            names = [layout.STATES[s] for s in state[changed].tolist()]
+            self._send("state", stamp_ns[changed], self._rr.StateChange.columns(state=names))
 
     def _orbit(self, stamp_ns: NDArray[np.int64], plate_angle: Floats, slip_speed: Floats) -> None:
         """Send a strip of the phase portrait for each engine cycle that is whole."""
@@ -241,12 +220,10 @@ class RerunStream:
                 strips.append(np.concatenate([self._strip, points[end:end + 1]]))
                 ends.append(end)
                 self._strip = np.empty((0, 2))
-        for strip in strips:
-            self._extents.append(np.stack([strip.min(axis=0), strip.max(axis=0)]))
         if strips:
+            self._extents.extend(np.stack([strip.min(axis=0), strip.max(axis=0)]) for strip in strips)
             self._frame()
-            self.recording.send_columns("phase/orbit", indexes=self._index(stamp_ns[ends]),
-                                         columns=self._rr.LineStrips2D.columns(strips=strips))
+            self._send("phase/orbit", stamp_ns[ends], self._rr.LineStrips2D.columns(strips=strips))
 
     def _frame(self) -> None:
         """Axes around all cycles that the portrait shows, anew where these have outgrown them or shrunk within them."""
@@ -257,36 +234,35 @@ class RerunStream:
             return
         if self._axes is not None and self._axes.hold(least, most):
             return
-        self._axes = PhaseAxes.around(least, most, scale)
-        rr, (places, texts) = self._rr, self._axes.labels()
-        self.recording.log("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=rgb(style.GREY),
-                                                          radii=rr.Radius.ui_points(0.5)), static=True)
-        self.recording.log("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=rgb(style.GREY),
-                                                        radii=rr.Radius.ui_points(0.0)), static=True)
-        self.recording.send_blueprint(blueprint(self._cycle, self._controlled, self._axes))
+        self._axes = layout.PhaseAxes.around(least, most, scale)
+        rr, (places, texts), grey = self._rr, self._axes.labels(), layout.rgb(style.GREY)
+        self._always("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=grey, radii=rr.Radius.ui_points(0.5)))
+        self._always("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=grey,
+                                                 radii=rr.Radius.ui_points(0.0)))
+        self.recording.send_blueprint(layout.blueprint(self._cycle, self._controlled, self._axes))
 
     def _names(self) -> None:
         """Send names, units and colours once."""
-        rr = self._rr
-        for path, (name, colour) in LINES.items():
-            self.recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5), static=True)
-        for path, (name, colour) in HELD.items():
+        rr, colours = self._rr, layout.STATE_COLOURS
+        for path, (name, colour) in layout.LINES.items():
+            self._always(path, rr.SeriesLines(names=name, colors=layout.rgb(colour), widths=1.5))
+        for path, (name, colour) in layout.HELD.items():
             if self._controlled or path.startswith("torque"):
-                self.recording.log(path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5,
-                                                         interpolation_mode="StepAfter"), static=True)
-        for path, (name, colour, marker, size) in MARKS.items():
-            self.recording.log(path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker,
-                                                      marker_sizes=size),
-                                static=True)
-        self.recording.log("state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
-                                                           colors=[rgb(c) for c in STATE_COLOURS.values()]),
-                            static=True)
-        self.recording.log("phase/orbit",
-                            rr.LineStrips2D.from_fields(colors=rgb(style.BLUE), radii=rr.Radius.ui_points(0.4)),
-                            static=True)
-        self.recording.log("phase/section",
-                            rr.Points2D.from_fields(colors=rgb(style.RED), radii=rr.Radius.ui_points(3.0)),
-                            static=True)
+                self._always(path, rr.SeriesLines(names=name, colors=layout.rgb(colour), widths=1.5,
+                                                  interpolation_mode="StepAfter"))
+        for path, (name, colour, marker, size) in layout.MARKS.items():
+            self._always(path, rr.SeriesPoints(names=name, colors=layout.rgb(colour), markers=marker,
+                                               marker_sizes=size))
+        self._always("state", rr.StateConfiguration(values=list(colours), labels=list(colours),
+                                                    colors=[layout.rgb(c) for c in colours.values()]))
+        self._always("phase/orbit", rr.LineStrips2D.from_fields(colors=layout.rgb(style.BLUE),
+                                                                radii=rr.Radius.ui_points(0.4)))
+        self._always("phase/section", rr.Points2D.from_fields(colors=layout.rgb(style.RED),
+                                                              radii=rr.Radius.ui_points(3.0)))
+
+    def _always(self, path: str, shown: Any) -> None:
+        """Send what holds at every time."""
+        self.recording.log(path, shown, static=True)
 
 
 def _create(file: Path) -> None:
@@ -305,14 +281,14 @@ def _writable(file: Path, room: int = ROOM) -> None:
         stream.write(bytes(room))
 
 
-def _open_viewer(recording: Any, layout: Any) -> None:
+def _open_viewer(recording: Any, shown: Any) -> None:
     """Start the viewer that rerun-sdk brings and send to it; an environment that is not activated has it beside Python.
     """
     beside = str(Path(sys.executable).parent)
     if beside not in os.get_exec_path():
         os.environ["PATH"] = os.pathsep.join([*os.get_exec_path(), beside])
     try:
-        recording.spawn(default_blueprint=layout)
+        recording.spawn(default_blueprint=shown)
     except RuntimeError as error:
         raise TccError(f"Rerun's viewer does not start: {str(error).splitlines()[0]}") from None
 
