@@ -27,7 +27,8 @@ DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories",
             "benchmarks.precision_drawing", "benchmarks.stability_drawing"]
 ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
-    "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks"],
+    "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks",
+              "paper.claims_interaction"],
     "pandas": ["replay"], "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["parameter_file", "scene", "recording", "messages", "output.provenance"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, plain
 from tcc_sim.paper.claims_figure4 import JUMPING, NEAR, WAYS, about
@@ -28,7 +29,6 @@ from tcc_sim.paper.claims_varying_load import (
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
 from tcc_sim.paper.evidence import FREQUENCY, JUMP, KINETIC, Evidence, share_where, steep, sticks
 from tcc_sim.paper.stable_motions import Motion, StableMotions, ordered_shares
-from tcc_sim.trajectory import Floats
 
 HIGHER = AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
 """Ratios to which branches are followed where a claim is about the higher ones."""
@@ -135,8 +135,7 @@ def severity_follows_abruptness(evidence: Evidence) -> Measured:
             severity.append(max(APERIODIC if m.period == 0 else float(m.period) for m in beside))
             abruptness.append(abs(size))
             amplitude.append(max(m.largest for m in beside))
-    ranks = [ranked(np.array(x)) for x in (severity, abruptness, amplitude)]
-    abrupt, large = correlation(ranks[0], ranks[1]), correlation(ranks[0], ranks[2])
+    abrupt, large = (rank_correlation(severity, x) for x in (abruptness, amplitude))
     return Measured((abrupt > LINKED and abrupt > large, abrupt > 0.5 * LINKED),
                     {"jumps": len(severity), "with the size of the jump": abrupt, "with the maximum": large})
 
@@ -145,21 +144,9 @@ APERIODIC = 17.0
 """Rank of a motion without a period up to 16."""
 
 
-def ranked(values: Floats) -> Floats:
-    """Ranks from 0 on, the mean rank where values are equal."""
-    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    above = np.cumsum(count)
-    out: Floats = (above - 0.5 * (count + 1))[place]
-    return out
-
-
-def correlation(x: Floats, y: Floats) -> float:
-    """Pearson's coefficient, 0 where either does not vary."""
-    if not len(x):
-        return 0.0
-    x, y = x - x.mean(), y - y.mean()
-    size = float(np.sqrt((x @ x) * (y @ y)))
-    return float(x @ y) / size if size > 0.0 else 0.0
+def rank_correlation(x: list[float], y: list[float]) -> float:
+    """Spearman's coefficient, 0 where either does not vary."""
+    return float(spearmanr(x, y).statistic) if len(set(x)) > 1 and len(set(y)) > 1 else 0.0
 
 
 @claim("14", "6.2, after Fig. 14", "psi = pi: peaks are smooth and there are no bifurcations", Holds(
