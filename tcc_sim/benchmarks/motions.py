@@ -22,7 +22,7 @@ from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.markdown import escape
 from tcc_sim.output.provenance import document
 from tcc_sim.output.terminal import say
-from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, bifurcations_of, branches_of, jumps_of
+from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, behind
 from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_options import FigureOptions
@@ -137,13 +137,13 @@ def motions_page(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], 
 def _summary(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], basins: Basins) -> list[str]:
     """What was found, a line for each part."""
     curves = branches.numbers.curves
-    followed, bifurcations = branches_of(curves[:1]), bifurcations_of(curves[:1])
-    periods = sorted({b["period"] for b in followed})
-    causes = Counter(jump["cause"] for jump in jumps_of(curves))
+    followed = behind(curves[:1])
+    periods = sorted({b["period"] for b in followed.branches})
+    causes = Counter(jump["cause"] for jump in behind(curves).jumps)
     boundary, beside = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
     ends = sum(causes.values()) - boundary - beside - sum(causes[c] for c in UNSEEN)
-    lines = [f"- Branches behind Fig. 6: {len(followed)}, of period {', '.join(map(str, periods))}, with "
-             f"{counted(len(bifurcations), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
+    lines = [f"- Branches behind Fig. 6: {len(followed.branches)}, of period {', '.join(map(str, periods))}, with "
+             f"{counted(len(followed.bifurcations), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
              f"three sweeps {ends} are bifurcations, {boundary} cross the boundary of two basins, and {beside} lie "
              "beside motions on no branch."]
     for number, data in charts.items():
@@ -158,17 +158,16 @@ def _summary(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], basi
 
 def _branches(data: Figure[Curves]) -> list[str]:
     """Branches with their ends and bifurcations."""
-    curves, unit = data.numbers.curves[:1], data.numbers.unit
-    bifurcations = bifurcations_of(curves)
+    found, unit = behind(data.numbers.curves[:1]), data.numbers.unit
     lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
-    for k, branch in enumerate(branches_of(curves)):
+    for k, branch in enumerate(found.branches):
         ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
                          for end, reason in zip((0, -1), branch["reasons"]))
-        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in bifurcations
+        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in found.bifurcations
                         if f["branch"] == k)
         lines.append(f"| {branch['period']} | {min(branch['value']) / unit:.4f} to {max(branch['value']) / unit:.4f} | "
                      f"{sum(branch['stable'])} of {len(branch['stable'])} | {ends} | {met or 'none'} |")
-    worst = max((f["residual"] for f in bifurcations), default=0.0)
+    worst = max((f["residual"] for f in found.bifurcations), default=0.0)
     return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of where it has it."]
 
 
@@ -176,7 +175,7 @@ def _jumps(data: Figure[Curves]) -> list[str]:
     """The jumps of the sweeps by cause and place, with the sweeps that have them."""
     unit, places = data.numbers.unit, dict[tuple[str, str], list[str]]()
     for swept in data.numbers.curves:
-        for jump in jumps_of([swept]):
+        for jump in behind([swept]).jumps:
             at = places.setdefault((jump["cause"], f"{jump['value'] / unit:.6f}"), [])
             at += [WAYS[swept.direction]] * (WAYS[swept.direction] not in at)
     lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -35,35 +35,27 @@ GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to
 
 def draw_branches(axis: Any, curve: MapCurve, unit: float, colour: str) -> None:
     """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
-    behind = curve.behind or MotionsBehind([], [], [], [])
-    periods = sorted({b["period"] for b in behind.branches})
-    for number, branch in enumerate(behind.branches):
+    found = behind([curve])
+    periods = sorted({b["period"] for b in found.branches})
+    for number, branch in enumerate(found.branches):
         rank = min(periods.index(branch["period"]), 3)
-        for (x, height), dashes, width in zip(stable_and_unstable(vars(behind), number), ("-", UNSTABLE), (1.1, 0.7)):
+        for (x, height), dashes, width in zip(stable_and_unstable(vars(found), number), ("-", UNSTABLE), (1.1, 0.7)):
             axis.plot(x / unit, height, linestyle=dashes, linewidth=width + 0.35 * rank, color=colour, zorder=2.5)
-    for found in behind.bifurcations:
-        axis.plot([found["value"] / unit], [found["max_slip_speed"]], linestyle="none", marker=MARKS[found["kind"]][0],
+    for item in found.bifurcations:
+        axis.plot([item["value"] / unit], [item["max_slip_speed"]], linestyle="none", marker=MARKS[item["kind"]][0],
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
 
 
-def branches_of(curves: Sequence[MapCurve]) -> list[dict[str, Any]]:
-    """The branches behind curves."""
-    return [branch for curve in curves if curve.behind is not None for branch in curve.behind.branches]
-
-
-def bifurcations_of(curves: Sequence[MapCurve]) -> list[dict[str, Any]]:
-    """The bifurcations behind curves."""
-    return [found for curve in curves if curve.behind is not None for found in curve.behind.bifurcations]
-
-
-def jumps_of(curves: Sequence[MapCurve]) -> list[dict[str, Any]]:
-    """The jumps of curves."""
-    return [jump for curve in curves if curve.behind is not None for jump in curve.behind.jumps]
+def behind(curves: Sequence[MapCurve]) -> MotionsBehind:
+    """What is behind some curves, together."""
+    parts = [curve.behind for curve in curves if curve.behind is not None]
+    return MotionsBehind(**{item.name: [x for part in parts for x in getattr(part, item.name)]
+                            for item in fields(MotionsBehind)})
 
 
 def named_jumps(curves: Sequence[MapCurve]) -> bool:
     """Whether `label_jumps` writes anything over the axes."""
-    return any(jump["cause"] not in UNNAMED + UNSEEN for jump in jumps_of(curves))
+    return any(jump["cause"] not in UNNAMED + UNSEEN for jump in behind(curves).jumps)
 
 
 def room_above(curves: Sequence[MapCurve]) -> float:
@@ -78,7 +70,7 @@ def label_jumps(axis: Any, curves: Sequence[MapCurve], unit: float, colours: Seq
     low, high = axis.get_xlim()
     named: dict[tuple[str, str], tuple[float, str]] = {}
     for curve, colour in zip(curves, colours):
-        for jump in jumps_of([curve]):
+        for jump in behind([curve]).jumps:
             x, cause = jump["value"] / unit, jump["cause"]
             if cause in UNNAMED:
                 axis.axvline(x, color=colour, linewidth=0.4, linestyle=(0, (1, 3)), alpha=0.6, zorder=1.4)
@@ -95,28 +87,25 @@ def label_jumps(axis: Any, curves: Sequence[MapCurve], unit: float, colours: Seq
 
 
 def spread(places: Sequence[float], least: float, low: float, high: float) -> list[float]:
-    """Places in order moved apart to at least `least`, as little as that takes, and kept between `low` and `high`."""
-    out = list(places)
-    for _ in range(200):
-        moved = False
-        for k in range(len(out) - 1):
-            gap = out[k + 1] - out[k]
-            if gap < least * (1.0 - 1e-9):
-                shift = 0.5 * (least - gap)
-                out[k], out[k + 1], moved = out[k] - shift, out[k + 1] + shift, True
-        if out and len(out) * least <= high - low:
-            over, under = max(out[-1] - high, 0.0), max(low - out[0], 0.0)
-            out[-1], out[0], moved = out[-1] - over, out[0] + under, moved or over > 0.0 or under > 0.0
-        if not moved:
-            break
-    return out
+    """Places in order moved apart to at least `least`, as little as that takes, and kept between `low` and `high` where
+    there is room: by the largest of the least means of neighbours (R. E. Barlow and others (1972), Sec. 1.2).
+    """
+    count = len(places)
+    steps = least * np.arange(count)
+    sums = np.concatenate([[0.0], np.cumsum(np.array(places) - steps)])
+    moved = np.array([max(min((sums[end] - sums[k]) / (end - k) for end in range(n + 1, count + 1))
+                          for k in range(n + 1)) for n in range(count)])
+    if count * least <= high - low:
+        moved = np.clip(moved, low, high - least * max(count - 1, 0))
+    found: list[float] = (moved + steps).tolist()
+    return found
 
 
 def top_of(curves: Sequence[MapCurve]) -> tuple[float, int]:
     """End of the axis of maxima, above branches and settled motions, and how many other points lie beyond."""
     inside = [0.0]
     for curve in curves:
-        inside += [max(b["max_slip_speed"]) for b in branches_of([curve])]
+        inside += [max(b["max_slip_speed"]) for b in behind([curve]).branches]
         inside += bounded(curve)[dict(marked(curve))[SETTLED]].tolist()
     top = max(1.12 * max(inside), 1e-6)
     return top, sum(int((bounded(curve) > top).sum()) for curve in curves)
@@ -133,18 +122,18 @@ def legend_of(axis: Any, curves: Sequence[MapCurve], swept: Sequence[MapCurve], 
     axis.set_axis_off()
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
     handles = axis.plot([], [], color=style.INK, label="stable (thicker: longer period)")
-    if not all(all(b["stable"]) for b in branches_of(curves)):
+    if not all(all(b["stable"]) for b in behind(curves).branches):
         handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
     for mark in marks_met(swept):
         handles += axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.4))
     if beyond:
         handles += axis.plot([], [], linestyle="none", label=f"({counted(beyond, 'point')} beyond the axes)")
-    for kind in dict.fromkeys(f["kind"] for f in bifurcations_of(curves)):
+    for kind in dict.fromkeys(f["kind"] for f in behind(curves).bifurcations):
         marker, name = MARKS[kind]
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
     if named_jumps(swept):
         handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
-    if any(jump["cause"] in UNNAMED for jump in jumps_of(swept)):
+    if any(jump["cause"] in UNNAMED for jump in behind(swept).jumps):
         handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
                              label="jump off the branches")
     axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
