@@ -11,16 +11,7 @@ import numpy as np
 from tcc_sim.model import closed_form
 from tcc_sim.paper.catalogue import OMEGA_N, SUPER_HARMONICS, paper_system
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
-from tcc_sim.paper.evidence import (
-    FREQUENCY,
-    JUMP,
-    KINETIC,
-    Evidence,
-    Values,
-    slips_at,
-    steep,
-    with_kinetic,
-)
+from tcc_sim.paper.evidence import FREQUENCY, JUMP, KINETIC, Evidence, Values, slips_at, steep, with_kinetic
 from tcc_sim.paper.stable_motions import Motion, StableMotions
 from tcc_sim.trajectory import Floats
 

@@ -8,22 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from tcc_sim.paper.stable_motions import Motion, StableMotions
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
-
-
-class Criterion(Protocol):
-    """How the verdict follows from what was worked out."""
-
-    @property
-    def words(self) -> str:
-        """The criterion with every threshold, also of the verdict "depends"."""
-
-    def verdict(self, judged: Sequence[Any]) -> str:
-        """The verdict on what a claim's `Measured.judged` holds."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +101,12 @@ class Equal:
         """Judged: pairs of found and expected."""
         hits = [found == expected for found, expected in judged]
         return CONFIRMED if all(hits) else DEPENDS if any(hits) else NOT_CONFIRMED
+
+
+Criterion = Holds | Shares | Near | Equal
+"""How the verdict follows from what was worked out: `verdict` takes what a claim's `Measured.judged` holds; `words` say
+it with every threshold, also of the verdict "depends".
+"""
 
 
 @dataclass(frozen=True)

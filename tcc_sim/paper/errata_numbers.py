@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.continuation.special_points import chandrupatla
 from tcc_sim.model import closed_form
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
+from tcc_sim.paper.claims_model import PURE_SLIP
 from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import integral
@@ -35,15 +37,11 @@ def amplitude() -> dict[str, Any]:
         omega**2 * 250.0 / abs(stuck), d.flywheel_inertia * omega**2 * 250.0 / abs(complex(stuck, d.damping * omega))]}
 
 
-SLIPPING: Values = {"pressure.mean": 125e3, "engine.frequency": 150.0}
-"""Table 1 with Tsm = Tm."""
-
-
 def slip_condition() -> dict[str, Any]:
     """(16) from an engine that is slower than the plate, and from a slow one."""
     out = {}
     for speed in (-150.0, 30.0):
-        found = closed_form.pure_slip(paper_system({**SLIPPING, "initial.slip_speed": speed}))
+        found = closed_form.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
         out[f"Omega_e = {speed:g}: (16) as printed, with its sign, least slip with the transient (rad/s)"] = [
             abs(found.a0) - found.slip.swing(), found.margin, found.least_slip_speed]
     return out
@@ -51,7 +49,7 @@ def slip_condition() -> dict[str, Any]:
 
 def transient() -> dict[str, Any]:
     """The sine's amplitude in (17a), and that the printed terms are those of the integral of theta2."""
-    system = paper_system(SLIPPING)
+    system = paper_system(PURE_SLIP)
     d = system.driveline
     decay, omega_n = 0.5 * d.damping / d.plate_inertia, system.natural_frequency
     zeta, damped = decay / omega_n, math.sqrt(omega_n**2 - decay**2)
@@ -92,13 +90,10 @@ def roots() -> dict[str, Any]:
     def pair(damping: float) -> float:
         return max(x.real for x in roots(damping) if abs(x.imag) > 1.0)
 
-    low, high = -2.0 * d.damping, -0.5 * d.damping
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if pair(middle) > 0.0 else (low, middle)
     return {"real root at Cf = -0.1, -0.3 (1/s)": [max(x.real for x in roots(c) if abs(x.imag) <= 1.0)
                                                    for c in (-0.1, -0.3)],
-            "Cf at which the oscillatory pair crosses (N m s/rad)": 0.5 * (low + high)}
+            "Cf at which the oscillatory pair crosses (N m s/rad)": chandrupatla(pair, -2.0 * d.damping,
+                                                                                 -0.5 * d.damping)}
 
 
 def stuck_frequency() -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -67,22 +66,18 @@ class Evidence:
     rtol: float
     jobs: int | None = None
     progress: bool = False
-    _kept: dict[str, Any] = field(default_factory=dict)
+    _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
+    _motions: dict[tuple[System, bool], Settled] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
-               lyapunov: bool = False, damping: bool = False) -> list[Sweep]:
+               damping: bool = False) -> list[Sweep]:
         """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
         scaled = axis * UNITS.get(over, 1.0)
-        key = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
-        names = [json.dumps([sorted(row.items()), key, over, direction, lyapunov, damping]) for row in rows]
-        missing = [k for k, name in enumerate(names) if name not in self._kept]
-        if missing:
-            plan = self.plan(rows[0], direction=direction, lyapunov=lyapunov, damping=damping)
-            found = sweep_curves([Curve(paper_system(rows[k]), over, key) for k in missing], plan, jobs=self.jobs,
-                                 progress=self.progress)
-            self._kept.update({names[k]: sweep for k, sweep in zip(missing, found)})
-        return [self._kept[name] for name in names]
+        values = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
+        wanted = [Curve(paper_system(row), over, values) for row in rows]
+        return swept(wanted, self.plan(rows[0], direction=direction, damping=damping), self._sweeps, self.jobs,
+                     self.progress) if rows else []
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
         """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
@@ -91,13 +86,12 @@ class Evidence:
 
     def motion(self, row: Values, *, lyapunov: bool = False) -> Settled:
         """One motion from the initial state (13); its period is that of the settled motion."""
-        name = json.dumps([sorted(row.items()), lyapunov])
-        if name not in self._kept:
-            point = solve_point(paper_system(row), 0.0, self.plan(row, lyapunov=lyapunov))
+        system = paper_system(row)
+        if (system, lyapunov) not in self._motions:
+            point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
             largest = math.nan if point.summary is None else point.summary.max_slip_speed
-            self._kept[name] = Settled(self._period(paper_system(row), point), largest, point.lyapunov)
-        found: Settled = self._kept[name]
-        return found
+            self._motions[system, lyapunov] = Settled(period_of(self._settle(system, point)), largest, point.lyapunov)
+        return self._motions[system, lyapunov]
 
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
         """(n,) periods of the settled motions, as `Settled` has them.
@@ -106,24 +100,17 @@ class Evidence:
         """
         name = (sweep.curve, sweep.plan)
         if name not in self._settled:
-            with ThreadPoolExecutor(self.jobs) as threads:
-                found = list(threads.map(self._period, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
-            self._settled[name] = np.array(found, dtype=np.int64)
+            self._settled[name] = np.array([period_of(found) for found in self._each(sweep)], dtype=np.int64)
         return self._settled[name]
 
     def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
         """(n,) whether the settled motion slips; what has not settled by the paper's rule goes on, as for `periods`."""
-        def at(k: int) -> bool:
-            found = self._settle(sweep.curve.at(k), sweep.points[k])
-            return found is not None and found.regime != "stick"
+        return np.array([found is not None and found.regime != "stick" for found in self._each(sweep)], dtype=bool)
 
+    def _each(self, sweep: Sweep) -> list[Summary | None]:
+        """What every point of a sweep comes to."""
         with ThreadPoolExecutor(self.jobs) as threads:
-            return np.array(list(threads.map(at, range(len(sweep.points)))), dtype=bool)
-
-    def _period(self, system: System, point: Point | None) -> int:
-        """The period of a point, as `Settled` has it."""
-        found = self._settle(system, point)
-        return FAILED if found is None else RUNAWAY if found.runaway else found.period
+            return list(threads.map(self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
 
     def _settle(self, system: System, point: Point | None) -> Summary | None:
         """What a point comes to, from further cycles where its section does not repeat yet; None where it failed."""
@@ -183,6 +170,20 @@ class Evidence:
             if abs(fb - fa) > 0.5 * first and abs(fb - fa) > JUMP * size:
                 found.append((0.5 * (a + b), fb - fa))
         return found
+
+
+def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sweep], jobs: int | None = None,
+          progress: bool = False) -> list[Sweep]:
+    """The sweep of every curve, from those that are `kept`; the missing ones are worked out together, and kept."""
+    missing = [curve for curve in curves if (curve, plan) not in kept]
+    if missing:
+        kept.update({(sweep.curve, plan): sweep for sweep in sweep_curves(missing, plan, jobs=jobs, progress=progress)})
+    return [kept[curve, plan] for curve in curves]
+
+
+def period_of(found: Summary | None) -> int:
+    """The period of what a point comes to, as `Settled` has it."""
+    return FAILED if found is None else RUNAWAY if found.runaway else found.period
 
 
 def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:

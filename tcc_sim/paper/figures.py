@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -16,20 +17,13 @@ from tcc_sim.model.parameters import System, values_of
 from tcc_sim.paper import settled_histories
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, STATIC, PaperFigure, Series, figure_row, paper_system
 from tcc_sim.paper.charts import chart
-from tcc_sim.paper.coexistence import coexisting
+from tcc_sim.paper.evidence import JUMP, steep, swept
 from tcc_sim.paper.figure_branches import motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
-from tcc_sim.paper.figure_results import (
-    Coexisting,
-    Curves,
-    Figure,
-    LawCurve,
-    Laws,
-    MapCurve,
-    MotionsBehind,
-)
+from tcc_sim.paper.figure_results import Coexisting, Curves, Figure, LawCurve, Laws, MapCurve, MotionsBehind, Reached
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
+from tcc_sim.sweeps.point import handed_over, solve_point
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
@@ -90,13 +84,8 @@ def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
     """The sweep of every series."""
     _, ratios, unit = _axis(row, options)
     scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
-    key_values = tuple(float(x) for x in scaled)
-    wanted = [Curve(system_of(s, options), row.over, key_values) for s in row.series]
-    missing = [curve for curve in wanted if (curve, plan) not in options.kept]
-    if missing:
-        for sweep in sweep_curves(missing, plan, jobs=options.jobs, progress=options.progress):
-            options.kept[sweep.curve, plan] = sweep
-    return [options.kept[curve, plan] for curve in wanted]
+    wanted = [Curve(system_of(s, options), row.over, tuple(float(x) for x in scaled)) for s in row.series]
+    return swept(wanted, plan, options.kept, options.jobs, options.progress)
 
 
 def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[MapCurve],
@@ -110,10 +99,48 @@ def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[MapCurve]
 def _curve(series: Series, sweep: Sweep, others: Sequence[Coexisting] | None = None,
            behind: MotionsBehind | None = None) -> MapCurve:
     """One sweep as a curve."""
-    lists = sweep.lists()
     names = {item.name for item in dataclasses.fields(MapCurve)}
     return MapCurve(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
-                    behind=behind, **{name: column for name, column in lists.items() if name in names})
+                    behind=behind, **{name: column for name, column in sweep.lists().items() if name in names})
+
+
+def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
+    """The motions that a neighbour's last state leads to where they differ from those of the cold start.
+
+    Looked for at both sides of every change of more than JUMP of the curve's largest value between neighbours that both
+    have a period: the scatter of an aperiodic motion's maximum is no other motion.
+    """
+    largest = sweep.column("max_slip_speed")
+    periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
+    size = float(np.nanmax(largest))
+    pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
+             if periods[here] and periods[there]]
+
+    def follow(pair: tuple[int, int]) -> Coexisting | None:
+        here, there = pair
+        neighbour = sweep.points[there]
+        assert neighbour is not None
+        plan = dataclasses.replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
+        system = sweep.curve.at(here)
+        start = handed_over(sweep.curve.at(there), neighbour.end, system)
+        point = solve_point(system, sweep.curve.values[here], plan, start)
+        found = point.summary
+        if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
+            return None
+        return Coexisting(here, sweep.curve.values[here], float(largest[here]), periods[here],
+                          Reached(found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
+
+    with ThreadPoolExecutor(jobs) as threads:
+        rows = [row for row in threads.map(follow, pairs) if row is not None]
+    return sorted(rows, key=lambda row: row.index)
+
+
+def stands_out(values: np.ndarray, k: int, least: float) -> bool:
+    """Whether a value lies above both of its neighbours, or below both, by more than `least`."""
+    if not 0 < k < len(values) - 1:
+        return False
+    left, right = values[k] - values[k - 1], values[k] - values[k + 1]
+    return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
 
 
 def _map(row: PaperFigure, options: FigureOptions) -> Curves:

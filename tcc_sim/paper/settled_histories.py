@@ -36,13 +36,11 @@ SECTION_CYCLES = 2000
 """Section points of a motion without period in Fig. 7."""
 
 
-def _run_in(system: System, options: FigureOptions, cycles: int,
-            samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
-    """The motion over the transient and the 100 cycles after it, and then over some more with samples."""
-    before = solve(system, cycles=RUN_IN).raise_for_status()
-    after = solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=RUN_IN,
-                  state=before.final).raise_for_status()
-    return before, after
+def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
+    """The motion over some cycles, the transient among them, and then over some more with samples."""
+    before = solve(system, cycles=cycles).raise_for_status()
+    return before, solve(system, cycles=more, samples_per_cycle=samples, start_cycle=cycles,
+                         state=before.final).raise_for_status()
 
 
 def _time(run: Trajectory) -> Floats:
@@ -56,7 +54,7 @@ def histories(row: PaperFigure, options: FigureOptions) -> Panels[History]:
     panels = []
     for series in row.series:
         system = system_of(series, options)
-        before, after = _run_in(system, options, 12)
+        before, after = _run_in(system, 12)
         summary = summarise(before)
         section, exponent = summary.section, None
         if not summary.period:
@@ -74,7 +72,7 @@ def delay(row: PaperFigure, options: FigureOptions) -> Panels[Delay]:
     """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
     panels = []
     for series in row.series:
-        _, after = _run_in(system_of(series, options), options, 2)
+        _, after = _run_in(system_of(series, options), 2)
         panels.append(Delay(series.label, series.values, first_half(after), _time(after), after.slip_speed,
                             after.engine_torque, after.state))
     return Panels(panels)
@@ -92,7 +90,7 @@ def actuation(row: PaperFigure, options: FigureOptions) -> Panels[Actuation]:
     """Fig. 12."""
     panels: list[Actuation] = []
     for series in row.series:
-        before, after = _run_in(system_of(series, options), options, 9)
+        before, after = _run_in(system_of(series, options), 9)
         found = summarise(before)
         shown = (series.label, series.values, found.period, _time(after), after.slip_speed, after.saturation_torque,
                  after.engine_torque)
@@ -124,9 +122,7 @@ def solvers(row: PaperFigure, options: FigureOptions) -> Solvers:
     begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
     steady = []
     for label, values in STEADY_LAWS:
-        before = solve(replace(system, values), cycles=begin).raise_for_status()
-        after = solve(replace(system, values), cycles=4, samples_per_cycle=SAMPLES // 2, start_cycle=begin,
-                      state=before.final).raise_for_status()
+        before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
         found = summarise(before, begin - 100)
         steady.append(Steady(label, values, found.period, found.settled, found.max_slip_speed, before.final.numbers,
                              _time(after), after.slip_speed))
@@ -137,12 +133,8 @@ def solvers(row: PaperFigure, options: FigureOptions) -> Solvers:
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
-        apart = _rms_difference(run.slip_speed, reference) if len(run.t) == len(reference) else None
+        apart = None if len(run.t) != len(reference) else float(
+            np.sqrt(np.mean((run.slip_speed - reference) ** 2)) / np.abs(reference).max())
         curves.append(SolverCurve(solver, label, run.status.value, seconds, _time(run), run.slip_speed,
                                   run.friction_torque, apart))
     return Solvers(system.cycle, curves, steady, begin)
-
-
-def _rms_difference(values: Floats, reference: Floats) -> float:
-    """Relative to the largest size of the reference."""
-    return float(np.sqrt(np.mean((values - reference) ** 2)) / np.abs(reference).max())

@@ -19,17 +19,15 @@ from numpy.typing import NDArray
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import halton
 from tcc_sim.basins.driveline import DrivelineMotion
-from tcc_sim.basins.proximity import Attractor
-from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, point_of
+from tcc_sim.continuation.diagram import SWEPT, amplitude_of, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.errors import counted
-from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Values, share_where
-from tcc_sim.paper.seen_motions import RUNS, seen_in
+from tcc_sim.paper.seen_motions import RUNS, seen_in, surveyed
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.sweeps.workers import workers
@@ -112,16 +110,17 @@ class StableMotions(Evidence):
                         point = point_of(of, span, seen)
                         found[k] = point is not None and point.orbit.stable
             self.known[name] = found
-        out: NDArray[np.bool_] = self.known[name]
-        return out
+        return np.array(self.known[name])
 
     def attractors(self, row: Values) -> list[tuple[int, float]]:
         """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
         name = json.dumps(["attractors", sorted(row.items())])
         if name not in self.known:
-            self.known[name] = sorted((a.period, a.largest) for a in _attractors(paper_system(row)))
-        out: list[tuple[int, float]] = self.known[name]
-        return out
+            system = paper_system(row)
+            starts = [np.array(State.at_start(system).numbers), *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))]
+            found = find_attractors(DrivelineMotion(system), starts)
+            self.known[name] = sorted((a.period, a.largest) for a in found)
+        return list(self.known[name])
 
 
 @dataclass(frozen=True)
@@ -156,20 +155,11 @@ class Motion:
                 f"{where}")
 
 
-def _attractors(system: System) -> list[Attractor]:
-    """The attractors found from (13) and from points spread over states."""
-    own = np.array(State.at_start(system).numbers)
-    return find_attractors(DrivelineMotion(system), [own, *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))])
-
-
 def _followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
     """The stable stretches of the branches through the motions of sweeps along a curve; what a worker does."""
     curve = sweeps[0].curve
-    low, high = min(curve.values), max(curve.values)
-    seen = [s for sweep in sweeps for s in seen_in(sweep)]
-    branches = bifurcation_diagram(DrivelineMap(curve.system, (curve.key,)), ParameterRange(low, high, name=curve.key),
-                                   seen, settings=FEW)
-    return stable_segments(branches, low, high, UNITS.get(curve.key, 1.0))
+    branches = surveyed(curve, [s for sweep in sweeps for s in seen_in(sweep)], settings=FEW)
+    return stable_segments(branches, min(curve.values), max(curve.values), UNITS.get(curve.key, 1.0))
 
 
 def end_as_json(end: SegmentEnd) -> dict[str, Any]:
