@@ -114,7 +114,7 @@ def test_mcap_is_a_recording_that_holds_its_scene(tmp_path):
     from tcc_sim.recording.reader import open_run
 
     path = tmp_path / "run.mcap"
-    words = ["slip", "--set", "engine.mean_torque=501", "--cycles", "3", "--samples", "50", "--out", str(path)]
+    words = ["fig02", "--set", "engine.mean_torque=501", "--cycles", "3", "--samples", "50", "--out", str(path)]
     assert main(["simulate", *words]) == 0
     run = open_run(path)
     assert sum(map(len, run.batches())) == 151

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
+from oracle import equations
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.cycles import cycles_of
@@ -17,26 +16,21 @@ from tcc_sim.trajectory import Loads, concatenated
 FIRST, LAST = 6, 12
 
 
-def by_scipy(system: System, cycles: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times and (v, theta2, theta2', work of clutch, of engine, of C23) of (2a), (2b), (7) written out, by Radau."""
-    d, f, e, p = system.driveline, system.friction, system.engine, system.pressure
+def by_scipy(system: System, cycles: int) -> np.ndarray:
+    """(v, theta2, theta2', work of the clutch) at 500 times a cycle, by LSODA."""
+    rates, _ = equations(system)
+    d = system.driveline
 
-    def rates(t: float, y: np.ndarray) -> list[float]:
-        v, angle, speed = y[:3]
-        load = system.torque_per_pressure * max(
-            p.mean + p.amplitude * math.sin(p.frequency_ratio * e.frequency * t + p.phase), 0.0)
-        law = 1.0 + (f.static_coefficient / f.kinetic_coefficient - 1.0) * math.exp(-f.decay * abs(v))
-        torque = load * law * math.tanh(f.smoothing * v)
-        engine = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
-        plate = (torque - d.damping * speed - d.stiffness * angle) / d.plate_inertia
-        return [(engine - torque) / d.flywheel_inertia - plate, speed, plate, torque * v, engine * (v + speed),
-                d.damping * speed**2]
+    def all_rates(t: float, y: np.ndarray) -> list[float]:
+        slip, speed, plate, _ = rates(t, [*y[:3], 0.0])
+        torque = d.plate_inertia * plate + d.damping * y[2] + d.stiffness * y[1]
+        return [slip, speed, plate, torque * y[0]]
 
     i = system.initial
-    run = solve_ivp(rates, (0.0, cycles * system.cycle), [i.slip_speed, i.plate_angle, i.plate_speed, 0.0, 0.0, 0.0],
-                    method="Radau", rtol=1e-9, atol=1e-10, max_step=system.cycle / 50,
+    run = solve_ivp(all_rates, (0.0, cycles * system.cycle), [i.slip_speed, i.plate_angle, i.plate_speed, 0.0],
+                    method="LSODA", rtol=1e-10, atol=1e-10, max_step=system.cycle / 50,
                     t_eval=np.arange(cycles * 500 + 1) * (system.cycle / 500))
-    return run.t, run.y
+    return run.y
 
 
 def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: object) -> Loads:
@@ -50,7 +44,7 @@ def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: obj
 @pytest.mark.parametrize("name", ["fig02", "chaos", "slip"])
 def test_loads_are_those_of_scipy(name: str) -> None:
     system = load_scene(name).system
-    _, y = by_scipy(system, 4)
+    y = by_scipy(system, 4)
     found, d = loads_by(system, 4), system.driveline
     assert found.energy == pytest.approx(np.diff(y[3, ::500]), rel=1e-6)
     shaft = (d.damping * y[2] + d.stiffness * y[1]).reshape(-1)
@@ -101,7 +95,7 @@ def test_power_and_breakaways_are_those_of_dense_samples() -> None:
 
 
 def test_stick_turns_nothing_to_heat() -> None:
-    system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.24})
     found = loads_by(system, 60, 50)
     assert found.energy[50:] == pytest.approx(np.zeros(10), abs=0.0)
     assert found.breakaways[50:].sum() == 0

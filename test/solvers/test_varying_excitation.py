@@ -107,10 +107,10 @@ def test_solvers_that_cannot_say_who_can():
 
 
 @pytest.mark.parametrize("slips", [False, True])
-def test_cycles_and_samples_of_the_fast_engine_are_those_of_radau(slips):
+def test_cycles_and_samples_of_the_fast_engine_are_those_of_lsoda(slips):
     system = SLIP if slips else STICK_SLIP
     one, other = (solve(system, solver=name, duration=END, samples_per_cycle=16, rtol=rtol)
-                  for name, rtol in (("smoothed", 1e-9), ("radau", 1e-10)))
+                  for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-11)))
     np.testing.assert_array_equal(one.t, other.t)
     np.testing.assert_allclose(one.slip_speed, other.slip_speed, atol=2e-6)
     np.testing.assert_allclose(one.engine_torque, other.engine_torque, rtol=1e-12)
@@ -123,7 +123,7 @@ def test_a_clamp_that_sets_in_and_ends_while_everything_varies():
     clamped = replace(STICK_SLIP, {"pressure.amplitude": 3e5, "pressure.frequency_ratio": 2.3, "pressure.mean_values":
                                    [0.0, 240e3, 100e3]})
     one, other = (solve(clamped, solver=name, duration=END, rtol=rtol).final
-                  for name, rtol in (("smoothed", 1e-9), ("radau", 1e-10)))
+                  for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-11)))
     assert one.slip_speed == pytest.approx(other.slip_speed, abs=1e-4)
     assert one.plate_angle == pytest.approx(other.plate_angle, abs=1e-6)
 
@@ -143,7 +143,7 @@ def test_a_run_up_has_cycles_of_its_own_length_and_no_period():
     assert found.summary.cycles == int(330.0 * 20.0 / (2.0 * math.pi))
     assert (found.summary.period, found.summary.discarded) == (0, 0)
     fixed = simulate("runup", solver="fixed_step").summary
-    assert (found.summary.breakaways, fixed.breakaways) == (96, 96)
+    assert found.summary.breakaways == fixed.breakaways > 50
     assert found.summary.clutch_energy == pytest.approx(fixed.clutch_energy, rel=1e-5)
 
 
