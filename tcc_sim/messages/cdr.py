@@ -30,40 +30,18 @@ _DOUBLE = struct.Struct("<d")
 _STAMP = struct.Struct("<iI")
 
 
-def _string(text: str, padding: bytes = b"\0") -> bytes:
+def _string(text: str) -> bytes:
     """A CDR string that starts on a 4-byte boundary, padded to the next one."""
     data = text.encode() + b"\0"
-    return struct.pack("<I", len(data)) + data + padding * (-len(data) % 4)
+    return _LENGTH.pack(len(data)) + data + bytes(-len(data) % 4)
 
 
-def _names(padding: bytes = b"\0") -> bytes:
-    """Empty frame_id and the joint names."""
-    return _string("", padding) + struct.pack("<I", len(JOINT_NAMES)) + b"".join(_string(name, padding)
-                                                                                 for name in JOINT_NAMES)
-
-
-_NAMES = _names()
+_NAMES = _string("") + _LENGTH.pack(len(JOINT_NAMES)) + b"".join(map(_string, JOINT_NAMES))
 _PAIR = struct.pack("<II", 2, 0)
 assert (8 + len(_NAMES)) % 8 == 0, "the count of positions is followed by four bytes of padding"
 _JOINT_STATE = struct.Struct(f"<4siI{len(_NAMES)}s8sdd8sdd8sdd")
-_FIRST = 12 + len(_NAMES) + 8
-
-JOINT_STATE = np.dtype({
-    "names": ["sec", "nanosec", "flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
-              "friction_torque"],
-    "formats": ["<i4", "<u4"] + ["<f8"] * 6,
-    "offsets": [4, 8, _FIRST, _FIRST + 8, _FIRST + 24, _FIRST + 32, _FIRST + 48, _FIRST + 56],
-    "itemsize": _JOINT_STATE.size})
-"""One serialised joint_states message as NumPy sees it; names and counts sit at fixed offsets because they never
-change.
-"""
-
 MOST_JOINTS = 1000
 """Joints that a message may name."""
-FLUID_PRESSURE = np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"],
-                           "formats": ["<i4", "<u4", "<f8", "<f8"],
-                           "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size})
-"""One serialised FluidPressure message with an empty frame_id."""
 
 
 def float64(value: float) -> bytes:
@@ -82,18 +60,8 @@ def header(stamp_ns: int, frame_id: str) -> bytes:
 
 
 def read_header(data: bytes) -> tuple[int, str]:
-    """Stamp (ns) and frame_id of a serialised Header.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian Header.
-    """
-    if len(data) >= 16 and data[1] == HEADER[1]:
-        length = _LENGTH.unpack_from(data, 12)[0]
-        if 1 <= length <= len(data) - 16:
-            return read_stamp(data), data[16:15 + length].decode(errors="replace")
-    raise ValueError("not a little-endian std_msgs/msg/Header")
+    """Stamp (ns) and frame_id of a serialised Header; ValueError where it is no little-endian one."""
+    return read_stamp(data), _text_at(data, 12, topics.HEADER, "replace")[0]
 
 
 def string(text: str) -> bytes:
@@ -102,18 +70,8 @@ def string(text: str) -> bytes:
 
 
 def read_string(data: bytes) -> str:
-    """Text of a serialised String.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian String.
-    """
-    if len(data) >= 8 and data[1] == HEADER[1]:
-        length = _LENGTH.unpack_from(data, 4)[0]
-        if 1 <= length <= len(data) - 8:
-            return data[8:7 + length].decode(errors="replace")
-    raise ValueError("not a little-endian std_msgs/msg/String")
+    """Text of a serialised String; ValueError where it is no little-endian one."""
+    return _text_at(data, 4, topics.STRING, "replace")[0]
 
 
 def clock(stamp_ns: int) -> bytes:
@@ -154,25 +112,15 @@ def read_stamp(data: bytes) -> int:
 
 
 def read_float64(data: bytes) -> float:
-    """Value of a serialised Float64.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian Float64.
-    """
+    """Value of a serialised Float64; ValueError where it is no little-endian one."""
     if len(data) < _FLOAT64.size or data[1] != HEADER[1]:
         raise ValueError("not a little-endian std_msgs/msg/Float64")
     return float(_FLOAT64.unpack_from(data)[1])
 
 
 def read_fluid_pressure(data: bytes) -> tuple[int, float]:
-    """Stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian FluidPressure.
+    """Stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id; ValueError where it is no
+    little-endian one.
     """
     if len(data) >= 16 and data[1] == HEADER[1]:
         end = 12 + _LENGTH.unpack_from(data, 12)[0]
@@ -188,10 +136,10 @@ def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
     return found
 
 
-class JointStateLayout(NamedTuple):
-    """Where the values of two joints stand in a joint_states message: as NumPy sees it, the bytes of an example, and
-    which of them every message of this layout has (names and counts, not values or padding, in which ROS 2 sends
-    whatever its buffer held before).
+class Layout(NamedTuple):
+    """Where values stand in messages of one kind: as NumPy sees them, the bytes of an example, and which of them every
+    message of this layout has (names and counts, not values or padding, in which ROS 2 sends whatever its buffer held
+    before).
     """
 
     record: np.dtype[np.void]
@@ -200,14 +148,9 @@ class JointStateLayout(NamedTuple):
 
 
 def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
-                       frame_id: str = "") -> JointStateLayout:
-    """The layout of messages with these names, of which `joints` are flywheel and clutch plate, with a position, a
-    velocity and an effort for each name.
-
-    Raises
-    ------
-    ValueError
-        A joint is not among the names.
+                       frame_id: str = "") -> Layout:
+    """The layout of joint_states with these names, of which `joints` are flywheel and clutch plate, with a position, a
+    velocity and an effort for each name; ValueError where a joint is not among the names.
     """
     data, fixed = bytearray(HEADER + bytes(8)), bytearray(b"\1\1" + bytes(10))
     starts = []
@@ -230,45 +173,42 @@ def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str]
         starts.append(len(data))
         put(bytes(8 * len(names)), False)
     places = [list(names).index(joint) for joint in joints]
-    record = np.dtype({"names": list(JOINT_STATE.names or ()), "formats": ["<i4", "<u4"] + ["<f8"] * 6,
+    record = np.dtype({"names": ["sec", "nanosec", *topics.topic("joint_states").fields],
+                       "formats": ["<i4", "<u4"] + ["<f8"] * 6,
                        "offsets": [4, 8, *(start + 8 * place for start in starts for place in places)],
                        "itemsize": len(data)})
-    return JointStateLayout(record, np.frombuffer(bytes(data), np.uint8), np.frombuffer(bytes(fixed), np.bool_))
+    return Layout(record, np.frombuffer(bytes(data), np.uint8), np.frombuffer(bytes(fixed), np.bool_))
+
+
+JOINT_STATE = joint_state_layout().record
+"""One serialised joint_states message of the driveline as NumPy sees it; names and counts sit at fixed offsets because
+they never change.
+"""
+FLUID_PRESSURE = Layout(
+    np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"], "formats": ["<i4", "<u4", "<f8", "<f8"],
+              "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size}),
+    np.frombuffer(fluid_pressure(0, 0.0), np.uint8), np.isin(np.arange(_FLUID_PRESSURE.size), [0, 1, *range(12, 17)]))
+"""The layout of FluidPressure messages with an empty frame_id."""
 
 
 def read_joint_names(data: bytes) -> tuple[str, list[str]]:
-    """Frame and joint names of a serialised JointState.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian JointState.
-    """
-    try:
-        if data[1] != HEADER[1]:
-            raise ValueError("not a little-endian sensor_msgs/msg/JointState")
-        frame_id, position = _text_at(data, 12)
-        count, names = _LENGTH.unpack_from(data, position)[0], []
-        position += 4
-        for _ in range(min(count, MOST_JOINTS)):
-            name, position = _text_at(data, position)
-            names.append(name)
-    except (struct.error, IndexError) as error:
-        raise ValueError("not a sensor_msgs/msg/JointState") from error
+    """Frame and joint names of a serialised JointState; ValueError where it is no little-endian one."""
+    frame_id, position = _text_at(data, 12, topics.JOINT_STATE)
+    if position + 4 > len(data):
+        raise ValueError(f"not a little-endian {topics.JOINT_STATE}")
+    count, names = _LENGTH.unpack_from(data, position)[0], []
+    position += 4
+    for _ in range(min(count, MOST_JOINTS)):
+        name, position = _text_at(data, position, topics.JOINT_STATE)
+        names.append(name)
     return frame_id, names
 
 
-def _text_at(data: bytes, position: int) -> tuple[str, int]:
-    """A string at a place in a message, and where what follows on a 4-byte boundary starts."""
-    size = _LENGTH.unpack_from(data, position)[0]
-    if not 1 <= size <= len(data) - position - 4:
-        raise ValueError("a string is longer than its message")
-    return data[position + 4:position + 3 + size].decode(), position + 4 + (size + 3) // 4 * 4
-
-
-def fluid_pressure_template() -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Bytes of a FluidPressure message with an empty frame_id, and a mask of those that every such message has."""
-    example = np.frombuffer(fluid_pressure(0, 0.0), dtype=np.uint8)
-    fixed = np.zeros(len(example), dtype=np.bool_)
-    fixed[[0, 1, 12, 13, 14, 15, 16]] = True
-    return example, fixed
+def _text_at(data: bytes, position: int, kind: str, errors: str = "strict") -> tuple[str, int]:
+    """A string at a place in a message of this type, and where what follows on a 4-byte boundary starts."""
+    if len(data) >= position + 4 and data[1] == HEADER[1]:
+        size = _LENGTH.unpack_from(data, position)[0]
+        if 1 <= size <= len(data) - position - 4:
+            text = data[position + 4:position + 3 + size].decode(errors=errors)
+            return text, position + 4 + (size + 3) // 4 * 4
+    raise ValueError(f"not a little-endian {kind}")

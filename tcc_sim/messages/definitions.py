@@ -40,9 +40,6 @@ CARRIED: dict[str, tuple[str, str]] = {
 """Fields (without comments) and RIHS01 hash per type, so that a recording can be written where ROS 2 is not installed.
 """
 
-_PRIMITIVES = {"bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32",
-               "int64",
-               "uint64", "string", "wstring"}
 _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 
 
@@ -55,12 +52,8 @@ class Definition:
 
 
 def definition(type_name: str) -> Definition:
-    """The definition of `type_name` (package/msg/Name) with its dependencies in the order they are first needed.
-
-    Raises
-    ------
-    InputError
-        Not a message type, or neither installed nor carried.
+    """The definition of `type_name` (package/msg/Name) with its dependencies in the order they are first needed;
+    InputError where it is not a message type, or neither installed nor carried.
     """
     text = _text(type_name)
     parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
@@ -77,13 +70,7 @@ def definition(type_name: str) -> Definition:
 
 
 def type_parts(type_name: str) -> tuple[str, str]:
-    """Package and short name of `package/msg/Name`.
-
-    Raises
-    ------
-    InputError
-        Not of that form.
-    """
+    """Package and short name of `package/msg/Name`; InputError where it is not of that form."""
     match = _TYPE_NAME.fullmatch(type_name)
     if match is None:
         raise InputError(f"{type_name!r} is not a message type; it must be like std_msgs/msg/Float64")
@@ -135,7 +122,6 @@ def _dependencies(type_name: str, text: str) -> Iterator[str]:
         if len(words) < 2 or "=" in line.split("#")[0]:
             continue
         name = re.split(r"[\[<]", words[0])[0]
-        if name in _PRIMITIVES:
-            continue
         parts = name.split("/")
-        yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"
+        if len(parts) > 1 or name[:1].isupper():  # The names of primitive types are in small letters.
+            yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"

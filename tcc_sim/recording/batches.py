@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -15,12 +15,13 @@ from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording.records import Messages
 from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.topics import topic
 
 Floats = NDArray[np.float64]
 _MOST_WAITING = 1 << 18
 _MOST_NAMED = 20
-_HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
-_VALUES = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
+HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
+"""What stands before the bytes of a message: channel, number at the publisher, times (ns)."""
 
 
 @dataclass(frozen=True)
@@ -64,32 +65,21 @@ def joined(batches: Sequence[JointStates]) -> JointStates:
     return replace(batches[0], **{"applied_pressure": None, **columns})
 
 
-class Heads(NamedTuple):
-    """What stands before the bytes of messages, (n,) arrays: channel, number at the publisher, times (ns)."""
-
-    channel: NDArray[np.uint16]
-    number: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    sent_ns: NDArray[np.int64]
-
-
 def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
-                 layout: cdr.JointStateLayout) -> tuple[JointStates, Heads, int]:
-    """The joint_states of one chunk in their order, and how many messages have another layout and were left out."""
-    heads, rows, refused = _rows(data, messages, channels, layout.example, layout.fixed)
-    records = rows.view(layout.record)[:, 0]
-    columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in _VALUES}
-    sent_ns = np.where(heads.sent_ns > 0, heads.sent_ns, heads.log_ns)
-    return JointStates(stamp_ns=cdr.stamps(records), log_ns=heads.log_ns, sent_ns=sent_ns, **columns), heads, refused
+                 layout: cdr.Layout) -> tuple[JointStates, NDArray[np.void], int]:
+    """The joint_states of one chunk in their order, their HEADs, and how many messages have another layout and were
+    left out.
+    """
+    heads, records, refused = _records(data, messages, channels, layout)
+    columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in topic("joint_states").fields}
+    log_ns, sent_ns = heads["log_ns"].astype(np.int64), heads["sent_ns"].astype(np.int64)
+    sent_ns = np.where(sent_ns > 0, sent_ns, log_ns)
+    return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, sent_ns=sent_ns, **columns), heads, refused
 
 
-def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.JointStateLayout:
-    """Where the values of two joints stand, by the first message of these channels.
-
-    Raises
-    ------
-    RecordingError
-        It names other joints.
+def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.Layout:
+    """Where the values of two joints stand, by the first message of these channels; RecordingError where it names
+    other joints.
     """
     first = int(np.flatnonzero(np.isin(messages.channel, channels))[0])
     begin = int(messages.offset[first]) + 22
@@ -105,32 +95,29 @@ def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequ
 
 
 def pressures(data: NDArray[np.uint8], messages: Messages,
-              channels: list[int]) -> tuple[NDArray[np.int64], Floats, Heads, int]:
-    """Stamps (ns) and values (Pa) of the applied pressure in one chunk, and how many messages were left out."""
-    heads, rows, refused = _rows(data, messages, channels, *cdr.fluid_pressure_template())
-    records = rows.view(cdr.FLUID_PRESSURE)[:, 0]
+              channels: list[int]) -> tuple[NDArray[np.int64], Floats, NDArray[np.void], int]:
+    """Stamps (ns), values (Pa) and HEADs of the applied pressure in one chunk, and how many messages were left out."""
+    heads, records, refused = _records(data, messages, channels, cdr.FLUID_PRESSURE)
     return cdr.stamps(records), records["fluid_pressure"].astype(np.float64), heads, refused
 
 
-def _rows(data: NDArray[np.uint8], messages: Messages, channels: list[int], expected: NDArray[np.uint8],
-          fixed: NDArray[np.bool_]) -> tuple[Heads, NDArray[np.uint8], int]:
-    """Heads and bytes of the channels' messages whose fixed bytes are as expected, and the number of the others."""
+def _records(data: NDArray[np.uint8], messages: Messages, channels: list[int],
+             layout: cdr.Layout) -> tuple[NDArray[np.void], NDArray[np.void], int]:
+    """HEADs and values of the channels' messages that have this layout, and the number of the others."""
+    expected = layout.example
     mine = np.isin(messages.channel, channels)
     right_length = messages.length[mine] == 22 + len(expected)
     offset = messages.offset[mine][right_length]
     refused = len(right_length) - len(offset)
     if not len(offset):
-        nothing = np.empty(0, np.int64)
-        heads = Heads(nothing.astype(np.uint16), nothing, nothing, nothing)
-        return heads, np.empty((0, len(expected)), np.uint8), refused
+        return np.empty(0, HEAD), np.empty(0, layout.record), refused
     rows = sliding_window_view(data, len(expected))[offset + 22]
-    mask = np.where(fixed, np.uint8(0xFF), np.uint8(0))
+    mask = np.where(layout.fixed, np.uint8(0xFF), np.uint8(0))
     wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
     if wrong.any():
         rows, offset, refused = rows[~wrong], offset[~wrong], refused + int(wrong.sum())
-    head = sliding_window_view(data, _HEAD.itemsize)[offset].view(_HEAD)[:, 0]
-    return Heads(head["channel"], head["number"].astype(np.int64), head["log_ns"].astype(np.int64),
-                 head["sent_ns"].astype(np.int64)), rows, refused
+    heads = sliding_window_view(data, HEAD.itemsize)[offset].view(HEAD)[:, 0]
+    return heads, rows.view(layout.record)[:, 0], refused
 
 
 class PressureJoin:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.recording import records
-from tcc_sim.recording.batches import Heads, JointStates, PressureJoin, joined, joint_states, layout_of, pressures
+from tcc_sim.recording.batches import JointStates, PressureJoin, joined, joint_states, layout_of, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
 from tcc_sim.recording.scene_records import SceneRecord
@@ -38,9 +38,8 @@ class Run:
     size : bytes of all files
     """
 
-    def __init__(self, path: Path, paths: list[Path], topic: str | None = None,
-                 joints: Mapping[str, str] | None = None) -> None:
-        self.path, self.paths = path, paths
+    def __init__(self, path: Path, paths: list[Path], topic: str | None, joints: Mapping[str, str] | None) -> None:
+        self.path, self._given = path, paths
         self.warnings = Warnings()
         self.messages: dict[str, int] = {}
         self.stamps = StampCounter()
@@ -60,14 +59,14 @@ class Run:
                 if len(paths) == 1:
                     raise
                 self._left_out.append(f"left out: {error}")
-                self.complete &= _number(name)[0] is None
+                self.complete &= _number(name) is None
         if not self._contents:
             raise RecordingError(self._left_out[0].removeprefix("left out: "))
-        self.paths, self._given = list(self._contents), paths
+        self.paths = list(self._contents)
         self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording says its scene again.
         self.joint_states_topic = topic or _choose(self.topics)
         self._joints = tuple((joints or {}).get(name, name) for name in JOINT_NAMES)
-        self._layout: cdr.JointStateLayout | None = None
+        self._layout: cdr.Layout | None = None
 
     def _open(self, path: Path) -> None:
         """Read what a file says of itself."""
@@ -91,11 +90,6 @@ class Run:
         return self.scenes[0].text if self.scenes else None
 
     @property
-    def version(self) -> str | None:
-        """The package version that recorded it."""
-        return self.scenes[0].version if self.scenes else None
-
-    @property
     def lost_messages(self) -> int:
         """joint_states messages that are missing between those read, by their stamps."""
         return self.stamps.lost
@@ -103,11 +97,8 @@ class Run:
     def batches(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """The joint_states in the order of the recording, about one batch per chunk; `tap` sees every chunk.
 
-        Raises
-        ------
-        RecordingError
-            Nothing can be read, there are no joint_states, or several publishers are mixed in them with nothing to tell
-            them apart.
+        RecordingError where nothing can be read, where there are no joint_states, and where several publishers are
+        mixed in them with nothing to tell them apart.
         """
         count = 0
         for batch in self.read(tap):
@@ -140,12 +131,12 @@ class Run:
                 if join is not None and (found := _of(channels, here, pressure, FLUID_PRESSURE)):
                     stamps, values, heads, left_out = pressures(array, messages, found)
                     refused[pressure] += left_out
-                    join.add_pressures(stamps, values, self._publisher(heads, channels), heads.number)
+                    join.add_pressures(stamps, values, self._publisher(heads, channels), heads["number"])
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     self._layout = self._layout or layout_of(data, messages, found, self._joints)
                     batch, heads, left_out = joint_states(array, messages, found, self._layout)
                     refused[self.joint_states_topic] += left_out
-                    for part in self._runs(batch, self._publisher(heads, channels), heads.number):
+                    for part in self._runs(batch, self._publisher(heads, channels), heads["number"]):
                         yield from (part,) if join is None else join.add(part)
         if join is not None:
             yield from join.finish()
@@ -153,11 +144,9 @@ class Run:
                 self.warnings.append(f"the applied pressure is missing at {counted(join.missing, 'tick')}")
         self._conclude(refused)
 
-    def _publisher(self, heads: Heads, channels: Mapping[int, Channel]) -> NDArray[np.int64]:
+    def _publisher(self, heads: NDArray[np.void], channels: Mapping[int, Channel]) -> NDArray[np.int64]:
         """A number for whoever published each message; 0 where the recording does not say."""
-        if not len(heads.channel):
-            return np.empty(0, np.int64)
-        numbers, place = np.unique(heads.channel, return_inverse=True)
+        numbers, place = np.unique(heads["channel"], return_inverse=True)
         known = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
                  for channel in numbers.tolist()]
         return np.array(known, dtype=np.int64)[place]
@@ -265,7 +254,7 @@ def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, st
     path = Path(path)
     paths = [path]
     if path.is_dir():
-        paths = sorted(path.glob("*.mcap"), key=lambda part: (_number(part)[0] or 0, part.name))
+        paths = sorted(path.glob("*.mcap"), key=lambda part: (_number(part) or 0, part.name))
     if path.suffix == ".db3" or (not paths and any(path.glob("*.db3"))):
         bag = path.parent if path.suffix == ".db3" else path
         raise RecordingError(f"{bag} is a bag in SQLite, which is not read; rosbags-convert --src {bag} --dst "
@@ -275,15 +264,15 @@ def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, st
     return Run(path, paths, topic, joints)
 
 
-def _number(path: Path) -> tuple[int | None, str]:
-    """The number that rosbag2 puts last in the name of a part of a bag, None where there is none; and the name."""
+def _number(path: Path) -> int | None:
+    """The number that rosbag2 puts last in the name of a part of a bag, None where there is none."""
     digits = path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None, path.name
+    return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None
 
 
 def _missing_parts(paths: list[Path]) -> list[int]:
     """Numbers that are left out between those of the parts of a split recording, and before the first."""
-    numbers = {_number(path)[0] or 0 for path in paths}
+    numbers = {_number(path) or 0 for path in paths}
     return [n for n in range(min(max(numbers), _MOST_PARTS)) if n not in numbers] if len(paths) > 1 else []
 
 

@@ -72,7 +72,7 @@ def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
         assert all(batch.applied_pressure is None and batch.run == 0 for batch in batches)
         assert (run.complete, run.warnings, run.lost_messages) == (True, [], 0)
         assert run.messages == {"/joint_states": 333, "/slip_speed": 333}
-        assert (run.scene_text, run.version, run.result) == (
+        assert (run.scene_text, run.scenes[0].version, run.result) == (
             SCENE, "1.2.3", {"lost": {"/joint_states": 0, "/slip_speed": 0}})
 
 

@@ -154,14 +154,14 @@ def test_a_chunk_that_claims_too_much_is_refused_unread(tmp_path, original):
     body = bytearray(data[start + 9:start + 9 + struct.unpack_from("<Q", data, start + 1)[0]])
     struct.pack_into("<Q", body, 16, records.LARGEST_CHUNK + 1)
     with pytest.raises(records.DamagedChunk, match="claims"):
-        records.unpack_chunk(bytes(body))
+        records.unpack_chunk(bytes(body), records.Expansion(len(data)))
 
 
 def test_messages_are_found_without_an_index_too(original):
     data, _ = original
     start = data.index(b"\x04\0\0\0zstd") - 37
     length = struct.unpack_from("<Q", data, start + 1)[0]
-    chunk = records.unpack_chunk(data[start + 9:start + 9 + length])
+    chunk = records.unpack_chunk(data[start + 9:start + 9 + length], records.Expansion(len(data)))
     walked = records.locate(chunk, [])
     position, indexes = start + 9 + length, []
     while data[position] == records.MESSAGE_INDEX:
