@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from by_scipy import DOUBLING, FOLDS, multipliers
 
 from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.driveline import DrivelineMap
@@ -65,7 +66,7 @@ def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: Sys
     plan = ContinuationPlan(MU_K, 0.3 * 0.87, 0.3 * 0.96, second=(OMEGA, *ends))
     found = continue_motions(system, plan)
     (item,) = [f for f in found.bifurcations if f.kind == "fold"]
-    assert item.value / 0.3 == pytest.approx(0.918464, abs=2e-6)  # AUTO-07p and collocation.
+    assert item.value / 0.3 == pytest.approx(FOLDS[1], abs=1e-8)
     (curve,) = [c for c in found.curves if c.kind == "fold"]
     assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
     for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
@@ -81,7 +82,7 @@ def test_the_curve_of_a_doubling_passes_the_doublings_found_anew_at_its_ends(sys
     one = replace(system, {MU_K: 0.3 * 0.78})
     found = continue_motions(one, ContinuationPlan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1, second=(OMEGA, *ends)))
     (item,) = found.bifurcations
-    assert item.value / 0.3 == pytest.approx(0.7773325465, abs=1e-9)
+    assert item.value / 0.3 == pytest.approx(DOUBLING, abs=1e-8)
     (curve,) = found.curves
     assert curve.kind == "period_doubling"
     assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
@@ -97,7 +98,8 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     found = continue_motions(at, ContinuationPlan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
     parent, child = found.branches
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
-    assert doubling.value / 0.3 == pytest.approx(0.66798763, abs=1e-8)
+    there = replace(at, {MU_K: doubling.value})
+    assert np.abs(multipliers(there, doubling.point.orbit.section, 2) + 1.0).min() < 1e-4
     assert (child.period, child.origin) == (4, Origin("period_doubling", doubling.value, 0))
     first = child.points[0].orbit
     assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)

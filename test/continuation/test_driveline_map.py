@@ -1,15 +1,15 @@
 """Scenes as maps: pure stick in closed form, its border, derivatives, what is refused, and known bifurcations."""
 
-import dataclasses
 import math
 
+import by_scipy
 import numpy as np
 import pytest
 
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import start_orbit
-from tcc_sim.continuation.motions import ContinuationPlan, check, continue_motions
+from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.continuation.newton import newton, orbit_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -56,18 +56,28 @@ def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
         assert min(abs(w - omega) for w in constant_load_limits(replace(system, {"pressure.mean": mean}))) < 1e-6
 
 
-@pytest.mark.parametrize(("law", "doubling"), [("smoothed", 0.777332546), ("set_valued", 0.80787675)])
-def test_the_doubling_of_period_one(law: str, doubling: float) -> None:
-    plan = ContinuationPlan(MU_K, 0.3 * doubling - 2e-3, 0.3 * doubling + 2e-3, period=1, limit=law == "smoothed")
-    found = continue_motions(coexistence(law, 0.85), plan)
+@pytest.fixture(scope="module")
+def doubled() -> dict[str, Motions]:
+    """Where the motion of period one doubles under either law."""
+    return {law: continue_motions(coexistence(law, 0.85), ContinuationPlan(
+        MU_K, 0.3 * low, 0.3 * high, period=1, limit=law == "smoothed"))
+            for law, low, high in (("smoothed", 0.772, 0.784), ("set_valued", 0.8, 0.81))}
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> None:
+    found = doubled[law]
     (item,) = found.bifurcations
     assert item.kind == "period_doubling"
-    assert item.value / 0.3 == pytest.approx(doubling, abs=1e-7)
-    if law == "smoothed":  # The limit is that of the set-valued law, though it lies outside the range.
-        limit = found.limits[0]
-        assert limit.value is not None
-        assert limit.value / 0.3 == pytest.approx(0.80787675, abs=1e-7)
+    there = replace(coexistence(law, 0.85), {MU_K: item.value})
+    assert np.abs(by_scipy.multipliers(there, item.point.orbit.section, 1) + 1.0).min() < 1e-6
     assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
+
+
+def test_the_limit_of_the_doubling_is_that_of_the_set_valued_law(doubled: dict[str, Motions]) -> None:
+    """Though it lies outside the range."""
+    assert doubled["smoothed"].limits[0].value == pytest.approx(doubled["set_valued"].bifurcations[0].value, abs=3e-8)
+    assert doubled["smoothed"].bifurcations[0].value / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-8)
 
 
 def test_a_fold_next_to_a_canard_has_the_limit_that_the_set_valued_law_has() -> None:
@@ -78,26 +88,13 @@ def test_a_fold_next_to_a_canard_has_the_limit_that_the_set_valued_law_has() -> 
     smoothed, own = (continue_motions(s, ContinuationPlan("engine.frequency", 106.0, 112.0, period=1)) for s in laws)
     maps = DrivelineMap(laws[0], ("engine.frequency", "friction.smoothing")), DrivelineMap(laws[1],
                                                                                         ("engine.frequency",))
-    for kind, value in (("fold", 109.754), ("period_doubling", 109.754), ("fold", 111.570)):
-        item = next(f for f in smoothed.bifurcations if f.kind == kind and abs(f.value - value) < 1e-3)
+    folds = [f for f in smoothed.bifurcations if f.kind == "fold"]
+    (doubling,) = [f for f in smoothed.bifurcations
+                   if f.kind == "period_doubling" and min(abs(f.value - fold.value) for fold in folds) < 1e-3]
+    assert len(folds) == 2
+    for item in (*folds, doubling):
         limit = limit_of(item, *maps, span, 50.0)
-        assert min(abs(f.value - limit.value) for f in own.bifurcations if f.kind == kind) <= limit.error < 1e-8
-        assert abs(limit.value - (value - 0.919 if value < 110.0 else 110.957)) < 1e-3
-
-
-def test_the_folds_of_period_two_where_it_passes_along_the_falling_branch() -> None:
-    system, span = coexistence("smoothed", 0.85), ParameterRange(0.3 * 0.6, 0.3)
-    map_ = DrivelineMap(system, (MU_K,))
-    shooting, z = start_orbit(map_, span, 0.3 * 0.85, 2)
-    branch = branch_through(first_point(dataclasses.replace(shooting, settings=Settings(max_points=45)), z))
-    folds = [f for f in branch.bifurcations if f.kind == "fold"]
-    for ratio in (0.667985, 0.918464):
-        (item,) = [f for f in folds if abs(f.value / 0.3 - ratio) < 2e-6]
-        assert item.residual < 1e-8
-        assert np.abs(item.point.orbit.multipliers - 1.0).min() < 1e-7
-    assert max(s.orbit.residual for s in branch.points) < 1e-8
-    assert not branch.points[0].orbit.stable
-    assert not branch.points[-1].orbit.stable
+        assert min(abs(f.value - limit.value) for f in own.bifurcations if f.kind == item.kind) <= limit.error < 1e-8
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
@@ -106,12 +103,15 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
     assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in str(end)
                for end in branch.ended)
     assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
-    folds = sorted(f.value / 0.3 for f in found.bifurcations if f.kind == "fold")
-    assert folds == pytest.approx([0.6679846, 0.9184644], abs=1e-7)
+    folds = sorted((f for f in found.bifurcations if f.kind == "fold"), key=lambda f: f.value)
+    assert [f.value / 0.3 for f in folds] == pytest.approx(by_scipy.FOLDS, abs=1e-8)
+    assert max(np.abs(f.point.orbit.multipliers - 1.0).min() for f in folds) < 1e-7
+    assert max(s.orbit.residual for s in branch.points) < 1e-8
+    assert not branch.points[0].orbit.stable
+    assert not branch.points[-1].orbit.stable
     assert max(f.residual for f in found.bifurcations) < 1e-8
     # Branch ends in the doubling of period one, which is no fold.
-    assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(0.777332546, abs=1e-7)
-    assert all(abs(fold - 0.7773325) > 1e-4 for fold in folds)
+    assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-7)
 
 
 def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
@@ -122,7 +122,9 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
                      found.branches[0].ended)) == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
                                        f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
     at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
-    assert at == {"period_doubling": pytest.approx(0.4164713, abs=1e-7), "fold": pytest.approx(0.4164713, abs=1e-7)}
+    assert at.keys() == {"period_doubling", "fold"}
+    assert at["fold"] == pytest.approx(at["period_doubling"], abs=1e-7)  # A canard has all multipliers within that.
+    assert max(f.residual for f in found.bifurcations) < 1e-8
     assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].points) > 1e9
 
 
