@@ -237,7 +237,7 @@ def _best(model: Model, levels: dict[str, float], begin: Floats, limit: float, s
 
 def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
     """The starts of the fits: the one given, then a Sobol set around it."""
-    points = qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts] if gates.starts > 1 else np.empty((0, len(keys)))
+    points = qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts]
     out = [begin]
     for point in points:
         values = np.where([k in OFFSETS for k in keys], begin, begin * (1.0 + gates.spread * (2.0 * point - 1.0)))

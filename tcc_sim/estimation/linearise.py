@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, settle, whole
-from tcc_sim.estimation.settings import DEFAULTS, Settings
+from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, settle
+from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Result
+from tcc_sim.result import Result, json_of
 from tcc_sim.scene import Scene, load_scene
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 
 Complex = NDArray[np.complex128]
@@ -108,14 +109,10 @@ class Linearisation(Result):
 
     def as_json(self) -> dict[str, Any]:
         """The JSON values of `linearise --json`."""
-        return {
-            "input": self.input, "output": self.output, "kind": self.kind,
-            "operating_point": {"mean_slip": self.mean_slip, "pressure": self.pressure,
-                                "engine_torque": self.engine_torque, "period": self.period},
-            "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "states": list(self.states),
-            "A": self.a.tolist(), "B": self.b.tolist(), "C": self.c.tolist(), "D": self.d.tolist(), "dt": self.dt,
-            "frequencies": self.frequencies.tolist(), "gain": self.gain.tolist(), "phase": self.phase.tolist(),
-            "checked": [{"frequency": p.frequency, "gain": p.gain, "phase": p.phase} for p in self.checked]}
+        point = {name: getattr(self, name) for name in ("mean_slip", "pressure", "engine_torque", "period")}
+        return {"input": self.input, "output": self.output, "kind": self.kind, "operating_point": point,
+                "states": list(self.states), **{name: array.tolist() for name, array in self.arrays().items()},
+                "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "checked": json_of(self.checked)}
 
 
 def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure", output: str = "slip_speed",
@@ -156,7 +153,7 @@ def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure",
     asked = _frequencies(system, frequencies)
     if not 0 <= check <= len(asked):
         raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")
-    motion = settle(system, slip, Settings())
+    motion = settle(system, slip)
     found = _about_constant(motion, input, output, asked) if isinstance(motion, Constant) \
         else _about_periodic(motion, input, output, asked)
     if check == 0:
@@ -212,23 +209,17 @@ def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) 
     row, through = rows[output]
     c, feed = np.array([row]), np.array([[through]])
     response = np.array([(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + feed)[0, 0] for w in omegas])
-    stick = math.isinf(motion.slope) or _stuck(motion)
+    # The smoothed law sticks where it creeps in its layer.
+    stick = math.isinf(motion.slope) or abs(motion.slip_speed) <= stick_speed_of(terms_of(s))
     return Linearisation(inputs, output, "stick" if stick else "slip", motion.slip_speed, s.pressure.mean,
                          s.engine.mean_torque, 1, np.exp(np.linalg.eigvals(a) * s.cycle).astype(np.complex128), a, b, c,
                          feed, states, 0.0, omegas, response)
 
 
-def _stuck(motion: Constant) -> bool:
-    """Whether a constant motion of the smoothed law is creep in its layer."""
-    from tcc_sim.solvers.terms import stick_speed_of, terms_of
-
-    return abs(motion.slip_speed) <= stick_speed_of(terms_of(motion.system))
-
-
 def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Linearisation:
     """The harmonic transfer function and the cycle-rate model."""
     s, column = motion.system, list(INPUTS).index(inputs)
-    a, b = whole(motion)
+    a, b = motion.carried.by_state[-1], motion.carried.by_input[-1]
     c, d = _cycle_rows(motion, output)
     return Linearisation(inputs, output, "periodic", motion.mean_slip, s.pressure.mean, s.engine.mean_torque,
                          motion.period, np.linalg.eigvals(a).astype(np.complex128), a, b[:, [column]], c,
@@ -244,9 +235,8 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
     c = d.stiffness * by_state[[1]] + d.damping * by_state[[2]]
     through = d.stiffness * by_input[[1]] + d.damping * by_input[[2]]
     if output == "friction_torque":   # (2b): Tf = I2 theta2'' + C23 theta2' + K23 theta2
-        end_state, end_input = whole(motion)
-        c = c + d.plate_inertia * (end_state[[2]] - np.eye(3)[[2]]) / motion.seconds
-        through = through + d.plate_inertia * end_input[[2]] / motion.seconds
+        c = c + d.plate_inertia * (motion.carried.by_state[-1][[2]] - np.eye(3)[[2]]) / motion.seconds
+        through = through + d.plate_inertia * motion.carried.by_input[-1][[2]] / motion.seconds
     return c, through
 
 

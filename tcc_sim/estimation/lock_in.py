@@ -62,7 +62,9 @@ def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, floa
     """The state at the end of every tick, (ticks, 3)."""
     system = motion.system
     terms, stepper, out = terms_of(system), Stepper(system, step), np.empty((ticks, 3))
-    stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else _still(motion)
+    # At a constant slip speed the spring carries the mean torque.
+    still = system.engine.mean_torque / system.driveline.stiffness
+    stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else (motion.slip_speed, still, 0.0)
     height, omega = sine
     for k in range(ticks):
         middle = (k + 0.5) * step
@@ -71,11 +73,6 @@ def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, floa
         stepper.advance()
         out[k] = stepper.state[:3]
     return out
-
-
-def _still(motion: Constant) -> tuple[float, float, float]:
-    """The state of a constant motion: the spring carries the mean torque."""
-    return motion.slip_speed, motion.system.engine.mean_torque / motion.system.driveline.stiffness, 0.0
 
 
 def _held(torque_per_pressure: float, terms: Terms, pressure: bool, middle: float, more: float) -> Terms:

@@ -14,7 +14,7 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.settings import Settings
+from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import common_cycles
@@ -90,7 +90,7 @@ class Periodic:
         return self.period * self.system.cycle
 
 
-def settle(system: System, slip: float | None, settings: Settings) -> Constant | Periodic:
+def settle(system: System, slip: float | None) -> Constant | Periodic:
     """The motion that the scene settles in, or the one whose slip speed has the mean `slip`.
 
     Parameters
@@ -112,14 +112,13 @@ def settle(system: System, slip: float | None, settings: Settings) -> Constant |
     if excitation_frequency(terms_of(system)) == 0.0:
         return _constant(system, slip)
     if slip is None:
-        period, state = _settled(system, settings)
-        return _closed(system, period, state, None, settings)
+        return _closed(system, *_settled(system), None)
     pressure = abs(system.engine.mean_torque) / system.torque_per_pressure
     if pressure == 0.0:
         raise InputError("engine.mean_torque is 0 N m; no pressure then holds a mean slip speed")
     begun = replace(system, {PRESSURE: min(pressure, 1e7)})
     start = np.array([slip, system.engine.mean_torque / system.driveline.stiffness, 0.0])
-    return _closed(begun, common_cycles(system), start, slip, settings)
+    return _closed(begun, common_cycles(system), start, slip)
 
 
 def _constant(system: System, slip: float | None) -> Constant:
@@ -168,9 +167,9 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
     return sign * (1.0 + falling), -decay * falling
 
 
-def _settled(system: System, settings: Settings) -> tuple[int, Floats]:
+def _settled(system: System) -> tuple[int, Floats]:
     """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
-    found = steady_state.settle(system, Start(State.at_start(system), 0), Settling(most=settings.cycles), rtol=1e-9)
+    found = steady_state.settle(system, Start(State.at_start(system), 0), Settling(most=DEFAULTS.cycles), rtol=1e-9)
     found.run.raise_for_status()
     cycles = found.cycles
     assert cycles is not None  # Whole cycles were asked for.
@@ -182,31 +181,32 @@ def _settled(system: System, settings: Settings) -> tuple[int, Floats]:
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
         raise InputError(f"the scene settles in no motion of a period up to {MAXIMUM_PERIOD} engine cycles within "
-                         f"{settings.cycles}; there is nothing to linearise about")
+                         f"{DEFAULTS.cycles}; there is nothing to linearise about")
     return period, cycles.section[-1]
 
 
-def _closed(system: System, period: int, state: Floats, slip: float | None, settings: Settings) -> Periodic:
+def _closed(system: System, period: int, state: Floats, slip: float | None) -> Periodic:
     """The periodic motion near `state`, by Newton's method on the section, with the pressure as an unknown for `slip`.
 
     The equations are the motion's return after `period` cycles and, with `slip`, its mean slip speed. A family of
     motions (slip with mu_k = mu_s and Tm = Tsm) is met by the shortest step.
     """
     pressure, least, damping = system.pressure.mean, math.inf, 1.0
-    size, step = _pressure_size(system), np.zeros(4)
-    for _ in range(settings.iterations):
+    step = np.zeros(4)
+    sizes = np.append(SCALES, max(abs(system.engine.mean_torque) / system.torque_per_pressure, 1e3))
+    for _ in range(DEFAULTS.iterations):
         trial, load = state + damping * step[:3], pressure + damping * float(step[3])
         try:
             if not 0.0 < load <= 1e7:
                 raise NumericalFailure("the pressure is out of its range")
-            parts, end = _parts(replace(system, {PRESSURE: load}), period, trial, settings)
+            parts, end = _parts(replace(system, {PRESSURE: load}), period, trial)
             carried, weights = _carried(parts), simpson(len(parts))
             mean = float(weights @ [*(p.state[0] for p in parts), end[0]])
             residual = np.append((end - trial) / SCALES, 0.0 if slip is None else (mean - slip) / SCALES[0])
             norm = float(np.abs(residual).max())
         except NumericalFailure:
             norm = math.inf
-        if norm < settings.closed:
+        if norm < DEFAULTS.closed:
             stuck = stick_speed_of(terms_of(system))
             stick = any(abs(p.state[0]) <= stuck for p in parts)
             return Periodic(replace(system, {PRESSURE: load}), period, parts, carried, mean, stick)
@@ -222,18 +222,12 @@ def _closed(system: System, period: int, state: Floats, slip: float | None, sett
         if slip is not None:
             jacobian[3, :3] = weights @ carried.by_state[:, 0] / SCALES[0]
             jacobian[3, 3] = weights @ carried.by_input[:, 0, 0] / SCALES[0]
-        sizes = np.append(SCALES, size)
         rows = 4 if slip is not None else 3
         step = np.zeros(4)
         step[:rows] = np.linalg.lstsq(-(jacobian * sizes)[:rows, :rows], residual[:rows], rcond=1e-9)[0] * sizes[:rows]
     wanted = "" if slip is None else f" with a mean slip speed of {slip:g} rad/s"
     raise NumericalFailure(f"no motion of period {period}{wanted} was found: the best one misses its start by "
                            f"{least:.1e} in natural sizes")
-
-
-def _pressure_size(system: System) -> float:
-    """A natural size of the pressure, Pa."""
-    return max(abs(system.engine.mean_torque) / system.torque_per_pressure, 1e3)
 
 
 def _carried(parts: list[Part]) -> Carried:
@@ -245,10 +239,10 @@ def _carried(parts: list[Part]) -> Carried:
     return Carried(np.array(by_state), np.array(by_input))
 
 
-def _parts(system: System, period: int, state: Floats, settings: Settings) -> tuple[list[Part], Floats]:
+def _parts(system: System, period: int, state: Floats) -> tuple[list[Part], Floats]:
     """The parts from `state` on, and the state at their end."""
-    of = prepared(system, (PRESSURE, TORQUE), settings.rtol)
-    parts, count = [], settings.parts
+    of = prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
+    parts, count = [], DEFAULTS.parts
     for cycle in range(period):
         for i in range(count):
             found = of.over(state, cycle + i / count, cycle + (i + 1) / count)
@@ -273,8 +267,3 @@ def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
     """
     weights, carried = simpson(len(motion.parts)), motion.carried
     return np.tensordot(weights, carried.by_state, 1), np.tensordot(weights, carried.by_input, 1)
-
-
-def whole(motion: Periodic) -> tuple[Floats, Floats]:
-    """Derivative of the state after the period by that before, (3, 3), and by the inputs, (3, 2)."""
-    return motion.carried.by_state[-1], motion.carried.by_input[-1]
