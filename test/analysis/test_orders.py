@@ -90,7 +90,7 @@ def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
     from tcc_sim.recording.trajectory_bag import write_trajectory
 
     scene = ramp("minimal", 80.0, 160.0, 3.0)
-    run = solve(scene, duration=3.0, samples_per_cycle=64, flywheel_angle=True)
+    run = solve(scene, duration=3.0, samples_per_cycle=64, flywheel_angle=True, solver="fixed_step")
     write_trajectory(tmp_path / "run.mcap", run, scene.text())
     assert main(["analyse", str(tmp_path / "run.mcap"), "--orders", "--json", str(tmp_path / "a.json")]) == 0
     found, own = json.loads((tmp_path / "a.json").read_text())["orders"], orders_of(run)

@@ -42,7 +42,7 @@ def test_engine_torque_and_pressure_go_on_from_where_they_are():
 def test_a_profile_runs_in_ticks_as_offline():
     from tcc_sim.solvers import solve
 
-    scene = load_scene("minimal").with_values({"engine.frequency_times": [0.0, 0.0505], "engine.frequency_values":
+    scene = load_scene("chaos").with_values({"engine.frequency_times": [0.0, 0.0505], "engine.frequency_values":
                                                [100.0, 220.0], "pacing": "lockstep"})
     plant = Plant(scene)
     plant.warm_up()

@@ -117,7 +117,7 @@ def test_the_last_cycles_of_a_solve_again_with_samples(law):
 
 
 def test_a_scene_whose_frequency_varies_is_drawn_with_its_own_torque(tmp_path):
-    scene = load_scene("minimal").with_values({"engine.frequency_times": [0.0, 1.0],
+    scene = load_scene("chaos").with_values({"engine.frequency_times": [0.0, 1.0],
                                                "engine.frequency_values": [80.0, 160.0]})
     found = between(replay(bag(tmp_path / "run", ticked(scene, 900), scene)).trajectory)
     e = scene.system.engine
