@@ -28,8 +28,7 @@ CYCLES = 2
 RK4_REACH = 2.785
 """The real-axis stability limit of classical Runge-Kutta."""
 SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
-                         "engine.torque_amplitude": 400.0,
-                         "initial.slip_speed": 5.0}
+                         "engine.torque_amplitude": 400.0, "initial.slip_speed": 5.0}
 """What the charts start from beside the defaults: stick-slip at every value of the keys that they go over."""
 OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
         "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),

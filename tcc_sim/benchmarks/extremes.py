@@ -59,8 +59,7 @@ RANGES: dict[str, tuple[Any, ...]] = {
     "initial.slip_speed": (0.0, 1e-9, 5.0, -5.0, 1e4),
     "engine.mean_torque": (300.0, 0.0, -300.0),
     "engine.torque_amplitude": (250.0, 0.0, 1000.0),
-    "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0, GOLDEN, math.sqrt(2.0), 1e-3, 0.01,
-                                 100.0),
+    "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0, GOLDEN, math.sqrt(2.0), 1e-3, 0.01, 100.0),
     "pressure.phase": (0.0, math.pi / 2.0, math.pi)}
 """What each key goes through, alone and in combinations; `share` is Tsp/Tsm."""
 PAIRS = (("friction.kinetic_coefficient", "friction.smoothing"), ("friction.kinetic_coefficient", "share"),
@@ -140,20 +139,15 @@ def grazing() -> list[Keys]:
 
 
 def examine(keys: Keys, engine: str, truth: Truth) -> Record:
-    """Solve one case with one engine; the record of stability.json.
-
-    Parameters
-    ----------
-    keys : scene keys that differ from the defaults, and those of RUN
-    truth : the reference for these keys and the law of the engine
+    """Solve one case with one engine; the record of stability.json. `truth` is the reference for the same keys and the
+    law of the engine.
     """
     law, step = ENGINES[engine]
     step = keys.get("tick", step) if step is not None else None
     keys, cycles = scene_keys(keys), keys.get("cycles", CYCLES)
     record: Record = {**keys, "cycles": cycles, "friction.law": law, "solver": engine, "step": step,
                       "status": "REFUSED", "why": "", "finite": None, "bounded": None, "error": None,
-                      "iterations_max": None, "iterations_bound": None, "power_residual": None,
-                      "seconds": 0.0}
+                      "iterations_max": None, "iterations_bound": None, "power_residual": None, "seconds": 0.0}
     try:
         system = replace(System(), {**keys, "friction.law": law})
         radians = system.natural_frequency * system.cycle

@@ -112,7 +112,6 @@ def _wrapped(text: str) -> str:
 
     lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 44))
     for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"),
-                          ("sigma", "$\\sigma$"),
-                          ("Tm", "$T_m$"), ("Tp", "$T_p$")):
+                          ("sigma", "$\\sigma$"), ("Tm", "$T_m$"), ("Tp", "$T_p$")):
         lines = lines.replace(plain, symbol)
     return lines

@@ -121,13 +121,7 @@ class Law:
 
 
 def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
-    """Solve `system` from its initial state with SciPy's `method` at this tolerance.
-
-    Raises
-    ------
-    Unfinished
-        SciPy gave up.
-    """
+    """Solve `system` from its initial state with SciPy's `method` at this tolerance; Unfinished where SciPy gave up."""
     law, y = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.empty(cycles), np.zeros(3)
     section[0] = y
@@ -150,12 +144,8 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
 
 
 def final_state(system: System, duration: float, method: str, rtol: float) -> tuple[Floats, Floats]:
-    """The state after `duration` seconds, and the largest magnitude of each component on the way, both (3,).
-
-    Raises
-    ------
-    Unfinished
-        SciPy gave up, or took more than EVALUATIONS.
+    """The state after `duration` seconds, and the largest magnitude of each component on the way, both (3,); Unfinished
+    where SciPy gave up, or took more than EVALUATIONS.
     """
     law, y = Law(system, EVALUATIONS), np.array(State.at_start(system).numbers)
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
@@ -175,12 +165,8 @@ def disagreement(first: Reference, second: Reference) -> float:
 
 
 def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, float, float]:
-    """Final, section and maximum-slip error, relative to each signal's maximum in the second half of the horizon.
-
-    Parameters
-    ----------
-    section : (N + 1, 3) array; the first error is that of its last row, the second the largest of any row
-    largest : (N,) array, largest |slip speed| of each cycle, rad/s
+    """Final, section and maximum-slip error, relative to each signal's maximum in the second half of the horizon: of a
+    section (N + 1, 3) its last row and the largest of any, and of each cycle's largest |slip speed|, (N,), rad/s.
     """
     size = np.maximum(truth.size, 1e-300)
     off = np.abs(section - truth.section) / size
@@ -218,8 +204,7 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
         frequency = law.system.engine.frequency * max(1.0, law.system.pressure.frequency_ratio)
         options["max_step"] = LONGEST / max(frequency, law.system.natural_frequency)
     run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol,
-                    events=events or None,
-                    **options)
+                    events=events or None, **options)
     if run.status < 0:
         raise Unfinished(f"SciPy {method}: {run.message}")
     return run

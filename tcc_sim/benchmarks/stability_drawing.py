@@ -59,8 +59,7 @@ def _chart(axis: Any, chart: dict[str, Any], lines: dict[str, Any]) -> Any:
         level = np.clip(np.log10(np.maximum(found, 1e-30)), LOWEST, 0.0)
     axis.set_facecolor("#9A9A9A")
     shade = axis.pcolormesh(np.exp(edges(np.log(steps))), borders, np.ma.masked_invalid(level),
-                            cmap="viridis_r",
-                            vmin=LOWEST, vmax=0.0, rasterized=True)
+                            cmap="viridis_r", vmin=LOWEST, vmax=0.0, rasterized=True)
     axis.grid(False)
     axis.set_xscale("log")
     if not ratio:

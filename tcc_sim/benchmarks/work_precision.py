@@ -117,12 +117,8 @@ def cases(effort: Effort) -> list[Case]:
 
 
 def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Record]:
-    """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more.
-
-    Parameters
-    ----------
-    effort : how much
-    done : called with runs done, runs in all, and what comes next
+    """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more. `done` is
+    called with runs done, runs in all, and what comes next.
     """
     chosen = cases(effort)
     total = sum(3 + len(list(settings(case, effort))) for case in chosen)
@@ -151,9 +147,7 @@ def case_record(case: Case, truths: list[Reference], steady: Record) -> Record:
     """The record of a scene without its runs."""
     return {"scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
             "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "steady": steady,
-            "results": [],
-            "omitted": [],
-            "warm_up": {}, "calls": [], "long_run": []}
+            "results": [], "omitted": [], "warm_up": {}, "calls": [], "long_run": []}
 
 
 def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
@@ -295,8 +289,7 @@ def as_json(records: list[Record], speed: Record | None, quick: bool, complete: 
     head = records[0] if records else {"scene": None, "reference": {"solvers": [], "floor": None}, "results": [],
                                        "omitted": []}
     return {**head, "scenes": records, "sweep_speed": speed, "peers": joined(records), "quick": quick,
-            "complete": complete,
-            "version": __version__}
+            "complete": complete, "version": __version__}
 
 
 def joined(records: list[Record]) -> dict[str, str]:

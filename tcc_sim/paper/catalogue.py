@@ -105,8 +105,7 @@ def _pressure(amplitude: float = 0.25, frequency_ratio: float = 1.0, phase: floa
               kinetic: float = 1.0) -> dict[str, Value]:
     """Tsp/Tsm, omega_f/omega, psi and mu_k/mu_s."""
     return {"pressure.amplitude": amplitude * PRESSURE, "pressure.frequency_ratio": frequency_ratio,
-            "pressure.phase": phase,
-            **_kinetic(kinetic)}
+            "pressure.phase": phase, **_kinetic(kinetic)}
 
 
 def _phases(kinetic: float) -> tuple[Series, ...]:
@@ -179,14 +178,11 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(14, rf"Phase with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\omega_f = \omega$", "map",
                 _phases(0.75)),
     PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", rf"{QUARTER}, $\omega_f = \omega$",
-                "map",
-                _phases(0.67)),
+                "map", _phases(0.67)),
     PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$",
-                "map",
-                _frequencies(0.75, HALF_ONE_TWO)),
+                "map", _frequencies(0.75, HALF_ONE_TWO)),
     PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$",
-                "map",
-                _frequencies(0.75, THIRDS)),
+                "map", _frequencies(0.75, THIRDS)),
     PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}",
                 rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(0.75)),
 )}

@@ -131,8 +131,7 @@ def super_harmonic_jumps(evidence: StableMotions) -> Measured:
                      "nearest end in a jump": {f"{m:.3f}": nearest(left, m) for m in SUPER_HARMONICS},
                      "part of the ratios from 0.14 to 0.36 that are within 0.01 of such an end": float(np.mean(
                          [any(abs(x - w) <= CLOSE for x in left) for w in SPREAD])),
-                     "jumps from (13)": {f"{r:g}": jump_places(evidence, r) for r in FALLING}},
-                    "", tuple(motions))
+                     "jumps from (13)": {f"{r:g}": jump_places(evidence, r) for r in FALLING}}, "", tuple(motions))
 
 
 @claim("4", "5, after Fig. 4", "the super-harmonic peaks shift up as mu_k falls, from mu_k = mu_s on", Holds(

@@ -17,11 +17,7 @@ CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 
 @dataclass(frozen=True)
 class Holds:
-    """A statement holds, or in place of it a weaker one.
-
-    statement : judged first
-    weaker : judged second, for "depends"; empty where there is none
-    """
+    """A `statement` holds, or in place of it a `weaker` one, for "depends", where there is one."""
 
     statement: str
     weaker: str = ""
@@ -38,10 +34,7 @@ class Holds:
 
 @dataclass(frozen=True)
 class Shares:
-    """Parts of the cases in which something holds, all of them at least `least`.
-
-    of : what the parts are of
-    partly : where every part is at least this the verdict depends
+    """Parts `of` the cases in which something holds, all at least `least`; where all are at least `partly` it depends.
     """
 
     of: str
@@ -127,11 +120,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim with its verdict.
-
-    figure, where, claim, criterion : of the row
-    values, why, motions : of `Measured`
-    """
+    """A claim with its verdict: the words of its row, and what was `Measured`."""
 
     figure: str
     where: str

@@ -34,8 +34,7 @@ def draw(data: Figure[Any], stem: Path) -> None:
             extra += [DIRECTIONS[d] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
         what = "Chart" if data.kind == "chart" else "Fig."
-        drawn.suptitle(f"{what} {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5,
-                       fontweight="bold")
+        drawn.suptitle(f"{what} {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(caption_of(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
         for axis in drawn.axes:

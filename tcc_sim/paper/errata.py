@@ -85,8 +85,7 @@ ERRATA: tuple[Erratum, ...] = (
             "|Tp - (1 + I1/I2) Tsp| rises with Tsp while slip falls. The left side of (29a) holds Ts too, by (12b): "
             "I1 (v' + "
             "theta2'') = Te - Ts. With the plate's motion eliminated the amplitude at low frequency is |Tp - Tsp "
-            "exp(i psi)|",
-            "model.pure_slip", numbers.driving_torques),
+            "exp(i psi)|", "model.pure_slip", numbers.driving_torques),
     Erratum("(29b), Fig. 8", "psi changes the reduction of Teq; the time delay reverses it at high frequency",
             "the factor of Ts above turns its sign at omega_sn", "Teq of (29b) orders psi = 0, pi/2, pi alike at every "
             "frequency, so it cannot show the reversal; the torque with the plate's motion eliminated does",

@@ -30,12 +30,7 @@ CREEP = 3.0
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
-    """Branches, bifurcations and jumps behind sweeps of one system, for each of them.
-
-    Parameters
-    ----------
-    sweeps : over the same values of one key, in different directions
-    progress : show a count of points on a terminal
+    """Branches, bifurcations and jumps behind sweeps of one system over the same values of one key, for each of them.
     """
     found = [seen_in(sweep) for sweep in sweeps]
     branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)

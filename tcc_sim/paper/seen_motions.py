@@ -99,12 +99,7 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
              settings: Settings = SWEPT) -> list[Branch]:
-    """The branches through motions along a curve, over the range of its values.
-
-    Parameters
-    ----------
-    progress : show a count of points on a terminal
-    """
+    """The branches through motions along a curve, over the range of its values."""
     of = DrivelineMap(curve.system, (curve.key,))
     with point_bar(progress) as tick:
         return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,

@@ -11,19 +11,10 @@ import numpy as np
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import Value
+from tcc_sim.paper import figure_results as results
 from tcc_sim.paper.catalogue import PaperFigure, paper_system
 from tcc_sim.paper.figure_branches import orbit_behind
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
-from tcc_sim.paper.figure_results import (
-    Actuation,
-    ActuationOnBranch,
-    Delay,
-    History,
-    Panels,
-    SolverCurve,
-    Solvers,
-    Steady,
-)
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 from tcc_sim.trajectory import Floats, State, Trajectory
@@ -49,7 +40,7 @@ def _time(run: Trajectory) -> Floats:
     return found
 
 
-def histories(row: PaperFigure, options: FigureOptions) -> Panels[History]:
+def histories(row: PaperFigure, options: FigureOptions) -> results.Panels[results.History]:
     """Fig. 7."""
     panels = []
     for series in row.series:
@@ -63,19 +54,19 @@ def histories(row: PaperFigure, options: FigureOptions) -> Panels[History]:
             section = summarise(further, 0).section
             if options.law == "smoothed":
                 exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
-        panels.append(History(series.label, series.values, summary.period, section, exponent, _time(after),
-                              after.slip_speed, after.plate_angle))
-    return Panels(panels)
+        panels.append(results.History(series.label, series.values, summary.period, section, exponent, _time(after),
+                                      after.slip_speed, after.plate_angle))
+    return results.Panels(panels)
 
 
-def delay(row: PaperFigure, options: FigureOptions) -> Panels[Delay]:
+def delay(row: PaperFigure, options: FigureOptions) -> results.Panels[results.Delay]:
     """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
     panels = []
     for series in row.series:
         _, after = _run_in(system_of(series, options), 2)
-        panels.append(Delay(series.label, series.values, first_half(after), _time(after), after.slip_speed,
-                            after.engine_torque, after.state))
-    return Panels(panels)
+        panels.append(results.Delay(series.label, series.values, first_half(after), _time(after), after.slip_speed,
+                                    after.engine_torque, after.state))
+    return results.Panels(panels)
 
 
 def first_half(run: Trajectory) -> float:
@@ -86,18 +77,18 @@ def first_half(run: Trajectory) -> float:
     return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
 
 
-def actuation(row: PaperFigure, options: FigureOptions) -> Panels[Actuation]:
+def actuation(row: PaperFigure, options: FigureOptions) -> results.Panels[results.Actuation]:
     """Fig. 12."""
-    panels: list[Actuation] = []
+    panels: list[results.Actuation] = []
     for series in row.series:
         before, after = _run_in(system_of(series, options), 9)
         found = summarise(before)
         shown = (series.label, series.values, found.period, _time(after), after.slip_speed, after.saturation_torque,
                  after.engine_torque)
-        panels.append(ActuationOnBranch(*shown, orbit_behind(
+        panels.append(results.ActuationOnBranch(*shown, orbit_behind(
             system_of(series, options), before.final, RUN_IN, found.period, found.max_slip_speed))
-            if options.branches else Actuation(*shown))
-    return Panels(panels)
+            if options.branches else results.Actuation(*shown))
+    return results.Panels(panels)
 
 
 SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
@@ -116,7 +107,7 @@ STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
 
 
-def solvers(row: PaperFigure, options: FigureOptions) -> Solvers:
+def solvers(row: PaperFigure, options: FigureOptions) -> results.Solvers:
     """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
     system = paper_system(row.series[0].values)
     begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
@@ -124,10 +115,10 @@ def solvers(row: PaperFigure, options: FigureOptions) -> Solvers:
     for label, values in STEADY_LAWS:
         before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
         found = summarise(before, begin - 100)
-        steady.append(Steady(label, values, found.period, found.settled, found.max_slip_speed, before.final.numbers,
-                             _time(after), after.slip_speed))
+        steady.append(results.Steady(label, values, found.period, found.settled, found.max_slip_speed,
+                                     before.final.numbers, _time(after), after.slip_speed))
     start = State(*steady[0].final)
-    curves: list[SolverCurve] = []
+    curves: list[results.SolverCurve] = []
     for solver, (label, law, setting) in SOLVER_CURVES.items():
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
@@ -135,6 +126,6 @@ def solvers(row: PaperFigure, options: FigureOptions) -> Solvers:
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
         apart = None if len(run.t) != len(reference) else float(
             np.sqrt(np.mean((run.slip_speed - reference) ** 2)) / np.abs(reference).max())
-        curves.append(SolverCurve(solver, label, run.status.value, seconds, _time(run), run.slip_speed,
-                                  run.friction_torque, apart))
-    return Solvers(system.cycle, curves, steady, begin)
+        curves.append(results.SolverCurve(solver, label, run.status.value, seconds, _time(run), run.slip_speed,
+                                          run.friction_torque, apart))
+    return results.Solvers(system.cycle, curves, steady, begin)

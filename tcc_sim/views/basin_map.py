@@ -95,8 +95,7 @@ def _fractions(axes: Any, found: Sequence[Basins], key: str, values: Sequence[fl
             names.append(name)
             colours.append(colour)
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
-    axes.set(xlabel=_label(key), ylabel="fraction of the plane", ylim=(0.0, 1.0),
-             xlim=(min(values), max(values)))
+    axes.set(xlabel=_label(key), ylabel="fraction of the plane", ylim=(0.0, 1.0), xlim=(min(values), max(values)))
     style.legend_above(axes)
 
 
