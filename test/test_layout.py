@@ -5,6 +5,7 @@ import dataclasses
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,10 +63,17 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """A file as Python reads it."""
+    return ast.parse(path.read_text())
+
+
+@cache
 def imports_of(path: Path) -> list[tuple[int, str]]:
     """Line and absolute dotted name of every import, function-local and type-checking ones included."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -84,7 +92,7 @@ def test_what_is_worked_out_cannot_be_changed() -> None:
     """Every dataclass is frozen but what grows on its way, and is not given away before its end."""
     found = []
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 words = [ast.unparse(word) for word in node.decorator_list]
                 if any(word.startswith("dataclass") and "frozen=True" not in word for word in words):
@@ -92,38 +100,48 @@ def test_what_is_worked_out_cannot_be_changed() -> None:
     assert found == GROWING
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if p != PACKAGE / "__init__.py"], ids=name_of)
-def test_a_part_imports_only_from_parts_before_it(path: Path) -> None:
-    own = name_of(path).split(".")[0]
-    for line, imported in imports_of(path):
+parts = pytest.mark.parametrize("part", ["", *ORDER], ids=lambda part: part or "tcc_sim")
+"""Every file is in one of them, the package's own in none."""
+
+
+def imports_in(part: str) -> list[tuple[str, str, str]]:
+    """Module, where in it, and what is imported there, of every import of a part."""
+    paths = [path for path in MODULES if name_of(path).split(".")[0] == part]
+    assert paths, f"there is no part {part}"
+    return [(name_of(path), f"{path}:{line}", imported) for path in paths for line, imported in imports_of(path)]
+
+
+def test_every_file_is_of_a_part() -> None:
+    assert {name_of(path).split(".")[0] for path in MODULES} == {"", *ORDER}
+
+
+@parts
+def test_a_part_imports_only_from_parts_before_it(part: str) -> None:
+    for _, place, imported in imports_in(part) if part else []:
         package, *rest = imported.split(".")
         if package == "tcc_sim" and rest != ["__version__"]:
-            assert rest[0] in ORDER, f"{path}:{line} imports {imported}, a part that ORDER does not know"
-            later = ORDER.index(rest[0]) > ORDER.index(own)
-            assert not later, f"{path}:{line}: {own} imports {imported}, which comes after it"
+            assert rest[0] in ORDER, f"{place} imports {imported}, a part that ORDER does not know"
+            later = ORDER.index(rest[0]) > ORDER.index(part)
+            assert not later, f"{place}: {part} imports {imported}, which comes after it"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_what_is_heavy_or_optional_is_imported_in_its_room_only(path: Path) -> None:
-    own = name_of(path)
-    for line, imported in imports_of(path):
+@parts
+def test_what_is_heavy_or_optional_is_imported_in_its_room_only(part: str) -> None:
+    for own, place, imported in imports_in(part):
         room = ROOMS.get(imported.split(".")[0])
-        assert room is None or any(own == r or own.startswith(r + ".")
-                                   for r in room), f"{path}:{line} imports {imported}"
+        assert room is None or any(own == r or own.startswith(r + ".") for r in room), f"{place} imports {imported}"
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if name_of(p).split(".")[0] in ("continuation", "basins")],
-                         ids=name_of)
-def test_orbits_and_basins_know_the_solvers_through_one_adapter_each(path: Path) -> None:
-    if path.name != "driveline.py":
-        assert not [imported for _, imported in imports_of(path) if imported.startswith("tcc_sim.solvers")]
+@pytest.mark.parametrize("part", ["continuation", "basins"])
+def test_orbits_and_basins_know_the_solvers_through_one_adapter_each(part: str) -> None:
+    for own, place, imported in imports_in(part):
+        assert own == f"{part}.driveline" or not imported.startswith("tcc_sim.solvers"), place
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_what_is_measured_is_for_four_verbs_only(path: Path) -> None:
-    own = name_of(path)
-    if not own.startswith("benchmarks") and own not in MEASURING:
-        assert not [imported for _, imported in imports_of(path) if imported.startswith("tcc_sim.benchmarks")]
+@parts
+def test_what_is_measured_is_for_four_verbs_only(part: str) -> None:
+    for own, place, imported in imports_in(part) if part != "benchmarks" else []:
+        assert own in MEASURING or not imported.startswith("tcc_sim.benchmarks"), place
 
 
 def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
@@ -157,13 +175,12 @@ def test_no_parser_needs_an_optional_package() -> None:
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
 
 
-@pytest.mark.parametrize("path", [*MODULES, *sorted((ROOT / "test").rglob("*.py"))],
-                         ids=lambda p: str(p.relative_to(ROOT)))
-def test_files_stay_readable(path: Path) -> None:
-    text = path.read_text()
-    assert len(text.splitlines()) <= LONGER.get(str(path.relative_to(ROOT)), LONGEST)
-    if path.is_relative_to(PACKAGE):
-        assert ast.get_docstring(ast.parse(text)), f"{path} has no docstring"
+def test_files_stay_readable() -> None:
+    for path in (*MODULES, *(ROOT / "test").rglob("*.py")):
+        allowed = LONGER.get(str(path.relative_to(ROOT)), LONGEST)
+        assert len(path.read_text().splitlines()) <= allowed, f"{path} has more than {allowed} lines"
+    for path in MODULES:
+        assert ast.get_docstring(tree_of(path)), f"{path} has no docstring"
 
 
 def test_test_modules_have_names_of_their_own() -> None:
