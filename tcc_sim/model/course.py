@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.model.inputs import Inputs, joined
+
 if TYPE_CHECKING:
-    from tcc_sim.model.inputs import Inputs
     from tcc_sim.model.parameters import Engine, Pressure, System
 
 Floats = NDArray[np.float64]
@@ -68,11 +69,7 @@ def course_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, 
         torque = torque if inputs.torque is None else inputs.torque
         load = load if inputs.pressure is None else inputs.pressure
     frequency = _lines(engine.frequency_times, engine.frequency_values, engine.frequency)
-    return _assembled(frequency, origin if not engine.frequency_times else START, torque, load)
-
-
-def _assembled(frequency: Floats, origin: Origin, torque: Floats, load: Floats) -> Floats:
-    """One course from lines of frequency, mean torque and mean pressure: (k, 3) arrays of time, value and rate."""
+    origin = START if engine.frequency_times else origin
     times = np.unique(np.concatenate([[origin.time], *(line[:, 0] for line in (frequency, torque, load))]))
     times = times[times >= origin.time]
     course = np.zeros((len(times), 8))
@@ -89,11 +86,7 @@ def _assembled(frequency: Floats, origin: Origin, torque: Floats, load: Floats) 
 
 def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float) -> Floats:
     """A profile as rows of time, value and rate; one row where there is none."""
-    if not times:
-        return np.array([[0.0, constant, 0.0]])
-    rates = [(after - value) / (end - begin) for begin, end, value, after in zip(times, times[1:], values, values[1:])]
-    lines: Floats = np.array([times, values, [*rates, 0.0]]).T
-    return lines
+    return joined(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
 
 
 def reached(t: Any, row: Any) -> Any:

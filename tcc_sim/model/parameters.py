@@ -253,7 +253,9 @@ class System:
 
     @property
     def stuck_natural_frequency(self) -> float:
-        """omega_sn = sqrt(K23/(I1 + I2)), rad/s: (27) as (28) then uses it (the print misplaces the root)."""
+        """omega_sn = sqrt(K23/(I1 + I2)), rad/s: (27) as (28) then uses it (the print misplaces the root). Below it the
+        positive slip falls into the first half of the engine cycle, above it into the second.
+        """
         return math.sqrt(self.driveline.stiffness / (self.driveline.flywheel_inertia + self.driveline.plate_inertia))
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import Floats, Sines, common_cycles, engine_series, load_series
+from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,8 @@ class PureSlip:
 
     direction : +1, or -1 where the slip is taken as negative
     a0 : rad/s; a1 = (Tm - Tsm)/I1 : rad/s^2 (the friction torque's sign turned where the slip is negative)
-    slip : the sines a21, a22 of (14), with their phases; their mean is a0
+    slip : the sines a21, a22 of (14), with their phases; their mean is a0. They are v(t) of (15), rad/s, without the
+        transient (and without a1 t, which has no steady state)
     plate : steady plate angle, rad
     decay, stiffness : zeta omega_n (1/s) and omega_n^2 (1/s^2) of the plate on its spring, (17c-e)
     angle_offset, speed_offset : plate angle and speed at t = 0 less the steady ones, rad and rad/s: what decays
@@ -41,11 +42,7 @@ class PureSlip:
 
     def slip_speed(self, t: Any) -> Floats:
         """v(t) of (14), rad/s, at the times t (n,)."""
-        return self.steady_slip_speed(t) + self.a1 * np.asarray(t) - self._transient(t)[1]
-
-    def steady_slip_speed(self, t: Any) -> Floats:
-        """v(t) of (15), rad/s, without the transient (and without a1 t, which has no steady state)."""
-        return self.slip(t)
+        return self.slip(t) + self.a1 * np.asarray(t) - self._transient(t)[1]
 
     def plate_angle(self, t: Any) -> Floats:
         """theta2(t), rad."""
@@ -103,6 +100,7 @@ class PureSlip:
         return angle, speed
 
 
+PLATE = "pressure.frequency_ratio excites the undamped plate"
 LONGEST_PHASE = 2e4
 """Phase of the fastest oscillation, rad, over which a transient is followed."""
 FADED = 36.0
@@ -161,21 +159,14 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     """
     if system.friction_ratio != 1.0:
         raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in "
-                         f"closed form "
-                         f"needs it equal to friction.static_coefficient, {system.friction.static_coefficient:g}")
+                         "closed form needs it equal to friction.static_coefficient, "
+                         f"{system.friction.static_coefficient:g}")
     torque, load = engine_series(system), load_series(system)
     if load.swing() > load.mean:
         raise InputError("pressure.amplitude is above pressure.mean; pure slip in closed form needs a pressure above 0")
     d, start, sign = system.driveline, system.initial, float(np.sign(direction))
 
-    def compliance(omega: float) -> complex:
-        plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
-        if plate == 0.0:
-            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no "
-                             f"steady state")
-        return sign / plate
-
-    plate = load.through(compliance)
+    plate = load.through(lambda omega: sign / dynamic_stiffness(d, d.plate_inertia, omega, PLATE))
     net = torque.plus(load, -sign)
     flywheel = [(float(w), float(a) / (d.flywheel_inertia * float(w)), float(p) - 0.5 * math.pi)
                 for w, a, p in zip(net.frequency, net.amplitude, net.phase)]
@@ -216,11 +207,7 @@ def slip_torque(system: System, direction: int = 1) -> Sines:
     d, sign = system.driveline, float(np.sign(direction))
 
     def share(omega: float) -> complex:
-        spring = complex(d.stiffness, d.damping * omega)
-        plate = spring - d.plate_inertia * omega**2
-        if plate == 0.0:
-            raise InputError(f"pressure.frequency_ratio excites the undamped plate resonance, {omega:g} rad/s: no "
-                             f"steady state")
-        return (spring - (d.flywheel_inertia + d.plate_inertia) * omega**2) / plate
+        stuck = complex(d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2, d.damping * omega)
+        return stuck / dynamic_stiffness(d, d.plate_inertia, omega, PLATE)
 
     return engine_series(system).plus(load_series(system).through(share), -sign)

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.sines import Floats, Sines, common_cycles, engine_series, load_series
+from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series
+
+STUCK = "engine.frequency excites the undamped stuck"
 
 
 def stick_phase(system: System, omega: float) -> float:
@@ -37,12 +40,8 @@ def interface_phase(system: System, omega: float) -> float:
 def interface_gain(system: System, omega: float) -> float:
     """Amplitude of the interface torque per amplitude of the engine torque, from (25a)."""
     d = system.driveline
-    spring = complex(d.stiffness, d.damping * omega)
-    stuck = spring - (d.flywheel_inertia + d.plate_inertia) * omega**2
-    if stuck == 0.0:
-        raise InputError(f"engine.frequency excites the undamped stuck resonance, {omega:g} rad/s: there is no steady "
-                         "state")
-    return abs(spring - d.plate_inertia * omega**2) / abs(stuck)
+    plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
+    return abs(plate) / abs(dynamic_stiffness(d, d.flywheel_inertia + d.plate_inertia, omega, STUCK))
 
 
 def plate_angle(system: System) -> Sines:
@@ -54,14 +53,8 @@ def plate_angle(system: System) -> Sines:
         An undamped driveline excited at exactly omega_sn.
     """
     d = system.driveline
-
-    def compliance(omega: float) -> complex:
-        stuck = complex(d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2, d.damping * omega)
-        if stuck == 0.0:
-            raise InputError(f"engine.frequency excites the undamped stuck resonance, {omega:g} rad/s: no steady state")
-        return 1.0 / stuck
-
-    return engine_series(system).through(compliance)
+    both = d.flywheel_inertia + d.plate_inertia
+    return engine_series(system).through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
 
 
 def interface_torque(system: System) -> Sines:
@@ -70,19 +63,8 @@ def interface_torque(system: System) -> Sines:
     (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
     where the print has lost the inertia and the damping.
     """
-    def torque(omega: float) -> complex:
-        return cmath.rect(interface_gain(system, omega), stick_phase(system, omega) + interface_phase(system, omega))
-
-    return engine_series(system).through(torque)
-
-
-def regime_boundary(system: System) -> float:
-    """omega_sn/omega_n = sqrt(I2/(I1 + I2)) of (28), with omega_sn = sqrt(K23/(I1 + I2)) (the print of (27) misplaces
-    the root).
-
-    Below it the positive slip falls into the first half of the engine cycle, above it into the second.
-    """
-    return system.stuck_natural_frequency / system.natural_frequency
+    return engine_series(system).through(lambda omega: cmath.rect(
+        interface_gain(system, omega), stick_phase(system, omega) + interface_phase(system, omega)))
 
 
 @dataclass(frozen=True)
@@ -203,9 +185,8 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
     return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None, bands)
 
 
-def _bisect(margin: object, a: float, b: float) -> float:
+def _bisect(margin: Callable[[float], float], a: float, b: float) -> float:
     """The frequency in [a, b] where the margin changes sign."""
-    assert callable(margin)
     first = margin(a) >= 0.0
     for _ in range(60):
         middle = 0.5 * (a + b)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model.parameters import System
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import Driveline, System
 
 Floats = NDArray[np.float64]
 Response = Callable[[float], complex]
@@ -58,6 +59,16 @@ class Sines:
     def swing(self) -> float:
         """The sum of the amplitudes: no value is farther from the mean."""
         return float(self.amplitude.sum())
+
+
+def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:
+    """K23 - J w^2 + i C23 w of an inertia J on the plate's spring, N m/rad; InputError where it is 0, which says what
+    excites which `resonance`.
+    """
+    found = complex(d.stiffness - inertia * omega**2, d.damping * omega)
+    if found == 0.0:
+        raise InputError(f"{resonance} resonance, {omega:g} rad/s: no steady state")
+    return found
 
 
 def engine_series(system: System) -> Sines:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.closed_form import plate_angle, pure_slip, stick_margin
 from tcc_sim.model.parameters import System
+from tcc_sim.model.pure_slip import pure_slip
+from tcc_sim.model.pure_stick import plate_angle, stick_margin
 
 TICK, TICKS = 1e-3, 500
 """Ticks of the real-time solver that are held against the closed form, s and number."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.model import closed_form
+from tcc_sim.model import pure_stick
 from tcc_sim.paper.catalogue import OMEGA_N, SUPER_HARMONICS, paper_system
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
 from tcc_sim.paper.evidence import FREQUENCY, JUMP, KINETIC, Evidence, Values, slips_at, steep, with_kinetic
@@ -184,7 +184,7 @@ def transition_by_smoothing(evidence: Evidence) -> Measured:
     values = {law: last_slips(evidence, law) for law in ("smoothed", "set_valued")}
     smoothed, exact = (list(v.values()) for v in values.values())
     moved = [abs(row[-1] - row[0]) for row in (smoothed, exact)]
-    limit = closed_form.constant_load_limits(paper_system())[-1] / OMEGA_N
+    limit = pure_stick.constant_load_limits(paper_system())[-1] / OMEGA_N
     return Measured((moved[1] < 0.5 * moved[0],),
                     {"last slip from (13)": values, "end of pure stick by (10), any mu_k": limit},
                     "" if moved[1] < 0.5 * moved[0] else

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.model import closed_form, friction
+from tcc_sim.model import friction, pure_slip, pure_stick
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, STATIC, paper_system
@@ -155,7 +155,7 @@ STICK_END = 1e-3
 def _stuck(row: Values, ratio: float, law: str) -> System:
     """A system that starts in stick, in the state (8a) of t = 0."""
     system = paper_system({**row, FREQUENCY: ratio * OMEGA_N, "friction.law": law})
-    angle = closed_form.plate_angle(system)
+    angle = pure_stick.plate_angle(system)
     step = 1e-7 / system.engine.frequency
     early, start, late = (float(angle(np.array([t]))[0]) for t in (-step, 0.0, step))
     return changed(system, {"initial.slip_speed": 0.0, "initial.plate_angle": start,
@@ -178,7 +178,7 @@ def end_of_stick(row: Values, low: float, high: float, law: str = "set_valued") 
 
 def limits_of_stick(name: str) -> tuple[float | None, float | None]:
     """The lower and the upper limit of stick by (10), corrected, omega/omega_n."""
-    found = closed_form.stick_limits(paper_system(STICKY[name]), 0.05 * OMEGA_N, 0.6 * OMEGA_N, 60)
+    found = pure_stick.stick_limits(paper_system(STICKY[name]), 0.05 * OMEGA_N, 0.6 * OMEGA_N, 60)
     lower, upper = (None if x is None else x / OMEGA_N for x in (found.lower, found.higher))
     return lower, upper
 
@@ -241,7 +241,7 @@ def positive_trend_slips(evidence: Evidence) -> Measured:
 def pure_slip_guaranteed(evidence: Evidence) -> Measured:
     """(14) to (18): pure positive slip for Tm = Tsm, against the simulation."""
     system = paper_system(PURE_SLIP)
-    found = closed_form.pure_slip(system)
+    found = pure_slip.pure_slip(system)
     run = evidence.run(system, 60, samples=200)
     off = float(np.abs(run.slip_speed - found.slip_speed(run.t)).max()) / float(np.abs(run.slip_speed).max())
     # v is Omega_e plus what does not depend on it, so the slowest engine that keeps slipping is the difference.

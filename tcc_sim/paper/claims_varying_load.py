@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from tcc_sim.model import closed_form
+from tcc_sim.model import pure_stick
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
 from tcc_sim.paper.claims_figure4 import JUMPING, NEAR
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
@@ -114,7 +114,7 @@ def within(interval: Sequence[float], place: float) -> bool:
 def pure_stick_below(evidence: Evidence, number: int, place: float) -> Measured:
     """Between which ratios stick ends for psi = 0, and whether the text's is one of them."""
     found = {law: stick_interval(evidence, row) for law, row in by_law(number).items()}
-    lower = closed_form.stick_limits(paper_system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
+    lower = pure_stick.stick_limits(paper_system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
     return Measured([(within(interval, place), True) for interval in found.values()],
                     {**{f"lowest slip and highest stick, {law}": x for law, x in found.items()},
                      "end of stick by (10), whatever mu_k": None if lower is None else lower / OMEGA_N},

@@ -9,7 +9,7 @@ import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.continuation.special_points import chandrupatla
-from tcc_sim.model import closed_form
+from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims_model import PURE_SLIP
@@ -25,7 +25,7 @@ def phases() -> dict[str, Any]:
     for ratio in (0.2, 0.4):
         omega = ratio * OMEGA_N
         printed = -math.atan(d.damping * omega / (d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2))
-        out[f"phi at {ratio:g}, printed and right (rad)"] = [printed, closed_form.stick_phase(system, omega)]
+        out[f"phi at {ratio:g}, printed and right (rad)"] = [printed, pure_stick.stick_phase(system, omega)]
     return out
 
 
@@ -41,7 +41,7 @@ def slip_condition() -> dict[str, Any]:
     """(16) from an engine that is slower than the plate, and from a slow one."""
     out = {}
     for speed in (-150.0, 30.0):
-        found = closed_form.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
+        found = pure_slip.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
         out[f"Omega_e = {speed:g}: (16) as printed, with its sign, least slip with the transient (rad/s)"] = [
             abs(found.a0) - found.slip.swing(), found.margin, found.least_slip_speed]
     return out
@@ -57,7 +57,7 @@ def transient() -> dict[str, Any]:
     t = np.linspace(0.0, 0.1, 20001)
     fade, cosine, sine = np.exp(-decay * t), np.cos(damped * t), np.sin(damped * t)
     printed = size * fade * (2.0 * zeta / omega_n * cosine + (2.0 * zeta**2 - 1.0) / damped * sine)
-    angle = closed_form.pure_slip(system).plate_angle(t)
+    angle = pure_slip.pure_slip(system).plate_angle(t)
     rest = integral(angle, t) - size * (t - 2.0 * zeta / omega_n)
     return {"amplitude of the sine, printed and right (rad/s)": [size * (1.0 - 2.0 * zeta**2) / damped,
                                                                  system.saturation_mean / (d.plate_inertia * damped)],
@@ -108,12 +108,12 @@ def driving_torques() -> dict[str, Any]:
     out: dict[str, Any] = {}
     still = [paper_system({**s.values, "engine.frequency": 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
     out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
-        closed_form.equivalent_torque(s).swing() for s in still]
+        pure_slip.equivalent_torque(s).swing() for s in still]
     out["|Tp - Tsp| (N m)"] = [abs(s.engine.torque_amplitude - s.saturation_amplitude) for s in still]
     for ratio in (0.20, 0.40):
         rows = [paper_system({**s.values, "engine.frequency": ratio * OMEGA_N}) for s in FIGURES[13].series]
         out[f"torque that drives the slip at {ratio:.2f}, plate motion eliminated (N m)"] = [
-            closed_form.slip_torque(s).swing() for s in rows]
+            pure_slip.slip_torque(s).swing() for s in rows]
         out[f"largest slip speed at {ratio:.2f} (rad/s)"] = [
             float(np.abs(solve(system, cycles=150).solved_cycles.highest[50:]).max()) for system in rows]
     return out
@@ -141,7 +141,7 @@ def series() -> dict[str, Any]:
 def phase_order() -> dict[str, Any]:
     """The torque that drives the slip for psi = 0, pi/2, pi."""
     return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
-        closed_form.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
+        pure_slip.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
         for s in FIGURES[8].series] for ratio in (0.15, 0.40)}
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.model import closed_form
+from tcc_sim.model import pure_stick
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims_figure4 import NEAR
 from tcc_sim.paper.claims_figures5to7 import AT_036, RATIOS
@@ -87,13 +87,13 @@ def _at(pressure: float, row: Values | None = None) -> Values:
 def _stick_from_below(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     """Fig. 8, psi = 0: end of pure stick at low frequency by (10)."""
     system = paper_system(_at(pressure, FIGURES[8].series[0].values))
-    limits = closed_form.stick_limits(system, 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60)
+    limits = pure_stick.stick_limits(system, 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60)
     return _near(None if limits.lower is None else limits.lower / OMEGA_N, 0.18)
 
 
 def _stick_from_above(evidence: Evidence, pressure: float) -> tuple[Any, bool]:
     """Fig. 4: end of pure stick at high frequency by (10)."""
-    limits = closed_form.constant_load_limits(paper_system(_at(pressure)))
+    limits = pure_stick.constant_load_limits(paper_system(_at(pressure)))
     return _near(limits[-1] / OMEGA_N if limits else None, 0.4)
 
 

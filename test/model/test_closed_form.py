@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import InputError
-from tcc_sim.model import closed_form
+from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import common_cycles
 
@@ -41,7 +41,7 @@ def load(system, t):
 def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     system = system_of(RICH, **{"engine.frequency": omega, "driveline.damping": 2.0})
     d = system.driveline
-    angle, torque = closed_form.plate_angle(system), closed_form.interface_torque(system)
+    angle, torque = pure_stick.plate_angle(system), pure_stick.interface_torque(system)
     t = np.linspace(0.0, 2 * system.cycle, 41)
     both = d.flywheel_inertia + d.plate_inertia
     start = [float(angle(0.0)), float(angle.rate()(0.0))]
@@ -60,17 +60,17 @@ def test_printed_forms_with_their_errata(omega):
     system = system_of(**{"engine.frequency": omega})
     d, e = system.driveline, system.engine
     both = d.flywheel_inertia + d.plate_inertia
-    phase = closed_form.stick_phase(system, omega)
+    phase = pure_stick.stick_phase(system, omega)
     assert -math.pi <= phase <= 0.0
     assert (phase < -math.pi / 2) == (omega > system.stuck_natural_frequency)
     t = np.linspace(0.0, system.cycle, 9)
     root = math.sqrt((d.stiffness - both * omega**2) ** 2 + (d.damping * omega) ** 2)
-    np.testing.assert_allclose(closed_form.plate_angle(system)(t), e.mean_torque / d.stiffness
+    np.testing.assert_allclose(pure_stick.plate_angle(system)(t), e.mean_torque / d.stiffness
                                + e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-14, err_msg="(8a)")
-    np.testing.assert_allclose(closed_form.interface_torque(system)(t),
+    np.testing.assert_allclose(pure_stick.interface_torque(system)(t),
                                engine(system, t) + d.flywheel_inertia * omega**2
                                * e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-10, err_msg="(9)")
-    assert closed_form.regime_boundary(system) == pytest.approx(math.sqrt(0.02 / 0.22), rel=1e-14)
+    assert system.stuck_natural_frequency / system.natural_frequency == pytest.approx(math.sqrt(0.02 / 0.22), rel=1e-14)
 
 
 @pytest.mark.parametrize("values", [
@@ -79,42 +79,42 @@ def test_printed_forms_with_their_errata(omega):
 @pytest.mark.parametrize("omega", [30.0, 150.0])
 def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     system = system_of(values, **{"engine.frequency": omega})
-    found = closed_form.stick_margin(system)
+    found = pure_stick.stick_margin(system)
     t = np.linspace(0.0, 6 * system.cycle, 600_001)
-    margin = system.friction_ratio * load(system, t) - np.abs(closed_form.interface_torque(system)(t))
+    margin = system.friction_ratio * load(system, t) - np.abs(pure_stick.interface_torque(system)(t))
     assert found.torque <= margin.min() + 1e-9
     assert found.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
     again = system.friction_ratio * load(system,
-                                         found.time) - abs(float(closed_form.interface_torque(system)(found.time)))
+                                         found.time) - abs(float(pure_stick.interface_torque(system)(found.time)))
     assert again == pytest.approx(found.torque, abs=1e-9)
 
 
 def test_incommensurable_load_meets_every_phase():
     system = system_of(**{**LOAD, "pressure.frequency_ratio": math.sqrt(2), "pressure.amplitude": 20e3})
-    torque = closed_form.interface_torque(system)
+    torque = pure_stick.interface_torque(system)
     peak = torque.mean + torque.swing()
-    assert closed_form.stick_margin(system).torque == pytest.approx(
+    assert pure_stick.stick_margin(system).torque == pytest.approx(
         system.friction_ratio * (system.saturation_mean - system.saturation_amplitude) - peak, abs=1e-9)
 
 
 def test_stick_limits_from_both_sides_and_in_closed_form():
     system = system_of(**{"engine.torque_amplitude": 150.0})
-    limits = closed_form.stick_limits(system, 5.0, 2000.0, 150)
-    exact = closed_form.constant_load_limits(system)
+    limits = pure_stick.stick_limits(system, 5.0, 2000.0, 150)
+    exact = pure_stick.constant_load_limits(system)
     assert len(exact) == 2
     assert limits.lower == pytest.approx(exact[0], rel=1e-10)
     assert limits.higher == pytest.approx(exact[1], rel=1e-10)
     assert exact[0] < system.stuck_natural_frequency < exact[1]
     for omega in exact:
-        assert 300.0 + 150.0 * closed_form.interface_gain(system, omega) == pytest.approx(540.0, rel=1e-12)
+        assert 300.0 + 150.0 * pure_stick.interface_gain(system, omega) == pytest.approx(540.0, rel=1e-12)
     strong = system_of()
-    assert closed_form.stick_limits(strong, 5.0, 2000.0, 150).lower is None
-    assert len(closed_form.constant_load_limits(strong)) == 1
+    assert pure_stick.stick_limits(strong, 5.0, 2000.0, 150).lower is None
+    assert len(pure_stick.constant_load_limits(strong)) == 1
 
 
 def test_paper_fig_8_pure_stick_reaches_to_018():
     system = system_of(**{"pressure.amplitude": 0.25 * 225e3})
-    limits = closed_form.stick_limits(system, 0.02 * 387.298, 0.29 * 387.298, 60)
+    limits = pure_stick.stick_limits(system, 0.02 * 387.298, 0.29 * 387.298, 60)
     assert limits.lower / system.natural_frequency == pytest.approx(0.18, abs=0.01)
 
 
@@ -137,7 +137,7 @@ def test_pure_slip_solves_12(damping, values, direction):
     run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853",
                     rtol=1e-12,
                     atol=1e-11)
-    found = closed_form.pure_slip(system, direction)
+    found = pure_slip.pure_slip(system, direction)
     np.testing.assert_allclose(found.slip_speed(t), run.y[0], atol=1e-8)
     np.testing.assert_allclose(found.plate_angle(t), run.y[1], atol=1e-10)
     np.testing.assert_allclose(found.plate_speed(t), run.y[2], atol=1e-8)
@@ -146,14 +146,14 @@ def test_pure_slip_solves_12(damping, values, direction):
 
 def test_corrected_17_and_18_for_constant_load():
     system = system_of(**{"pressure.mean": 125e3})
-    found = closed_form.pure_slip(system)
+    found = pure_slip.pure_slip(system)
     d, omega = system.driveline, system.engine.frequency
     decay = d.damping / (2 * d.plate_inertia)
     wd = math.sqrt(d.stiffness / d.plate_inertia - decay**2)
     t = np.linspace(0.0, 0.3, 50)
     steady = 150.0 + 250.0 / (0.2 * omega) * (1 - np.cos(omega * t))
     assert found.a1 == pytest.approx(0.0, abs=1e-10)
-    np.testing.assert_allclose(found.steady_slip_speed(t), steady, rtol=1e-13)
+    np.testing.assert_allclose(found.slip(t), steady, rtol=1e-13)
     np.testing.assert_allclose(found.slip_speed(t), steady - 300.0 / (0.02 * wd) * np.exp(-decay * t) * np.sin(wd * t),
                                atol=1e-9)
 
@@ -161,21 +161,21 @@ def test_corrected_17_and_18_for_constant_load():
 def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
     system = system_of(**{"pressure.mean": 125e3, "pressure.amplitude": 40e3, "pressure.phase": 1.0,
                           "initial.slip_speed": 20.0})
-    found = closed_form.pure_slip(system)
+    found = pure_slip.pure_slip(system)
     t = np.linspace(0.0, system.cycle, 20001)
     assert found.steady
-    assert found.margin == pytest.approx(found.steady_slip_speed(t).min(), abs=1e-6)
+    assert found.margin == pytest.approx(found.slip(t).min(), abs=1e-6)
 
 
 def test_condition_16_has_a_sign():
     """From v0 = -150 slip in direction +1 is no slip: friction would drive the flywheel ahead."""
     backward = system_of(**{"pressure.mean": 125e3, "initial.slip_speed": -150.0})
-    assert closed_form.pure_slip(backward, 1).margin < 0.0
-    assert closed_form.pure_slip(backward, 1).least_slip_speed < 0.0
+    assert pure_slip.pure_slip(backward, 1).margin < 0.0
+    assert pure_slip.pure_slip(backward, 1).least_slip_speed < 0.0
     mirrored = replace(backward, {"engine.mean_torque": -300.0})
     t = np.linspace(0.0, mirrored.cycle, 20001)
-    found = closed_form.pure_slip(mirrored, -1)
-    assert found.margin == pytest.approx((-found.steady_slip_speed(t)).min(), abs=1e-6)
+    found = pure_slip.pure_slip(mirrored, -1)
+    assert found.margin == pytest.approx((-found.slip(t)).min(), abs=1e-6)
     assert found.margin > 0.0
 
 
@@ -184,7 +184,7 @@ def test_condition_16_has_a_sign():
     ({**LOAD, "pressure.frequency_ratio": 1.5, "pressure.amplitude": 30e3}, 20.0), ({**RICH}, 60.0)])
 def test_the_least_slip_speed_has_the_transient_in_it(values, speed):
     system = system_of(values, **{"pressure.mean": 125e3, "initial.slip_speed": speed})
-    found = closed_form.pure_slip(system)
+    found = pure_slip.pure_slip(system)
     t = np.linspace(0.0, 1.2, 1_200_001)
     least = found.slip_speed(t).min()
     assert found.least_slip_speed <= least + 1e-9
@@ -197,11 +197,11 @@ def test_without_a_common_period_or_damping_the_least_slip_speed_is_a_bound():
     rows = {"pressure.mean": 125e3, "pressure.amplitude": 30e3, "initial.slip_speed": 80.0}
     t = np.linspace(0.0, 20.0, 2_000_001)
     for values in ({"pressure.frequency_ratio": math.sqrt(2)}, {"driveline.damping": 0.0}):
-        found = closed_form.pure_slip(system_of(values, **rows))
+        found = pure_slip.pure_slip(system_of(values, **rows))
         least = found.slip_speed(t).min()
         assert least - 2.0 < found.least_slip_speed <= least + 1e-9
-    assert closed_form.pure_slip(system_of(**{**rows, "pressure.mean": 130e3})).least_slip_speed == -math.inf
-    assert closed_form.pure_slip(system_of(**{**rows, "pressure.mean": 120e3})).least_slip_speed > 0.0
+    assert pure_slip.pure_slip(system_of(**{**rows, "pressure.mean": 130e3})).least_slip_speed == -math.inf
+    assert pure_slip.pure_slip(system_of(**{**rows, "pressure.mean": 120e3})).least_slip_speed > 0.0
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.1])
@@ -215,16 +215,16 @@ def test_29_from_the_motion_of_12(phase, omega):
     rate, bend = (1j * omega * plate).imag, (-omega**2 * plate).imag
     torque = engine(system, t) - load(system, t)
     slip = d.flywheel_inertia * (torque / d.flywheel_inertia - bend)
-    np.testing.assert_allclose(closed_form.slip_torque(system)(t), slip, atol=1e-9)
+    np.testing.assert_allclose(pure_slip.slip_torque(system)(t), slip, atol=1e-9)
     ratio = d.flywheel_inertia / d.plate_inertia
     spring_torque = d.damping * rate + d.stiffness * (plate.imag + system.saturation_mean / d.stiffness)
-    np.testing.assert_allclose(closed_form.equivalent_torque(system)(t), slip - ratio * spring_torque, atol=1e-8)
+    np.testing.assert_allclose(pure_slip.equivalent_torque(system)(t), slip - ratio * spring_torque, atol=1e-8)
 
 
 def test_29b_rises_with_tsp_while_what_drives_the_slip_falls():
     rows = [system_of(**{"pressure.amplitude": 225e3 * x, "engine.frequency": 1.0}) for x in (0.0, 0.125, 0.25, 0.5)]
-    assert [closed_form.equivalent_torque(s).swing() for s in rows] == pytest.approx([250.0, 492.5, 1235.0, 2720.0])
-    assert [closed_form.slip_torque(s).swing() for s in rows] == pytest.approx([250.0, 182.5, 115.0, 20.0], abs=0.1)
+    assert [pure_slip.equivalent_torque(s).swing() for s in rows] == pytest.approx([250.0, 492.5, 1235.0, 2720.0])
+    assert [pure_slip.slip_torque(s).swing() for s in rows] == pytest.approx([250.0, 182.5, 115.0, 20.0], abs=0.1)
 
 
 @pytest.mark.parametrize(("values", "message"), [
@@ -234,15 +234,15 @@ def test_29b_rises_with_tsp_while_what_drives_the_slip_falls():
      "resonance")])
 def test_cases_without_a_closed_form_are_refused(values, message):
     with pytest.raises(InputError, match=message):
-        closed_form.pure_slip(system_of(values))
+        pure_slip.pure_slip(system_of(values))
 
 
 def test_undamped_stuck_resonance_is_refused():
     system = system_of(**{"driveline.damping": 0.0, "driveline.stiffness": 0.22, "engine.frequency": 1.0})
     with pytest.raises(InputError, match="resonance"):
-        closed_form.plate_angle(system)
+        pure_stick.plate_angle(system)
     with pytest.raises(InputError, match="resonance"):
-        closed_form.interface_torque(system)
+        pure_stick.interface_torque(system)
 
 
 def test_any_pressure_amplitude_counts_for_the_common_period():

@@ -19,7 +19,7 @@ from tcc_sim.basins.proximity import Attractor
 from tcc_sim.benchmarks import motions
 from tcc_sim.cli import main
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.model.closed_form import constant_load_limits
+from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, PaperFigure, paper_system, plain

@@ -18,8 +18,8 @@ from scipy.integrate import solve_ivp
 from tcc_sim.benchmarks.references import Law
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
-from tcc_sim.model.closed_form import stick_margin
 from tcc_sim.model.parameters import System
+from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.output.files import write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures

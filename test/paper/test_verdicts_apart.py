@@ -83,7 +83,7 @@ def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -
 
 
 def test_pure_slip_is_held_against_the_solution() -> None:
-    from tcc_sim.model.closed_form import pure_slip
+    from tcc_sim.model.pure_slip import pure_slip
     t = np.linspace(0.0, 1.0, 1001)
     v = pure_slip(paper_system(model.PURE_SLIP)).slip_speed(t)
     for off, verdict in ((0.0, CONFIRMED), (1e-3, NOT_CONFIRMED)):
