@@ -76,9 +76,7 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
 
 def damping_as_json(found: Damping) -> dict[str, float | None]:
     """The two averages under their names in JSON; null where there is none."""
-    averages: dict[str, float | None] = json_of({"equivalent_damping": found.weighted,
-                                                 "negative_slope_mean": found.negative_mean})
-    return averages
+    return dict(json_of({"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}))
 
 
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:

@@ -119,7 +119,7 @@ def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLER
     """Whether the section of the cycles that follow stays within `tolerance` of the last period of those before."""
     last = cycles.section[len(cycles.section) - period:]
     apart = further.section - last[(np.arange(len(further.section)) - 1) % period]
-    apart /= _sizes(cycles.section, cycles.highest, cycles.lowest)
+    apart /= sizes_of(cycles.section, cycles.highest, cycles.lowest)
     return bool(np.abs(apart).max() <= tolerance)
 
 
@@ -251,10 +251,10 @@ def _scaled(cycles: Cycles, first: int) -> Floats:
         points = points[int(np.flatnonzero(~finite.all(axis=1))[-1]) + 1:]
     if not len(points):
         return points
-    return points / _sizes(points, cycles.highest[first:], cycles.lowest[first:])
+    return points / sizes_of(points, cycles.highest[first:], cycles.lowest[first:])
 
 
-def _sizes(points: Floats, *speeds: Floats) -> Floats:
+def sizes_of(points: Floats, *speeds: Floats) -> Floats:
     """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the
     largest angle on the section.
     """

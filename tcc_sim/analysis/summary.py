@@ -5,7 +5,7 @@ them.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, 
 from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Result
+from tcc_sim.result import Result, json_of
 from tcc_sim.trajectory import Cycles, Floats, Trajectory
 
 PASSING = 5e-3
@@ -89,8 +89,7 @@ class Summary(Result):
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON values; a number that is not finite becomes null."""
-        return {key: None if isinstance(value, float) and not math.isfinite(value) else value
-                for key, value in asdict(self).items()}
+        return dict(json_of(self))
 
 
 def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = TOLERANCE) -> Summary:
@@ -202,10 +201,8 @@ def summarise_samples(trajectory: Trajectory) -> Summary:
     fraction = float(np.sum(0.5 * (stuck[1:] + stuck[:-1]) * np.diff(t))) / float(t[-1] - t[0])
     return Summary(
         max_slip_speed=float(np.abs(v).max()), min_slip_speed=float(v.min()), period=0, section=[],
-        stick_fraction=fraction,
-        regime=regime_of(fraction), cycles=0, discarded=0, settled=False, section_change=math.nan,
-        solver=trajectory.solver,
-        elapsed_s=trajectory.statistics.seconds)
+        stick_fraction=fraction, regime=regime_of(fraction), cycles=0, discarded=0, settled=False,
+        section_change=math.nan, solver=trajectory.solver, elapsed_s=trajectory.statistics.seconds)
 
 
 def regime_of(stick_fraction: float) -> str:

@@ -181,6 +181,3 @@ def refuse_family(first: ContinuationPoint, system: System) -> None:
         raise InputError("the settled motion is pure slip, with friction that does not depend on slip speed and "
                          f"carries the mean engine torque exactly ({system.engine.mean_torque:g} N m): a family of "
                          "motions with a multiplier of exactly 1, through which no single branch leads")
-
-
-__all__ = ["Seed", "refuse_family", "seeded", "seeds_in", "start_orbit"]

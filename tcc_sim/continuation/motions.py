@@ -257,6 +257,3 @@ def _limits(system: System, plan: ContinuationPlan, span: ParameterRange, out: M
     set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
     for number, item in enumerate(out.bifurcations):
         out.limits[number] = limit_of(item, smoothed, set_valued, span, system.friction.smoothing)
-
-
-__all__ = ["ContinuationPlan", "Motions", "check", "continuation", "continue_motions"]

@@ -86,7 +86,3 @@ def margin_residual(kind: str, near: tuple[Margins, ...]) -> float:
 def differ(one: str, two: str) -> bool:
     """Whether two event sequences are those of different motions; free intervals are no events of friction."""
     return ring(one) != ring(two)
-
-
-__all__ = ["differ", "kind_of_change", "margin_of", "margin_residual", "ring"]
-

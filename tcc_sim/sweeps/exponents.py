@@ -67,8 +67,7 @@ class Lyapunov:
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON values."""
-        found: dict[str, Any] = json_of(self)
-        return found
+        return dict(json_of(self))
 
 
 def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity, sizes_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated
@@ -108,9 +108,7 @@ def repeats_after(cycles: Cycles, settling: Settling = AT_ONCE) -> int | None:
     """
     points: Floats = cycles.section
     window = settling.window
-    size = np.abs(points[-window:]).max(axis=0)
-    speed = max(float(size[0]), float(size[2]), float(np.abs(cycles.highest[-window:]).max()))
-    scale = np.array([speed or 1.0, max(float(size[1]), 1e-6 * speed) or 1.0, speed or 1.0])
+    scale = sizes_of(points[-window:], cycles.highest[-window:])
     for period in range(1, MAXIMUM_PERIOD + 1):
         if len(points) <= 2 * period:
             return None
