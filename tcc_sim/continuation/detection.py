@@ -13,6 +13,7 @@ from tcc_sim.continuation.augmented import locate
 from tcc_sim.continuation.newton import shifts
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.problem import Floats
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.sliding_location import sliding_bifurcation
@@ -107,14 +108,18 @@ class ClosedBranch:
         p, q = (_of_single_shooting(s, s.solution.z) for s in (here, new))
         settings = self.first.shooting.settings
         for z, tangent in self.ends:
-            ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
-            step, part = q - p, -behind / max(ahead - behind, 1e-300)
-            length = float(np.linalg.norm(step))
-            if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0
-                    and np.linalg.norm(p + part * step - z) <= settings.passing * length):
-                continue
-            middle = Bracket(here, new).at(part)
+            part = passing(z, tangent, p, q, settings)
+            middle = None if part is None else Bracket(here, new).at(part)
             if middle is not None and np.linalg.norm(_of_single_shooting(middle, middle.solution.z) - z) <= max(
-                    settings.passed * length, settings.same):
+                    settings.passed * float(np.linalg.norm(q - p)), settings.same):
                 return True
         return False
+
+
+def passing(z: Floats, tangent: Floats, p: Floats, q: Floats, settings: Settings) -> float | None:
+    """The part of the step from p to q at which it passes z along the tangent there; None where it does not."""
+    ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
+    part = -behind / max(ahead - behind, 1e-300)
+    near = behind < 0.0 <= ahead and float(step @ tangent) > 0.0 and float(np.linalg.norm(
+        p + part * step - z)) <= settings.passing * float(np.linalg.norm(step))
+    return part if near else None

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.detection import passing
 from tcc_sim.continuation.palc import (
     Equations,
     Solution,
@@ -23,7 +24,6 @@ from tcc_sim.continuation.palc import (
     solution_at,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.sliding import differ, kind_of_change
 from tcc_sim.continuation.sliding_location import nearest
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
@@ -106,7 +106,7 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
             yield CurveStep(new._replace(z=end[1]), special, state.equations)
             return StopReason.SPECIAL, 0
         p, q = (_of_single_shooting(state.equations, point.z) for point in (state.here, new))
-        if count > 3 and _comes_back(origin, p, q, settings):
+        if count > 3 and passing(*origin, p, q, settings) is not None:
             yield CurveStep(first, special, equations)
             return StopReason.CLOSED, 0
         count += 1
@@ -304,15 +304,3 @@ def _of_single_shooting(of: Equations, vector: Floats) -> Floats:
     if not isinstance(of, MinimallyAugmented):
         return vector
     return np.concatenate([vector[:of.shooting.map.dimension], vector[of.shooting.size:]])
-
-
-def _comes_back(origin: tuple[Floats, Floats], p: Floats, q: Floats, settings: Settings) -> bool:
-    """Whether the step from p to q passes the first point of the curve; all as `_of_single_shooting` has them.
-
-    origin : that point and the tangent there
-    """
-    z, tangent = origin
-    ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
-    part = -behind / max(ahead - behind, 1e-300)
-    return behind < 0.0 <= ahead and float(step @ tangent) > 0.0 and float(np.linalg.norm(
-        p + part * step - z)) <= settings.passing * float(np.linalg.norm(step))

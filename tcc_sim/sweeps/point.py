@@ -25,7 +25,6 @@ SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_
                 "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways")
 """Keys of `simulate --json` that a sweep has per value."""
 MAY_BE_NAN = ("section_change", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque")
-NONE = np.empty(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +110,8 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
     if summary is not None:
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
         summary = replace(summary, section=[])
-    return Point(value, summary, section, found.confirmed, found.status, found.angles if len(found.angles) else NONE,
-                 found.damping, found.lyapunov, found.end)
+    return Point(value, summary, section, found.confirmed, found.status, found.angles, found.damping, found.lyapunov,
+                 found.end)
 
 
 def swept(system: System, plan: Plan) -> Plan:
@@ -151,6 +150,3 @@ def handed_over(before: System, end: Start, system: System) -> Start:
     turn = ratio * trial - earlier * end.cycle + (system.pressure.phase - before.pressure.phase) / (2.0 * math.pi)
     apart = np.abs(turn - np.round(turn))
     return Start(end.state, int(np.flatnonzero(apart <= apart.min() + 1e-9)[0]))
-
-
-__all__ = ["SUMMARY_KEYS", "Plan", "Point", "handed_over", "point_of", "solve_point", "solve_points"]
