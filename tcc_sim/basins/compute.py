@@ -124,10 +124,7 @@ class Basins(Result):
 def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
     """The two axes.
 
-    Raises
-    ------
-    InputError
-        Not two, twice the same key, a key that is no initial condition, or too many cells.
+    Raises InputError: not two, twice the same key, a key that is no initial condition, or too many cells.
     """
     if len(plane) != 2:
         raise InputError(f"a plane has 2 axes; {len(plane)} are given")

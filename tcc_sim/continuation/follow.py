@@ -67,9 +67,7 @@ class State:
 def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
     """The points behind `first` along its tangent, until the branch ends; the settings are those of its equations.
 
-    Returns
-    -------
-    Why it ended, as the value of the generator.
+    Returns why it ended, as the value of the generator.
     """
     settings = first.shooting.settings
     state, closed = State([first], StepSize(settings)), ClosedBranch(first)

@@ -53,8 +53,6 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
              direction: str = "cold") -> list[Jump]:
     """The jumps of a sweep, each with its cause.
 
-    Parameters
-    ----------
     seen : its motions in order of the parameter
     branches : as `bifurcation_diagram` found them
     least : smallest change of the largest size between neighbours that counts, relative to the largest with a period
@@ -103,9 +101,8 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
 def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:
     """How far the branch goes on from a place towards a value of the parameter, stable and without turning.
 
-    Returns
-    -------
-    The number of the last point, and whether the value was reached (it lies between that point and its neighbour).
+    Returns the number of the last point, and whether the value was reached (it lies between that point and its
+    neighbour).
     """
     points = branch.points
     a, b = points[place.after], points[place.after + 1]

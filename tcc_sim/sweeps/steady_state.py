@@ -69,8 +69,6 @@ def settle(system: System, start: Start, settling: Settling = AT_ONCE, *, closed
            **how: Any) -> Settled:
     """Solve a motion until it settles.
 
-    Parameters
-    ----------
     start : where it starts
     closed : ends it by Newton's method; see the head of this module
     how : as `solvers.solve` takes it, such as rtol
