@@ -20,10 +20,13 @@ SECTIONS = {"smoothed": sections.sections, "set_valued": event_driven_sections.s
 
 
 class DrivelineMotion:
-    """One system; states are slip speed (rad/s), plate angle (rad) and plate speed (rad/s) at phase 0 of the engine."""
+    """One system; states are slip speed (rad/s), plate angle (rad) and plate speed (rad/s) at phase 0 of the engine.
 
-    def __init__(self, system: System) -> None:
-        self.system = system
+    `rtol` is the relative tolerance of its sections.
+    """
+
+    def __init__(self, system: System, rtol: float = DEFAULTS.rtol) -> None:
+        self.system, self._rtol = system, rtol
         self.map: ParameterMap = DrivelineMap(system, ())
         terms = terms_of(system)
         self._constant = DEFAULTS.constant / terms.stribeck[1] if terms.stribeck and terms.stribeck[1] > 0.0 else 0.0
@@ -36,7 +39,7 @@ class DrivelineMotion:
 
     def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
         """(m, cycles + 1, 3) states at the starts of cycles first to first + cycles, NaN behind a failure."""
-        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, DEFAULTS.rtol_cells)
+        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, self._rtol)
 
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
         """(m,) whether slip is so fast that friction is constant, and the mean engine torque more than it can hold.
@@ -49,7 +52,7 @@ class DrivelineMotion:
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
         """The largest |slip speed| over some cycles, rad/s."""
-        found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=DEFAULTS.rtol).cycles
+        found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=self._rtol).cycles
         assert found is not None
         return max(float(found.highest.max()), -float(found.lowest.min()))
 

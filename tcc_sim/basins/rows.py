@@ -34,7 +34,7 @@ Stored = tuple[int, int, dict[str, Any]]
 
 def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
     """Labels and cycles of one row of cells; what a worker does."""
-    motion = DrivelineMotion(system)
+    motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
     mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
     labels, cycles = follow(motion, mapper, starts(system, plane, row), most)
     return labels.tolist(), cycles.tolist()

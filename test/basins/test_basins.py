@@ -10,7 +10,7 @@ from textbook_maps import TextbookMap
 
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import Axis, boundary_of, halton
-from tcc_sim.basins.driveline import SECTIONS, DrivelineMotion, mean_load
+from tcc_sim.basins.driveline import DrivelineMotion, mean_load
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, follow, section_of
 from tcc_sim.basins.rows import basins
 from tcc_sim.basins.settings import DEFAULTS, Settings
@@ -200,18 +200,11 @@ def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
         assert min(distances) < 1e-3
 
 
-class Finely(DrivelineMotion):
-    """A scene solved as finely as its engines can."""
-
-    def sections(self, starts, first, cycles):
-        return SECTIONS[self.system.friction.law](self.system, starts, first, cycles, 1e-10)
-
-
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 def test_basins_end_where_they_do_for_motions_solved_finely(law):
     """To 1e-4 of a cell: a tolerance a hundred times as large moves an edge by ten times that."""
     system = replace(COEXISTENCE, {"friction.law": law})
-    coarse, fine = DrivelineMotion(system), Finely(system)
+    coarse, fine = DrivelineMotion(system, DEFAULTS.rtol_cells), DrivelineMotion(system, 1e-10)
     mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
     v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 7))
     cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
@@ -226,6 +219,15 @@ def test_basins_end_where_they_do_for_motions_solved_finely(law):
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     for start in (low - 1e-4 * width, high + 1e-4 * width):
         assert follow(coarse, mapper, start, 100)[0].tolist() == follow(fine, mapper, start, 100)[0].tolist()
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_attractors_are_found_from_motions_that_are_solved_finely(law):
+    """As coarsely as cells are followed, a chaotic attractor is left for a periodic motion that is none."""
+    system = replace(COEXISTENCE, {"friction.law": law})
+    start = np.array([[60.0, 0.1, 0.0]])
+    found, fine = (motion.sections(start, 0, 6) for motion in (DrivelineMotion(system), DrivelineMotion(system, 1e-11)))
+    assert (np.abs(found - fine) / np.abs(fine).max(axis=(0, 1))).max() < 1e-8
 
 
 def test_slip_that_runs_away_has_a_label_of_its_own():
