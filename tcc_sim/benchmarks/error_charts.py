@@ -45,7 +45,8 @@ def charts(quick: bool, done: Callable[[str], None]) -> list[Record]:
     out = []
     for key, values in OVER.items():
         chosen = values[::3] if quick else values
-        systems = [replace(System(), {**SCENE, key: float(x), **_pulsation(key, float(x))}) for x in chosen]
+        systems = [replace(System(), {**SCENE, key: float(x)} | (
+            {"pressure.amplitude": 0.2 * float(x)} if key == "pressure.mean" else {})) for x in chosen]
         truths: list[Reference | None] = []
         for system in systems:
             done(f"reference at {key} {len(truths) + 1}/{len(systems)}")
@@ -84,11 +85,6 @@ def uniqueness_limit(system: System) -> float | None:
     v = np.union1d(v, np.linspace(0.0, 5.0 / system.friction.decay, 20001))
     _, slope = smoothed_and_slope(v, system.friction.smoothing, terms.stribeck)
     return float(1.0 / (system.inverse_inertia * peak_load(terms) * -slope.min()))
-
-
-def _pulsation(key: str, value: float) -> dict[str, float]:
-    """The pressure amplitude stays 0.2 of the mean."""
-    return {"pressure.amplitude": 0.2 * value} if key == "pressure.mean" else {}
 
 
 def _truth(system: System) -> Reference | None:
@@ -133,6 +129,3 @@ def one_step(system: System, step: float) -> Any:
         advance(state, n * cycle, cycle / count, count, terms, None, None)
         section.append(state.copy())
     return np.array(section)
-
-
-__all__ = ["METHODS", "OVER", "charts", "one_step", "rk4_limit", "uniqueness_limit"]

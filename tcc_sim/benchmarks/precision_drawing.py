@@ -10,19 +10,16 @@ import numpy as np
 from tcc_sim.benchmarks.peers import SINGLE
 from tcc_sim.views import style
 
-BROWN, VIOLET, OLIVE, ROSE = "#7A4B00", "#5B2A86", "#8A8A00", "#E7298A"
-SAND, TEAL, NAVY, LIME = "#C49A6C", "#1F7A6D", "#1B3A6F", "#7FBF3F"
-MINT = "#00A08A"
 Look = tuple[str, str, Any, float]
 LOOKS: dict[str, Look] = {
     "smoothed": (style.BLUE, "o", "-", 1.8), "event_driven": (style.RED, "D", "-", 1.8),
     "fixed_step": (style.GREEN, "s", "-", 1.8),
-    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", "-", 1.1), "dop853": (OLIVE, "v", ":", 0.9),
+    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", "-", 1.1), "dop853": ("#8A8A00", "v", ":", 0.9),
     "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
-    "solve_ivp LSODA": (ROSE, ">", ":", 0.9), "XPPAUT cvode": (BROWN, "*", "-.", 1.1),
-    "XPPAUT stiff": (SAND, "X", "-.", 0.9), "XPPAUT gear": (TEAL, "P", "-.", 0.9), "XPPAUT 2rb": (NAVY, "d", "-.", 0.9),
-    "CVODE": (MINT, "X", "-", 1.1), "Siconos theta 1/2": (VIOLET, "h", "--", 0.9),
-    "Siconos theta 1": (LIME, "p", "--", 0.9)}
+    "solve_ivp LSODA": ("#E7298A", ">", ":", 0.9), "XPPAUT cvode": ("#7A4B00", "*", "-.", 1.1),
+    "XPPAUT stiff": ("#C49A6C", "X", "-.", 0.9), "XPPAUT gear": ("#1F7A6D", "P", "-.", 0.9),
+    "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1),
+    "Siconos theta 1/2": ("#5B2A86", "h", "--", 0.9), "Siconos theta 1": ("#7FBF3F", "p", "--", 0.9)}
 """Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
 with the same line."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
@@ -34,14 +31,10 @@ FADED = 0.2
 """Opacity of what no reference resolves."""
 
 
-SHOWN_FIRST = ("error_section",)
-"""The row of the picture that stands for all."""
-
-
 def precision(stem: Path, scenes: list[dict[str, Any]]) -> tuple[Path, Path]:
     """Draw `stem`.png and `stem`.svg with all errors, and `stem`_section.png and .svg with that of the section alone.
     """
-    _draw(stem.with_name(f"{stem.name}_section"), scenes, SHOWN_FIRST)
+    _draw(stem.with_name(f"{stem.name}_section"), scenes, ("error_section",))
     return _draw(stem, scenes, tuple(key for key, _ in ROWS))
 
 

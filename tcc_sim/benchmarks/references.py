@@ -27,8 +27,6 @@ REARM = 1e-7
 """After a change of mode the event of v = 0 stays off for this long, s; a breakaway with mu_k = mu_s starts with v' =
 0.
 """
-
-
 LONGEST = 0.1
 """Longest step of the set-valued reference, in phase of the fastest oscillation, rad."""
 EVALUATIONS = 400_000

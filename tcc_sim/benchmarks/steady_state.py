@@ -8,7 +8,6 @@ its last cycles is compared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,19 +30,13 @@ SOLVERS = ("smoothed", "event_driven", "fixed_step", "solve_ivp LSODA", "XPPAUT 
 """Those that are run as far."""
 
 
-@dataclass(frozen=True)
-class Steady:
-    """A steady state: period in engine cycles (0 for none up to 16) and largest slip speed, rad/s."""
-
-    period: int
-    max_slip_speed: float
-
-
-def steady_of(section: Floats, largest: Floats) -> Steady:
-    """The steady state at the end of a run: sections (n + 1, 3) and each cycle's largest slip speed (n,)."""
+def steady_of(section: Floats, largest: Floats) -> tuple[int, float]:
+    """Period (0 for none up to 16) and largest slip speed, rad/s, at the end of a run: sections (n + 1, 3) and each
+    cycle's largest slip speed (n,).
+    """
     count = min(LAST, len(largest))
     last = Cycles(section[-count - 1:], largest[-count:], np.zeros(count), np.zeros(count))
-    return Steady(periodicity(last).period, float(largest[-count:].max()))
+    return periodicity(last).period, float(largest[-count:].max())
 
 
 def steady_reference(system: System, cycles: int, method: str, rtol: float) -> dict[str, Any]:
@@ -58,13 +51,12 @@ def steady_reference(system: System, cycles: int, method: str, rtol: float) -> d
                            "solvers": [f"{engine}, rtol {tightest:g}", f"SciPy {method}, rtol {rtol:g}"]}
     if run.status is not Status.DONE or run.cycles is None:
         return out
-    found = steady_of(run.cycles.section, run.cycles.largest)
-    out["period"] = found.period
-    if not found.period:
+    out["period"] = period = steady_of(run.cycles.section, run.cycles.largest)[0]
+    if not period:
         return out
-    begun = run.cycles.section[cycles // found.period * found.period]
+    begun = run.cycles.section[cycles // period * period]
     try:
-        truth = reference(State.of(begun).starting(system), found.period, method, rtol)
+        truth = reference(State.of(begun).starting(system), period, method, rtol)
     except Unfinished:
         return out
     out["max_slip_speed"] = float(truth.largest.max())
@@ -76,7 +68,7 @@ def steady_reference(system: System, cycles: int, method: str, rtol: float) -> d
 def steady_error(section: Floats, largest: Floats, truth: dict[str, Any]) -> float:
     """Error of the largest slip speed over the last cycles, relative to the reference's."""
     expected: float = truth["max_slip_speed"]
-    return abs(steady_of(section, largest).max_slip_speed / expected - 1.0)
+    return abs(steady_of(section, largest)[1] / expected - 1.0)
 
 
 def comparison(record: dict[str, Any], others: list[dict[str, Any]]) -> str:

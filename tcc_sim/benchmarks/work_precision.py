@@ -34,7 +34,6 @@ STABLE = {"rk4": 2.785, "rk45": 3.3, "dop853": 6.0}
 SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
 """Rough cost, to leave out what would take too long."""
 
-
 ERRORS = ("error_final", "error_section", "error_max_slip")
 LONG_RUN = ("smoothed", "event_driven", "solve_ivp LSODA", "XPPAUT cvode")
 LONG_RUN_SCENES = ("fig02", "minimal")
@@ -133,7 +132,10 @@ def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Rec
         done(count, total, f"{case.name}: steady state")
         steady = steady_state.steady_reference(case.system, effort.steady_cycles, method, rtol)
         count += 1
-        record = case_record(case, truths, steady)
+        record: Record = {
+            "scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
+            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "steady": steady,
+            "results": [], "omitted": [], "warm_up": {}, "calls": [], "long_run": []}
         for solver, setting in settings(case, effort):
             done(count, total, f"{case.name}: {solver} {setting:g}")
             record_run(record, case, solver, setting, truths[0], effort)
@@ -141,13 +143,6 @@ def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Rec
         long_run(record, case, effort)
         yield record
     done(total, total, "")
-
-
-def case_record(case: Case, truths: list[Reference], steady: Record) -> Record:
-    """The record of a scene without its runs."""
-    return {"scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
-            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "steady": steady,
-            "results": [], "omitted": [], "warm_up": {}, "calls": [], "long_run": []}
 
 
 def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
@@ -171,8 +166,8 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
 def record_run(record: Record, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
     """Run one setting and put it into `results` or `omitted`."""
     try:
-        run = _peer(case, solver,
-                    setting) if solver in effort.peers else _registered(record, case, solver, setting, effort)
+        run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting,
+                                                                                      effort)
         found = errors(run.section, run.largest, truth)
         if not max(found) <= WRONG:
             raise peers.Failed(f"wrong: its largest relative error is {max(found):.2g}")
@@ -190,7 +185,7 @@ def record_run(record: Record, case: Case, solver: str, setting: float, truth: R
 def _steady(record: Record, case: Case, solver: str, setting: float, seconds: float, effort: Effort) -> float | None:
     """The error of the steady state, None where there is nothing to compare with or it would take too long."""
     truth = record["steady"]
-    longer = replace_cycles(case, effort.steady_cycles)
+    longer = dataclasses.replace(case, cycles=effort.steady_cycles)
     if (solver not in steady_state.SOLVERS or truth["max_slip_speed"] is None
             or seconds * longer.cycles / case.cycles > LONGEST_STEADY * effort.longest):
         return None
@@ -253,21 +248,16 @@ def long_run(record: Record, case: Case, effort: Effort) -> None:
             continue
         setting = best[solver]["setting"]
         if solver in effort.peers:
-            longer = replace_cycles(case, effort.long_cycles // (20 if solver.endswith("LSODA") else 5))
+            longer = dataclasses.replace(case, cycles=effort.long_cycles // (20 if solver.endswith("LSODA") else 5))
             try:
                 run = _peer(longer, solver, setting)
             except peers.Failed:
                 continue
         else:
-            longer = replace_cycles(case, effort.long_cycles)
+            longer = dataclasses.replace(case, cycles=effort.long_cycles)
             run = _registered(record, longer, solver, setting, effort)
         record["long_run"].append({"solver": solver, "setting": setting, "cycles": longer.cycles,
                                    "seconds_per_100_cycles": 100.0 * run.seconds / longer.cycles})
-
-
-def replace_cycles(case: Case, cycles: int) -> Case:
-    """The scene over another number of cycles."""
-    return dataclasses.replace(case, cycles=cycles)
 
 
 def fastest(record: Record, target: float) -> dict[str, Record]:

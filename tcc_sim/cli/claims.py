@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file
+from tcc_sim.cli.arguments import new_file, present
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
 
@@ -22,9 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
-    from tcc_sim.output.files import draft, write_json
+    from tcc_sim.output.files import draft
     from tcc_sim.output.markdown import text
-    from tcc_sim.output.provenance import document
     from tcc_sim.paper.catalogue import paper_system
     from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
     from tcc_sim.paper.evidence import Evidence
@@ -68,10 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
     if not verdicts:
         return 130
     say(counts_of(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
-    if arguments.json is not None:
-        values = {"claims": [v.as_json() for v in verdicts], "complete": not interrupted,
-                  "mean_pressure": None if pressures is None else pressures.as_json()}
-        write_json(arguments.json, document("claims", values, paper_system(), arguments.words))
+    present(arguments, paper_system(), lambda: {
+        "claims": [v.as_json() for v in verdicts], "complete": not interrupted,
+        "mean_pressure": None if pressures is None else pressures.as_json()})
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
             part.write_text(claims_page(verdicts, pressures, complete=not interrupted))

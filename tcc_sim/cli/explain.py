@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file
+from tcc_sim.cli.arguments import add_scene, new_file, present, scene_of
 from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The scene and where the answer goes."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
+    add_scene(parser)
     parser.add_argument("--cost", action="store_true", help="measure what a tick of the real-time solver and each of "
                         "its terms cost; this compiles a kernel for every term")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the answer here")
@@ -21,9 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is held and left out, and what a step costs."""
-    from tcc_sim.scene import load_scene, parse_assignments
-
-    scene = load_scene(arguments.scene).with_values(parse_assignments(arguments.set))
+    scene = scene_of(arguments)
     if arguments.json is not None:
         new_file(arguments.json)
     from tcc_sim.output.closed_forms import closed_form_lines
@@ -48,9 +45,5 @@ def run(arguments: argparse.Namespace) -> int:
         for name, own in step["own_calls"].items():
             say(f"  {name} a sub-step: {own:.3g}; with every term on {step['general_calls'][name]:.3g}")
     say("\n".join(closed_form_lines(found["closed_forms"])))
-    if arguments.json is not None:
-        from tcc_sim.output.files import write_json
-        from tcc_sim.output.provenance import document
-
-        write_json(arguments.json, document("explain", {"name": scene.name, **found}, scene, arguments.words))
+    present(arguments, scene, lambda: {"name": scene.name, **found})
     return 0
