@@ -51,28 +51,21 @@ class Operation:
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
-            value, default = getattr(self, item.name), item.default
+            key, value, default = item.name, getattr(self, item.name), item.default
             if isinstance(default, bool):
                 if not isinstance(value, bool):
-                    raise InputError(f"{item.name} is {value!r}; it must be true or false")
+                    raise InputError(f"{key} is {value!r}; it must be true or false")
                 continue
             if isinstance(default, tuple):
-                object.__setattr__(self, item.name, _whole_numbers(item.name, value))
-                value = getattr(self, item.name)
-            if isinstance(default, int) and isinstance(value, float) and value.is_integer():
-                object.__setattr__(self, item.name, int(value))
+                if not isinstance(value, (list, tuple)) or any(type(x) is not int for x in value):
+                    raise InputError(f"{key} is {value!r}; it must be a list of whole numbers")
+                value = tuple(value)
             elif isinstance(default, int) and isinstance(value, float):
-                raise InputError(f"{item.name} is {value:g}; it must be a whole number")
-            item.metadata["quantity"].check(item.name, value)
-            if isinstance(default, float):
-                object.__setattr__(self, item.name, float(value))
-
-
-def _whole_numbers(key: str, value: object) -> tuple[int, ...]:
-    """A list of whole numbers as a parameter file or a command line gives it."""
-    if not isinstance(value, (list, tuple)) or any(isinstance(x, bool) or not isinstance(x, int) for x in value):
-        raise InputError(f"{key} is {value!r}; it must be a list of whole numbers")
-    return tuple(value)
+                if not value.is_integer():
+                    raise InputError(f"{key} is {value:g}; it must be a whole number")
+                value = int(value)
+            item.metadata["quantity"].check(key, value)
+            object.__setattr__(self, key, float(value) if isinstance(default, float) else value)
 
 
 OPERATION_QUANTITIES: dict[str, Quantity] = {f.name: f.metadata["quantity"] for f in dataclasses.fields(Operation)}
@@ -114,31 +107,26 @@ class Scene:
         return dataclasses.replace(self, system=parameters.replace(self.system, model),
                                    operation=dataclasses.replace(self.operation, **options))
 
-    def value(self, key: str) -> object:
-        """The value of a scene key or of a node option.
+    def values(self) -> dict[str, Any]:
+        """Every scene key and node option with its value."""
+        return {**dict(parameters.values_of(self.system)), **vars(self.operation)}
 
-        Raises
-        ------
-        InputError
-            An unknown key; the nearest valid one is named.
-        """
+    def value(self, key: str) -> object:
+        """The value of a scene key or of a node option; InputError where there is none, with the nearest that is."""
         if key not in KNOWN_KEYS:
             raise parameters.unknown_key(key, KNOWN_KEYS)
-        group, _, name = key.rpartition(".")
-        return getattr(getattr(self.system, group) if group else self.operation, name)
+        return self.values()[key]
 
     def text(self) -> str:
         """The scene as a parameter file with every key, from which the same scene is read back exactly."""
         import yaml
 
         tree: dict[str, Any] = {}
-        for key, value in parameters.values_of(self.system):
-            group, name = key.split(".")
+        for key, value in self.values().items():
+            group, _, name = key.rpartition(".")
             if value != ():  # ROS 2 cannot read an empty list, and it is the default.
-                tree.setdefault(group, {})[name] = list(value) if isinstance(value, tuple) else value
-        options = {item.name: getattr(self.operation, item.name) for item in dataclasses.fields(self.operation)}
-        tree.update({name: list(value) if isinstance(value, tuple) else value for name, value in options.items()
-                     if value != ()})
+                place = tree.setdefault(group, {}) if group else tree
+                place[name] = list(value) if isinstance(value, tuple) else value
         body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         return f"# {self.description or self.name}\n{body}"
 

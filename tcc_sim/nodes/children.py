@@ -38,18 +38,16 @@ def require_ros() -> None:
                                  "'tcc_sim[ros]'")
 
 
-class NodeProcess:
+class NodeProcess(subprocess.Popen[str]):
     """One node of this package in a process of its own; what it says on standard error is kept."""
 
     def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
         self.name = module
         words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
         # A session of its own: Ctrl-C on the terminal reaches the command, which ends its nodes in order.
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
-            preexec_fn=_end_with_parent)
+        super().__init__([sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment,
+                         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                         start_new_session=True, preexec_fn=_end_with_parent)
         self.lines: list[str] = []
         self._said = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -57,23 +55,22 @@ class NodeProcess:
 
     def _read(self) -> None:
         """Keep every line of standard error."""
-        assert self._process.stderr is not None
-        for line in self._process.stderr:
+        assert self.stderr is not None
+        for line in self.stderr:
             with self._said:
                 self.lines.append(line.rstrip("\n"))
                 self._said.notify_all()
         with self._said:
             self._said.notify_all()
 
-    def await_line(self, text: str, limit: float = START_LIMIT) -> None:
-        """Return when the node has said `text`; TccError with its last words where it ends or `limit` seconds pass
-        first.
+    def await_line(self, text: str) -> None:
+        """Return when the node has said `text`; TccError with its last words where it ends or START_LIMIT passes first.
         """
         with self._said:
-            self._said.wait_for(lambda: self.has_said(text) or not self._reader.is_alive(), timeout=limit)
+            self._said.wait_for(lambda: self.has_said(text) or not self._reader.is_alive(), timeout=START_LIMIT)
         if not self.has_said(text):
             self.check()
-            raise TccError(f"{self.name} did not start within {limit:g} s")
+            raise TccError(f"{self.name} did not start within {START_LIMIT:g} s")
 
     def has_said(self, text: str) -> bool:
         """Whether the node has said `text`."""
@@ -81,7 +78,7 @@ class NodeProcess:
 
     def check(self) -> None:
         """Raise TccError with its last words where the node has ended."""
-        status = self._process.poll()
+        status = self.poll()
         if status is not None:
             self._reader.join(timeout=1.0)
             raise TccError(f"{self.name} ended with status {status}: "
@@ -89,31 +86,14 @@ class NodeProcess:
 
     def stop(self) -> int:
         """End it as Ctrl-C would and give its status; it is killed where it takes longer than END_LIMIT."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+        self.send_signal(signal.SIGINT)
         try:
-            status = self._process.wait(timeout=END_LIMIT)
+            status = self.wait(timeout=END_LIMIT)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            status = self._process.wait()
+            self.kill()
+            status = self.wait()
         self._reader.join(timeout=1.0)
         return status
-
-    def kill(self) -> None:
-        """End it without a word, where it has not ended."""
-        self._process.kill()
-        self.wait()
-
-    def wait(self) -> int:
-        """Wait for its end and give its status; all that it said is then in `lines`."""
-        status = self._process.wait()
-        self._reader.join()
-        return status
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid
 
 
 class Session:

@@ -12,6 +12,7 @@ if __name__ == "__main__":
 
 import gc
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -21,13 +22,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.errors import InputError, counted
+from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.course import START
 from tcc_sim.nodes import context, parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.diagnostics import Diagnostics
-from tcc_sim.nodes.loop import RealTimeLoop
+from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.process import run
 from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import Scene
@@ -57,21 +58,19 @@ class DrivelineNode(Node):
         self.loop.outputs.say("scene", cdr.string(self._scene_text))
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/step", self._on_step)
+        loop, stepper = self.loop, self.loop.plant.stepper
+        self.create_service(Trigger, "~/reset", self._does(
+            lambda _: self.restart(), lambda _: "at the initial state, simulation time 0"))
+        self.create_service(SetBool, "~/pause", self._does(
+            lambda request: loop.pause(request.data), lambda _: "paused" if loop.paused else "running"))
+        self.create_service(Trigger, "~/step", self._does(
+            lambda _: loop.single_step(), lambda outcome: f"at tick {stepper.tick}" if outcome else "not paused"))
         self.diagnostics = Diagnostics(self, self.loop) if self.scene.operation.publish_diagnostics else None
         self._announced = False
         self._throttle = context.Throttle(self)
 
     def start(self) -> None:
-        """Warm up, then start the clock.
-
-        Raises
-        ------
-        InputError
-            The scene cannot be computed in real time on this machine.
-        """
+        """Warm up, then start the clock; InputError where the scene cannot be computed in real time on this machine."""
         self.loop.start()
         context.say(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
                           f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
@@ -101,19 +100,19 @@ class DrivelineNode(Node):
     def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check all changes of a request together and apply them at a tick boundary."""
         try:
-            parameters.check_text(changes, self.scene)
             after = parameters.changed(self.scene, changes)
         except InputError as error:
-            return parameters.refused(error)
+            return SetParametersResult(successful=False, reason=str(error))
         if after == self.scene:
-            return parameters.accepted()
+            return SetParametersResult(successful=True)
         plant = self.loop.plant
         if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
-            return parameters.refused(InputError("the kernel for terms that the scene did not have at the start is "
-                                                 "still being compiled; ask again in a moment"))
+            return SetParametersResult(
+                successful=False, reason="the kernel for terms that the scene did not have at the start is still being "
+                                         "compiled; ask again in a moment")
         text = after.text()
         outcome = self.loop.request(lambda: self._take(after, text))
-        return parameters.accepted() if outcome else parameters.refused(InputError(outcome.why))
+        return SetParametersResult(successful=outcome.done, reason=one_line(outcome.why))
 
     def _after_set_parameters(self, changes: list[Parameter]) -> None:
         """Let scene_text follow what was changed."""
@@ -144,26 +143,14 @@ class DrivelineNode(Node):
                             self.loop.plant.origin if stamp_ns else START)
         self.loop.outputs.say("scene", cdr.string(text))
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """~/reset."""
-        outcome = self.loop.request(self.restart)
-        response.success = outcome.done
-        response.message = outcome.why or "at the initial state, simulation time 0"
-        return response
+    def _does(self, action: Callable[[Any], bool], said: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
+        """A service that has the loop do something, with what is said of it."""
+        def answer(request: Any, response: Any) -> Any:
+            outcome = self.loop.request(lambda: action(request))
+            response.success, response.message = outcome.done, outcome.why or said(outcome)
+            return response
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """~/pause."""
-        outcome = self.loop.request(lambda: self.loop.pause(request.data))
-        response.success = outcome.done
-        response.message = outcome.why or ("paused" if self.loop.paused else "running")
-        return response
-
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """~/step."""
-        outcome = self.loop.request(self.loop.single_step)
-        response.success = outcome.done
-        response.message = outcome.why or (f"at tick {self.loop.plant.stepper.tick}" if outcome else "not paused")
-        return response
+        return answer
 
 
 def spin(node: DrivelineNode) -> None:

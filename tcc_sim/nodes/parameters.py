@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import QUANTITIES, unknown_key, values_of
+from tcc_sim.model.parameters import QUANTITIES, unknown_key
 from tcc_sim.model.quantity import Quantity
 from tcc_sim.nodes import context
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
@@ -26,13 +26,9 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     """Declare every scene key and node option on `node`, with the overrides it was started with, and give their scene.
 
     The overrides are changes of `scene`, where one is given, or of the scene that they name; without either they are
-    changes of NODE_SCENE. Where the overrides say where an input comes from, as the parameter
-    file of a scene does, they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere.
-
-    Raises
-    ------
-    InputError
-        A scene that does not exist, or an override of a wrong type or out of its range.
+    changes of NODE_SCENE. Where the overrides say where an input comes from, as the parameter file of a scene does,
+    they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere. InputError where a
+    scene does not exist, or an override is of a wrong type or out of its range.
     """
     given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
@@ -47,7 +43,7 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
                                     description=f"{base.description}, with overrides")
     text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
     node.declare_parameter("scene", base.name, text)
-    for name, value in [*values_of(scene.system), *_options(scene)]:
+    for name, value in scene.values().items():
         _declare(node, name, value, ALL_QUANTITIES[name])
     text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot "
                                            "be set")
@@ -66,11 +62,6 @@ def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
     names = list(known)
     for name in sorted(set(overrides(node)) - {*names, *BUILT_IN}):
         context.warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
-
-
-def _options(scene: Scene) -> list[tuple[str, Any]]:
-    """The node options of a scene."""
-    return [(item.name, getattr(scene.operation, item.name)) for item in dataclasses.fields(scene.operation)]
 
 
 def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
@@ -93,32 +84,14 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
 
 
 def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
-    """`scene` with the parameters of one request changed, checked together.
-
-    Raises
-    ------
-    InputError
-        A value of a wrong type or out of its range, alone or with the others.
+    """`scene` with the parameters of one request changed, checked together; InputError where a value is of a wrong type
+    or out of its range, alone or with the others, and where scene_text is set to what is not the scene.
     """
+    if any(p.name == TEXT and p.value != scene.text() for p in parameters):
+        raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")
     values = {p.name: p.value for p in parameters if p.name in KNOWN_KEYS}
     after = scene.with_values(values)
     if (after.operation.real_time_factor == 0.0) != (scene.operation.real_time_factor == 0.0):
         raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to "
                          "or from 0")
     return after
-
-
-def check_text(parameters: list[Parameter], scene: Scene) -> None:
-    """Raise InputError where a request sets scene_text to what is not the scene."""
-    if any(p.name == TEXT and p.value != scene.text() for p in parameters):
-        raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")
-
-
-def refused(reason: Exception) -> SetParametersResult:
-    """The answer to a request that was not taken."""
-    return SetParametersResult(successful=False, reason=str(reason))
-
-
-def accepted() -> SetParametersResult:
-    """The answer to a request that was taken."""
-    return SetParametersResult(successful=True, reason="")

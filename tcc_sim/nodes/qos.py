@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
-COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE,
-                      durability=DurabilityPolicy.VOLATILE)
-"""What the driveline asks of those who send commands."""
+COMMANDS = QoSProfile(depth=100)
+"""What the driveline asks of those who send commands; reliable and volatile, as all where nothing else is said."""
 
-LATCHED = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Whoever subscribes later still gets the last one."""
 
-CHANGES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE,
-                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+CHANGES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Whoever subscribes later still gets the last thousand, none of which replaces the one before."""
 
 DIAGNOSTICS = QoSProfile(depth=10)
@@ -25,6 +22,4 @@ def states(depth: int) -> QoSProfile:
 
     With depth 0 all are kept, so that the driveline waits for a slow subscriber.
     """
-    history = HistoryPolicy.KEEP_LAST if depth else HistoryPolicy.KEEP_ALL
-    return QoSProfile(history=history, depth=depth, reliability=ReliabilityPolicy.RELIABLE,
-                      durability=DurabilityPolicy.VOLATILE)
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST if depth else HistoryPolicy.KEEP_ALL, depth=depth)

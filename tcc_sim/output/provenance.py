@@ -7,14 +7,13 @@ format, and a key that changes its meaning makes a new one.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
 
 from tcc_sim import __version__
 from tcc_sim.model.parameters import System, values_of
-from tcc_sim.scene import OPERATION_QUANTITIES, Scene
+from tcc_sim.scene import Scene
 
 FORMATS: dict[str, int] = {
     "simulate": 1, "analyse": 1, "sweep": 1, "sweep_points": 1, "continue": 1, "basins": 1, "basin_rows": 1,
@@ -51,12 +50,8 @@ def scene_values(scene: Scene | System) -> dict[str, Any]:
 
     A System has no node options, so they are left out then.
     """
-    system = scene if isinstance(scene, System) else scene.system
-    found = {key: list(value) if isinstance(value, tuple) else value for key, value in values_of(system)}
-    if isinstance(scene, Scene):
-        options = dataclasses.asdict(scene.operation)
-        found.update({key: options[key] for key in OPERATION_QUANTITIES})
-    return found
+    values = dict(values_of(scene)) if isinstance(scene, System) else scene.values()
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
 
 
 def schema(kind: str) -> dict[str, Any]:
