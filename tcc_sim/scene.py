@@ -131,21 +131,23 @@ class Scene:
         return f"# {self.description or self.name}\n{body}"
 
 
-def bundled_scenes() -> dict[str, Path]:
-    """Name and file of every scene that comes with the package, found from colcon, pip or the source tree."""
-    for folder in _config_folders():
+def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str, Path]:
+    """Name and file of every scene that comes with the package, found from colcon, pip or the source tree.
+
+    module, prefix : where this file and Python are installed
+    """
+    for folder in _config_folders(Path(module).resolve(), Path(prefix)):
         found = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
         if found:
             return found
     return {}
 
 
-def _config_folders() -> list[Path]:
+def _config_folders(module: Path, prefix: Path) -> list[Path]:
     """Where the bundled scenes may be, best first."""
-    source = Path(__file__).resolve().parent.parent / "config"
+    source = module.parent.parent / "config"
     folders = [source] if (source.parent / "setup.py").is_file() else []
-    folders += [parent / "share" / "tcc_sim" / "config" for parent in Path(__file__).resolve().parents]
-    return [*folders, Path(sys.prefix) / "share" / "tcc_sim" / "config"]
+    return [*folders, *(parent / "share" / "tcc_sim" / "config" for parent in (*module.parents, prefix))]
 
 
 def load_scene(name_or_file: str | Path) -> Scene:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim import scene as scene_module
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.parameter_file import LARGEST_FILE
@@ -157,27 +156,24 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("where", ["lib/python3.11/site-packages", "lib/python3/dist-packages",
                                    "local/lib/python3.10/dist-packages"])
-def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Path,
-                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Path) -> None:
     """Wheels and colcon both put the module below the prefix whose share holds the scenes."""
     package = tmp_path / "prefix" / where / "tcc_sim"
     config = tmp_path / "prefix" / "share" / "tcc_sim" / "config"
     package.mkdir(parents=True)
     config.mkdir(parents=True)
     (config / "own.yaml").write_text(body("rate: 10.0"))
-    monkeypatch.setattr(scene_module, "__file__", str(package / "scene.py"))
-    assert bundled_scenes() == {"own": config / "own.yaml"}
-    assert load_scene("own").operation.rate == 10.0
+    found = bundled_scenes(str(package / "scene.py"))
+    assert found == {"own": config / "own.yaml"}
+    assert load_scene(found["own"]).operation.rate == 10.0
 
 
-def test_a_module_outside_any_prefix_finds_the_scenes_of_the_interpreter(tmp_path: Path,
-                                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_outside_any_prefix_finds_the_scenes_of_the_interpreter(tmp_path: Path) -> None:
     config = tmp_path / "prefix" / "share" / "tcc_sim" / "config"
     config.mkdir(parents=True)
     (config / "own.yaml").write_text(body("rate: 10.0"))
-    monkeypatch.setattr(scene_module, "__file__", str(tmp_path / "elsewhere" / "tcc_sim" / "scene.py"))
-    monkeypatch.setattr("sys.prefix", str(tmp_path / "prefix"))
-    assert list(bundled_scenes()) == ["own"]
+    module = tmp_path / "elsewhere" / "tcc_sim" / "scene.py"
+    assert list(bundled_scenes(str(module), str(tmp_path / "prefix"))) == ["own"]
 
 
 def test_assignments_are_read_as_a_file_would_be() -> None:

@@ -51,9 +51,10 @@ def dangers(text: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_no_source_can_run_what_it_reads(path: Path) -> None:
-    assert dangers(path.read_text()) == []
+def test_no_source_can_run_what_it_reads() -> None:
+    found = {str(path.relative_to(PACKAGE)): dangers(path.read_text()) for path in PACKAGE.rglob("*.py")}
+    assert len(found) > 300
+    assert {path: what for path, what in found.items() if what} == {}
 
 
 @pytest.mark.parametrize("text", [

@@ -71,7 +71,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     for name, text in VERBS.items():
         sub = verbs.add_parser(name, description=text[0].upper() + text[1:] + ".")
         if verb in (None, name):
-            import_module(f"tcc_sim.cli.{_module(name)}").add_arguments(sub)
+            import_module(f"tcc_sim.cli.{module_of(name)}").add_arguments(sub)
     return parser
 
 
@@ -97,7 +97,7 @@ def main(argv: list[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
-        status: int = import_module(f"tcc_sim.cli.{_module(arguments.verb)}").run(arguments)
+        status: int = import_module(f"tcc_sim.cli.{module_of(arguments.verb)}").run(arguments)
         sys.stdout.flush()
         return status
     except SystemExit as stop:
@@ -120,7 +120,7 @@ def main(argv: list[str] | None = None) -> int:
         return 130
 
 
-def _module(verb: str) -> str:
+def module_of(verb: str) -> str:
     """The name of a verb's module."""
     return f"{verb}_" if iskeyword(verb) else verb
 

@@ -29,10 +29,10 @@ from tcc_sim.scene import load_scene
 
 def main(args: list[str] | None = None) -> int:
     """Send commands until SIGINT or SIGTERM."""
-    return run("commander", lambda: rclpy.create_node("commander"), _send, args)
+    return run("commander", lambda: rclpy.create_node("commander"), send, args)
 
 
-def _send(node: Node) -> int:
+def send(node: Node) -> int:
     """Commands of fig02, one of each kind a period."""
     rate = node.declare_parameter("rate", 1000.0).value
     if not isinstance(rate, float) or not 1.0 <= rate <= 20000.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -34,14 +34,33 @@ LAWS: dict[str, dict[str, Any]] = {
     "set-valued (6)": {"friction.law": "set_valued"}}
 
 
+Differing = Callable[[tuple[tuple[str, str, float | None], ...]], dict[str, float]]
+
+
+@lru_cache(maxsize=4)
+def cycle_differences(chosen: tuple[tuple[str, str, float | None], ...]) -> dict[str, float]:
+    """Root mean square difference from the smoothed engine over one cycle of Fig. 2, relative to the maximum."""
+    system = paper_system(FIG02)
+    start = solve(system, cycles=1000).raise_for_status().final
+    reference = solve(system, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start)
+    out = {}
+    for name, law, step in chosen:
+        row = paper_system({**FIG02, "friction.law": law})
+        run = solve(row, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start, solver=name.split(",")[0],
+                    step=step)
+        found = np.interp(reference.t, run.raise_for_status().t, run.slip_speed) - reference.slip_speed
+        out[name] = float(np.sqrt(np.mean(found**2)) / np.abs(reference.slip_speed).max())
+    return out
+
+
 @claim("2", "3, after (7)", "RK45, a stiff (Gear) method and the discontinuous solution agree", Holds(
     f"from one state the slip speeds over a cycle differ by less than {ALIKE:g} of their maximum (rms), the mean of "
     f"the maxima of cycles {DISCARD} to {CYCLES} from (13) by less than {ALIKE:g}, and the attractors of either law "
     f"have the same periods and largest slip speeds within {ALIKE:g}", "the first two hold"))
-def solvers_agree(evidence: StableMotions) -> Measured:
+def solvers_agree(evidence: StableMotions, differing: Differing = cycle_differences) -> Measured:
     """Fig. 2: over one cycle, over the paper's cycles, and in the attractors."""
-    differences = cycle_differences((("rk45", "smoothed", None), ("bdf", "smoothed", None),
-                                     ("event_driven", "set_valued", None)))
+    differences = differing((("rk45", "smoothed", None), ("bdf", "smoothed", None),
+                             ("event_driven", "set_valued", None)))
     paper, doubled = {}, {}
     for name in ("smoothed, sigma = 50", "set-valued (6)"):
         highest = evidence.largest_by_cycle({**FIG02, **LAWS[name]}, 1000)
@@ -69,11 +88,11 @@ def solvers_agree(evidence: StableMotions) -> Measured:
 @claim("2", "3, after (7)", "classical fixed-step RK4 differs from them", Holds(
     f"over a cycle from one state the slip speed differs by more than {APART:g} of its maximum (rms) for every step "
     "from 1 us to 0.1 ms", "for some of these steps"))
-def classical_differs(evidence: Evidence) -> Measured:
+def classical_differs(evidence: Evidence, differing: Differing = cycle_differences) -> Measured:
     """Fig. 2: classical Runge-Kutta at a fixed step."""
-    differences = cycle_differences(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
-    differing = [d > APART for d in differences.values()]
-    return Measured((all(differing), any(differing)), differences,
+    differences = differing(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
+    apart = [d > APART for d in differences.values()]
+    return Measured((all(apart), any(apart)), differences,
                     f"the step is not printed: within the stability limit, "
                     f"{stability_limit(paper_system(FIG02)) * 1e6:.2g} us, RK4 agrees, beyond it stick rings")
 
@@ -82,22 +101,6 @@ def stability_limit(system: System) -> float:
     """The longest step of RK4 in stick, s: 2.785 (Hairer and Wanner, IV.2) over the rate beta Ts r sigma."""
     rate = system.inverse_inertia * (system.saturation_mean + system.saturation_amplitude)
     return 2.785 / (rate * system.friction_ratio * system.friction.smoothing)
-
-
-@lru_cache(maxsize=4)
-def cycle_differences(chosen: tuple[tuple[str, str, float | None], ...]) -> dict[str, float]:
-    """Root mean square difference from the smoothed engine over one cycle of Fig. 2, relative to the maximum."""
-    system = paper_system(FIG02)
-    start = solve(system, cycles=1000).raise_for_status().final
-    reference = solve(system, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start)
-    out = {}
-    for name, law, step in chosen:
-        row = paper_system({**FIG02, "friction.law": law})
-        run = solve(row, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start, solver=name.split(",")[0],
-                    step=step)
-        found = np.interp(reference.t, run.raise_for_status().t, run.slip_speed) - reference.slip_speed
-        out[name] = float(np.sqrt(np.mean(found**2)) / np.abs(reference.slip_speed).max())
-    return out
 
 
 def of_law(worth: Any) -> dict[str, float]:
@@ -124,18 +127,18 @@ def least_slope(system: System) -> float:
 @claim("3", "4, after (11)", "the smoothed maximum of mubar falls below mu_s/mu_k",
        Holds("the maximum of (7) over mu_s/mu_k is below 1 for mu_k < mu_s, and the lower the smaller mu_k"),
        cheap=True)
-def maximum_falls(evidence: Evidence) -> Measured:
+def maximum_falls(evidence: Evidence, peak: Callable[[System], float] = peak_of) -> Measured:
     """Fig. 3: the smoothed maximum, for the mu_k of the figure."""
-    found = {name: x for name, x in of_law(peak_of).items() if name != "1"}
+    found = {name: x for name, x in of_law(peak).items() if name != "1"}
     parts = list(found.values())
     return Measured((max(parts) < 1.0 and parts == sorted(parts, reverse=True),), {"maximum / (mu_s/mu_k)": found})
 
 
 @claim("3", "5, after (20)", "the slope d(mubar)/dv turns negative, more so for smaller mu_k",
        Holds("the least slope (20b) is below 0 for mu_k < mu_s and falls with mu_k"), cheap=True)
-def slope_turns_negative(evidence: Evidence) -> Measured:
+def slope_turns_negative(evidence: Evidence, slope: Callable[[System], float] = least_slope) -> Measured:
     """Fig. 3: the slope, for the mu_k of the figure."""
-    lowest = of_law(least_slope)
+    lowest = of_law(slope)
     found = list(lowest.values())
     return Measured((found[0] >= 0.0 and found[1] < 0.0 and found == sorted(found, reverse=True),),
                     {"least slope (s/rad)": lowest})
@@ -150,6 +153,8 @@ SLIPS = 1e-3
 """Largest slip speed, rad/s, of a motion that starts in stick and counts as stick."""
 STICK_END = 1e-3
 """Difference of a limit of stick from the closed form, omega/omega_n."""
+Ends = Callable[[Values, float, float], float | None]
+"""As `end_of_stick`."""
 
 
 def _stuck(row: Values, ratio: float, law: str) -> System:
@@ -183,13 +188,13 @@ def limits_of_stick(name: str) -> tuple[float | None, float | None]:
     return lower, upper
 
 
-def held_stick(names: Sequence[str]) -> Measured:
+def held_stick(names: Sequence[str], ends: Ends) -> Measured:
     """Limits of stick by (10) beside those of motions that start in stick, with the set-valued law."""
     values, pairs = {}, []
     for name in names:
         for end, limit in zip(("lower", "upper"), limits_of_stick(name)):
             if limit is not None:
-                found = end_of_stick(STICKY[name], limit - 0.02, limit + 0.02)
+                found = ends(STICKY[name], limit - 0.02, limit + 0.02)
                 values[f"{name}, {end} limit: (10), simulation"] = [limit, found]
                 pairs.append((found, limit))
     return Measured(pairs, values, "the criterion is that of the errata: both signs, four-quadrant phase")
@@ -198,17 +203,17 @@ def held_stick(names: Sequence[str]) -> Measured:
 @claim("4", "4, (8) to (11)", "pure stick ends where (10), (25) say",
        Near("frequency ratio at which a motion that starts in stick slips within 20 cycles, set-valued law, and (10) "
             "(corrected): both limits", STICK_END), cheap=True)
-def stick_limits(evidence: Evidence) -> Measured:
+def stick_limits(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
     """(10), (25) under constant load."""
-    return held_stick(("constant load",))
+    return held_stick(("constant load",), ends)
 
 
 @claim("(10)", "4, before (8)", "the criterion of pure stick holds under varying load too",
        Near("frequency ratio at which a motion that starts in stick slips within 20 cycles, set-valued law, and (10) "
             "(corrected): both limits, for psi = 0, pi/2, pi and Tsp/Tsm = 0.25", STICK_END), cheap=True)
-def stick_limits_varying(evidence: Evidence) -> Measured:
+def stick_limits_varying(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
     """(10) under varying load."""
-    return held_stick([name for name in STICKY if name != "constant load"])
+    return held_stick([name for name in STICKY if name != "constant load"], ends)
 
 
 PURE_SLIP: Values = {"pressure.mean": 125e3, "engine.frequency": 150.0}

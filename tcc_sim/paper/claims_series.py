@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,8 @@ HARMONICS = 40
 @claim("(30) to (34)", "6.1", "the series of harmonic balance satisfy (1) for omega_f = (M/N) omega", Holds(
     f"the mean of (31) as printed is Tm = 300 N m within 1 N m; and with c0 and a0 added the series of {HARMONICS} "
     f"harmonics of omega within {ALIKE:g} of the simulation (rms)"))
-def series_balance(evidence: Evidence) -> Measured:
+def series_balance(evidence: Evidence, balance: Callable[..., Any] = harmonic_balance,
+                   mean: Callable[..., float] = mean_friction_torque) -> Measured:
     """(30) to (34): with their mean terms the series are the motion; as printed they cannot carry Tm."""
     values: dict[str, Any] = {}
     close, short = [], []
@@ -32,7 +34,7 @@ def series_balance(evidence: Evidence) -> Measured:
         row = actuated(ratio)
         period = denominator(row)
         try:
-            found = harmonic_balance(paper_system(row), period, HARMONICS * period)
+            found = balance(paper_system(row), period, HARMONICS * period)
         except NumericalFailure as failure:
             values[name] = str(failure)
             close.append(False)
@@ -40,7 +42,7 @@ def series_balance(evidence: Evidence) -> Measured:
         run = evidence.last_cycles(row, period, 400)
         size = float(np.abs(run.slip_speed).max())
         off = float(np.sqrt(np.mean((found.slip_speed(run.t) - run.slip_speed) ** 2))) / size
-        printed, corrected = (mean_friction_torque(paper_system(row), found.coefficient, period, printed=p)
+        printed, corrected = (mean(paper_system(row), found.coefficient, period, printed=p)
                               for p in (True, False))
         values[name] = {"rms difference of the corrected series": off, "a0 (rad/s)": float(found.slip[0]),
                         "mean friction torque, corrected": corrected, "as printed (N m)": printed}

@@ -140,7 +140,7 @@ class Claim:
     where : section and place of the paper
     sentence : what it says, in our words
     criterion : how it is judged
-    measure : works out what is judged
+    measure : works out what is judged, from evidence and, where they are not its own, from what computes its numbers
     cheap : whether it takes less than about a second, so that the page is compared with it in every test run
     """
 
@@ -148,7 +148,7 @@ class Claim:
     where: str
     sentence: str
     criterion: Criterion
-    measure: Callable[[StableMotions], Measured] = field(compare=False)
+    measure: Callable[..., Measured] = field(compare=False)
     cheap: bool = False
 
     @property
@@ -156,9 +156,9 @@ class Claim:
         """The name of its measure."""
         return self.measure.__name__
 
-    def __call__(self, evidence: StableMotions) -> Finding:
-        """Work the claim out and judge it."""
-        found = self.measure(evidence)
+    def __call__(self, evidence: StableMotions, **computed: Callable[..., Any]) -> Finding:
+        """Work the claim out and judge it; `computed` takes the place of what the measure computes its numbers with."""
+        found = self.measure(evidence, **computed)
         return Finding(self.figure, self.where, self.sentence, self.criterion.words, found.values,
                        self.criterion.verdict(found.judged), found.why, found.motions)
 

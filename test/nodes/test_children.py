@@ -47,4 +47,4 @@ def test_the_commander_sends_at_a_rate_that_can_be(rate: object, taken: bool) ->
             raise Taken
 
     with pytest.raises(Taken if taken else InputError):
-        commander._send(Node())
+        commander.send(Node())

@@ -52,33 +52,31 @@ def test_the_delay_is_judged_by_the_half_cycles(shares, verdict) -> None:  # typ
 @pytest.mark.parametrize(("differences", "along", "period", "largest", "verdict"), [
     (0.01, 36.0, 1, 36.3, CONFIRMED), (0.01, 36.0, 2, 36.3, DEPENDS), (0.01, 36.0, 1, 63.7, DEPENDS),
     (0.01, 60.0, 1, 36.3, NOT_CONFIRMED), (0.2, 36.0, 1, 36.3, NOT_CONFIRMED)])
-def test_solvers_agree_where_their_attractors_do(differences, along, period, largest, verdict,
-                                                    monkeypatch) -> None:  # type: ignore
-    monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: differences for name, *_ in chosen})
+def test_solvers_agree_where_their_attractors_do(differences, along, period, largest, verdict) -> None:  # type: ignore
     given = Given(along=lambda row: along if law_of(row) == "set_valued" else 36.0,
                   attractors=lambda row: [(period, largest), (2, 63.7)] if law_of(row) == "set_valued"
                   else [(1, 36.3), (2, 63.6)])
-    assert model.solvers_agree(given).verdict == verdict
+    found = model.solvers_agree(given, differing=lambda chosen: {name: differences for name, *_ in chosen})
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(("sizes", "verdict"), [
     ((0.0, 0.2), DEPENDS), ((0.2, 0.2), CONFIRMED), ((0.0, 0.0), NOT_CONFIRMED)])
-def test_the_classical_method_differs_at_some_steps(sizes, verdict, monkeypatch) -> None:  # type: ignore
-    monkeypatch.setattr(model, "cycle_differences", lambda chosen: {name: sizes[float(name.split()[2]) > 3e-5]
-                                                                    for name, *_ in chosen})
-    assert model.classical_differs(Given()).verdict == verdict
+def test_the_classical_method_differs_at_some_steps(sizes, verdict) -> None:  # type: ignore
+    found = model.classical_differs(Given(), differing=lambda chosen: {name: sizes[float(name.split()[2]) > 3e-5]
+                                                                       for name, *_ in chosen})
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(("name", "claim"), [
-    ("peak_of", model.maximum_falls), ("least_slope", model.slope_turns_negative)])
-def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim, monkeypatch) -> None:  # type: ignore
+    ("peak", model.maximum_falls), ("slope", model.slope_turns_negative)])
+def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim) -> None:  # type: ignore
     seen: list[float] = []
 
     def flat(system: Any) -> float:
         seen.append(round(1.0 / system.friction_ratio, 4))
         return 2.0
-    monkeypatch.setattr(model, name, flat)
-    assert claim(Given()).verdict == NOT_CONFIRMED
+    assert claim(Given(), **{name: flat}).verdict == NOT_CONFIRMED
     assert set(seen) == {1.0, 0.8, 0.75, 0.677}
 
 
@@ -185,23 +183,27 @@ def test_a_repeated_series_is_told_by_its_shortest_period() -> None:
 
 
 @pytest.mark.parametrize(("printed", "verdict"), [(300.0, CONFIRMED), (-6.4, NOT_CONFIRMED)])
-def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict, monkeypatch) -> None:  # type: ignore
+def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict) -> None:  # type: ignore
     """A slip of a + b cos in the simulation and in the series; what is left is the mean of (31)."""
     t = np.linspace(0.0, 0.1, 50)
     series = SimpleNamespace(slip=np.array([2.0]), coefficient=None, slip_speed=lambda t: 2.0 + np.cos(t))
-    monkeypatch.setattr(series_claims, "harmonic_balance", lambda system, period, count: series)
-    monkeypatch.setattr(series_claims, "mean_friction_torque",
-                        lambda system, coefficient, period, printed=False, value=printed: value if printed else 300.0)
+    def mean_torque(system, coefficient, period, printed=False, value=printed):  # type: ignore
+        return value if printed else 300.0
+
     for mean, expected in ((2.0, verdict), (3.0, NOT_CONFIRMED)):
         run = SimpleNamespace(t=t, slip_speed=mean + np.cos(t), final=None)
-        assert series_claims.series_balance(Given(runs=lambda system, run=run: run)).verdict == expected
+        found = series_claims.series_balance(Given(runs=lambda system, run=run: run), mean=mean_torque,
+                                             balance=lambda system, period, count: series)
+        assert found.verdict == expected
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(5e-4, CONFIRMED), (2e-3, NOT_CONFIRMED), (None, NOT_CONFIRMED)])
-def test_limits_of_stick_are_held_against_the_simulation(off, verdict, monkeypatch) -> None:  # type: ignore
-    monkeypatch.setattr(model, "end_of_stick", lambda row, low, high: None if off is None else 0.5 * (low + high) + off)
-    assert model.stick_limits(Given()).verdict == verdict
-    assert model.stick_limits_varying(Given()).verdict == verdict
+def test_limits_of_stick_are_held_against_the_simulation(off, verdict) -> None:  # type: ignore
+    def ends(row, low, high):  # type: ignore
+        return None if off is None else 0.5 * (low + high) + off
+
+    assert model.stick_limits(Given(), ends=ends).verdict == verdict
+    assert model.stick_limits_varying(Given(), ends=ends).verdict == verdict
 
 
 def test_a_positive_trend_slips_where_no_motion_sticks() -> None:

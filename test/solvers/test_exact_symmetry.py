@@ -48,7 +48,8 @@ def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch:
 
     def run(state: State) -> Trajectory:
         system = replace(System(), {**SCENES[name], "friction.law": law})  # What follows from a system is kept with it.
-        found: Trajectory = module.solve(Problem(system, state, cycles=3, samples_per_cycle=50))
+        cycles = 1 if engine == "fixed_step" else 3  # A light plate takes 6000 sub-steps a tick.
+        found: Trajectory = module.solve(Problem(system, state, cycles=cycles, samples_per_cycle=50))
         return found.raise_for_status()
 
     straight = run(START)

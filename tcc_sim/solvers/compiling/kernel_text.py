@@ -25,11 +25,12 @@ class Reach:
     """The functions, constants and options that a function can reach, walked once.
 
     digest : SHA-256 of all of it, as hexadecimal digits
+    seen : functions and modules among it
     size : bytes of bytecode, which the time of compiling follows
     """
 
     def __init__(self, function: FunctionType, *context: object) -> None:
-        self.size, self._hash, self._seen = 0, hashlib.sha256(), {}  # type: ignore[var-annotated]
+        self.size, self._hash, self.seen = 0, hashlib.sha256(), {}  # type: ignore[var-annotated]
         self._add(sys.version_info[:2], *context)
         self._take(function, set())
         self.digest = self._hash.hexdigest()
@@ -50,9 +51,9 @@ class Reach:
             self._add(value.__module__, value.__qualname__)
         if isinstance(value, FunctionType | ModuleType):
             key = id(value), isinstance(value, ModuleType) and tuple(sorted(names))
-            if key in self._seen:
+            if key in self.seen:
                 return
-            self._seen[key] = value
+            self.seen[key] = value
         if isinstance(value, FunctionType):
             names = self._code(value.__code__, value.__doc__)
             named = {name: value.__globals__[name] for name in sorted(names) if name in value.__globals__}

@@ -104,7 +104,7 @@ def test_kernels_of_the_engines_do_not_reach_each_other():
     from tcc_sim.solvers.smoothed import integrate as kernel
 
     def functions(dispatcher):
-        return {f.__module__ for f in Reach(dispatcher.py_func)._seen.values() if hasattr(f, "__code__")}
+        return {f.__module__ for f in Reach(dispatcher.py_func).seen.values() if hasattr(f, "__code__")}
 
     assert kernel.__name__ in functions(kernel.integrate)
     assert "tcc_sim.solvers.polynomial" in functions(kernel.integrate)
@@ -239,16 +239,17 @@ def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
         "tcc-sim: kernels are compiled without a cache: ~/.cache: Could not determine home directory.\n")
 
 
-def test_what_takes_long_to_compile_is_announced_once_and_only_then(cache, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(kernel_cache, "SECONDS_PER_BYTE", 1.0)
+def test_what_takes_long_to_compile_is_announced_once_and_only_then(cache, tmp_path, capsys):
     kernel = modules(tmp_path, name="announced")
-    kernel(3.0)
-    kernel(3)
-    err = capsys.readouterr().err
-    assert err == f"tcc-sim: compiling kernels for this kind of scene, about {kernel.reach.size} s, once\n"
+    own, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
+    assert kernel.reach.size == len(own.__code__.co_code) + len(called.__code__.co_code)
+    long = round(7.0 / kernel_cache.SECONDS_PER_BYTE)
+    for name, size, said in (("short", long // 100, ""), ("long", long, "about 7 s, once"), ("other", long, "")):
+        assert kernel_cache.kept(name, size, lambda: b"code", bytes.upper) == b"CODE"
+        err = capsys.readouterr().err
+        assert err == (f"tcc-sim: compiling kernels for this kind of scene, {said}\n" if said else "")
     kernel_cache.told.clear()
-    kernel = modules(tmp_path, name="announced")
-    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+    assert kernel_cache.kept("long", long, lambda: b"another", bytes.upper) == b"CODE"
     assert capsys.readouterr().err == ""
 
 
