@@ -14,11 +14,7 @@ from tcc_sim.nodes import signals
 
 def executor_of(node: Node) -> SingleThreadedExecutor:
     """An executor with this node, whole or not at all: one that was built by half says so when it is destroyed.
-
-    Raises
-    ------
-    ExternalShutdownException
-        The context has been shut down.
+    ExternalShutdownException where the context has been shut down.
     """
     with signals.held():
         if not node.context.ok():
@@ -63,11 +59,7 @@ class Throttle:
 
 class Spinner:
     """Runs the callbacks of a node. Whatever a message or a request makes of one is said, and the node goes on.
-
-    Raises
-    ------
-    ExternalShutdownException
-        The context has been shut down.
+    ExternalShutdownException where the context has been shut down.
     """
 
     def __init__(self, node: Node) -> None:
@@ -75,7 +67,7 @@ class Spinner:
         self._failed = 0
 
     def once(self, seconds: float | None = None) -> None:
-        """Run one callback that is due, or wait for one at most so long; ExternalShutdownException as above."""
+        """Run one callback that is due, or wait for one at most so long."""
         try:
             self._executor.spin_once(timeout_sec=seconds)
         except ExternalShutdownException:
