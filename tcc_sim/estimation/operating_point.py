@@ -22,7 +22,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
 from tcc_sim.sweeps import steady_state
-from tcc_sim.sweeps.steady_state import Settling, Start
+from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
 
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
@@ -163,7 +163,7 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
 
 def _settled(system: System) -> tuple[int, Floats]:
     """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
-    found = steady_state.settle(system, Start(State.at_start(system), 0), Settling(most=DEFAULTS.cycles), rtol=1e-9)
+    found = steady_state.settle(system, Start(State.at_start(system), 0), DEFAULTS.cycles, rtol=1e-9)
     found.run.raise_for_status()
     cycles = found.cycles
     assert cycles is not None  # Whole cycles were asked for.

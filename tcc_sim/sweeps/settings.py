@@ -1,7 +1,4 @@
-"""The settings of the room: every tolerance, length and bound that sweeps and exponents work with, in one object.
-
-`steady_state.Settling` says when a motion counts as settled, since callers differ in that.
-"""
+"""The settings of the room: every tolerance, length and bound that sweeps and exponents work with, in one object."""
 
 from __future__ import annotations
 
@@ -22,6 +19,12 @@ class Settings:
                                  "neighbour's end", "engine cycles")
     most_values: int = quantity(1_000_000, "most values of a range, of a grid, and of samples")
     longest_line: int = quantity(1 << 28, "longest line of a file of points", "bytes")
+
+    # When a motion counts as settled (`steady_state.py`).
+    settled: float = quantity(1e-6, "repetition of a settled section, relative to the size of the motion")
+    settled_window: int = quantity(50, "length over which it must repeat: three periods of the longest that is looked "
+                                   "for", "engine cycles")
+    settled_block: int = quantity(25, "length that is solved at a time", "engine cycles")
 
     # Lyapunov exponents (`exponents.py`).
     lyapunov_cycles: int = quantity(2000, "length of a mean growth where nothing is said", "engine cycles")

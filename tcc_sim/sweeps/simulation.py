@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,7 +25,7 @@ from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.steady_state import Settling, Start, settle
+from tcc_sim.sweeps.steady_state import Start, settle
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
@@ -95,10 +95,6 @@ class Plan:
                 self.direction != "cold", f"direction {self.direction}"), (self.discard == "auto", "discard auto")):
             if asked:
                 system.check_repeats(what)
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields, to tell one sweep from another."""
-        return asdict(self)
 
 
 PAPER = Plan()
@@ -259,7 +255,7 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
 
 def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, Cycles | None, int]:
     """Cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
-    found = settle(system, start, Settling(most=plan.cycles), solver=plan.solver, rtol=plan.rtol, step=plan.step,
+    found = settle(system, start, plan.cycles, solver=plan.solver, rtol=plan.rtol, step=plan.step,
                    loads_from=0)
     after = found.after if found.cycles is None or found.after is not None else min(DISCARD, len(found.cycles) // 2)
     return found.run, found.cycles, after or 0
