@@ -21,7 +21,9 @@ Stretch = tuple[int, Floats]
 
 @dataclass(frozen=True)
 class Uniform:
-    """Cycle n starts at t = n cycle, in every run."""
+    """Cycle n starts at t = n cycle, in every run. What is not `told` are slices of time in place of engine cycles that
+    nobody knows: their extremes hold, section and period do not exist.
+    """
 
     cycle: float
     told: bool = True
@@ -88,10 +90,3 @@ other apart.
 def clock_of_scene(system: System) -> EngineClock:
     """When the engine cycles start where torque and frequency are those of a scene."""
     return Uniform(system.cycle) if system.course is None else Scheduled(system)
-
-
-def slices(length: float) -> Uniform:
-    """Slices of time, s, in place of engine cycles that nobody knows: their extremes hold, section and period do not
-    exist.
-    """
-    return Uniform(length, told=False)

@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tcc_sim.trajectory import Cycles
+from tcc_sim.trajectory import Cycles, Floats
 
 MAXIMUM_PERIOD = 16
 TOLERANCE = 1e-4
@@ -40,8 +39,6 @@ AFTER_A_GAP = 16
 """Engine cycles without a gap, at least, that a period is told from after one: as many as the longest."""
 GROWTH = 2.0
 """Growth of a difference from a third of the run to the next, twice, that shows a motion on its way elsewhere."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -222,12 +219,8 @@ def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | No
 
 
 def _rate(coefficients: Floats) -> float:
-    """Rate of the decay of such a recurrence, per period: it goes as the powers of the roots of z^m - sum_i c_i z^i,
-    which are the eigenvalues of its companion matrix.
-    """
-    companion = np.eye(len(coefficients), k=-1)
-    companion[0] = coefficients[::-1]
-    return -math.log(max(float(np.abs(np.linalg.eigvals(companion)).max()), 1e-300))
+    """Rate of the decay of such a recurrence, per period: it goes as the powers of the roots of z^m - sum_i c_i z^i."""
+    return -math.log(max(float(np.abs(np.roots([1.0, *-coefficients[::-1]])).max()), 1e-300))
 
 
 def _period_of(limit: Floats, left: float, tolerance: float) -> int:

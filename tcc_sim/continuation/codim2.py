@@ -20,7 +20,7 @@ from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.continuation.stopping import End, StopReason
-from tcc_sim.result import Described
+from tcc_sim.result import Described, json_of
 
 KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
 """What can be followed in two parameters."""
@@ -34,10 +34,6 @@ class Special:
     kind: str
     value: float
     second: float
-
-    def as_json(self) -> dict[str, object]:
-        """As an entry of `special`."""
-        return dict(vars(self))
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +49,7 @@ class BifurcationCurve(Described):
     def as_json(self) -> dict[str, object]:
         """As an entry of `curves`."""
         return {"kind": self.kind, "value": list(self.values), "second": list(self.second),
-                "ended": [str(end) for end in self.ended], "special": [s.as_json() for s in self.special]}
+                "ended": [str(end) for end in self.ended], "special": json_of(self.special)}
 
 
 class Border:

@@ -178,18 +178,18 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
                     period=common_cycles(system) * system.cycle)
 
 
-def equivalent_torque(system: System, direction: int = 1) -> Sines:
-    """Teq(t) of (29b) in its right form, N m: Te - (1 + I1/I2) Ts where the slip has this direction.
+def equivalent_torque(system: System) -> Sines:
+    """Teq(t) of (29b) in its right form, N m: Te - (1 + I1/I2) Ts where the slip is positive.
 
     The print has lost Tsm after the bracket. Teq is not what drives the slip alone: (29a) has the plate's spring and
     damper on its other side, and they hold Ts too by (12b); `slip_torque` is without them.
     """
-    d, sign = system.driveline, float(np.sign(direction))
-    return engine_series(system).plus(load_series(system), -sign * (1.0 + d.flywheel_inertia / d.plate_inertia))
+    d = system.driveline
+    return engine_series(system).plus(load_series(system), -(1.0 + d.flywheel_inertia / d.plate_inertia))
 
 
-def slip_torque(system: System, direction: int = 1) -> Sines:
-    """The torque that drives the steady slip, N m.
+def slip_torque(system: System) -> Sines:
+    """The torque that drives the steady positive slip, N m.
 
     I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w: (29a) with the plate's
     motion eliminated by (12b). At low frequency the factor of Ts is 1 and the amplitude |Tp - Tsp exp(i psi)|; it turns
@@ -198,10 +198,10 @@ def slip_torque(system: System, direction: int = 1) -> Sines:
 
     Raises InputError: an undamped driveline whose plate resonance the pressure excites exactly.
     """
-    d, sign = system.driveline, float(np.sign(direction))
+    d = system.driveline
 
     def share(omega: float) -> complex:
         stuck = complex(d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2, d.damping * omega)
         return stuck / dynamic_stiffness(d, d.plate_inertia, omega, PLATE)
 
-    return engine_series(system).plus(load_series(system).through(share), -sign)
+    return engine_series(system).plus(load_series(system).through(share), -1.0)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene, slices
+from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError
 from tcc_sim.recording.batches import JointStates
@@ -85,7 +85,7 @@ def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates],
     longest = runs[tracker.longest()] if runs else None
     if clock is None or longest is None:
         why = longest.why if longest is not None else "there are no samples"
-        return Timing(slices(max(SLICE, TICKS * tracker.tick)), "none", math.nan, math.nan,
+        return Timing(Uniform(max(SLICE, TICKS * tracker.tick), told=False), "none", math.nan, math.nan,
                       f"no engine cycle can be told, so there is no section, period or cycle mean: {why}")
     note = longest.why and f"the engine cycles of the longest run cannot be told: {longest.why}"
     if longest.known and longest.known < COMPLETE:

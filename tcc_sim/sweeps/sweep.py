@@ -20,6 +20,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
@@ -136,7 +137,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
     """What tells one sweep from another."""
-    return {"version": __version__, "plan": plan.as_json(),
+    return {"version": __version__, "plan": json_of(plan),
             "curves": [{"over": c.key, "values": c.values, "scene": dict(values_of(c.system))} for c in curves]}
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tcc_sim.analysis.control import tracking
 from tcc_sim.analysis.cycle_means import CycleMeans, MeansOfCycles
-from tcc_sim.analysis.engine_clock import Uniform, slices
+from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.result import json_of
 
 CYCLE = 0.05
@@ -77,6 +77,6 @@ def test_a_leap_of_time_costs_no_memory_and_gives_no_mean():
 
 
 def test_slices_of_time_have_no_means():
-    means = MeansOfCycles(slices(0.1))
+    means = MeansOfCycles(Uniform(0.1, told=False))
     means.feed(np.arange(1000) * 1e-3, np.full(1000, 2.0))
     assert len(means.means()) == 0
