@@ -128,9 +128,9 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
     stiff = both * load[0] * slope
     pairs = [None if decay is None else (weighted, e), None if tanh is None else (weighted, s),
              None if decay is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
+    factors = [] if kept is None else [(EXCESS, e)] * (decay is not None) + [(TANH, t)] * (tanh is not None)
     packed: list[Any] = []
-    last = ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM
-    for k in range(last):
+    for k in range(ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM):
         spring = damping * u[k] + stiffness * x[k]
         push = flywheel * rows[ENGINE, k] + spring
         if k == 0:
@@ -156,12 +156,9 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
         u.append(part * (plate * friction - spring))
         x.append(part * unit * u[k])
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
-        if kept is not None:
-            if decay is not None:
-                rows[EXCESS, k] = e[k]
-            if tanh is not None:
-                rows[TANH, k] = t[k]
-        if k % 2 == 1 and 8 <= k + 1 < last:
+        for row, factor in factors:
+            rows[row, k] = factor[k]
+        if k % 2 == 1 and k >= 7:
             yield k + 1
 
 

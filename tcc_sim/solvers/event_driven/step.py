@@ -8,26 +8,13 @@ from typing import Any, NamedTuple
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers import polynomial
+from tcc_sim.solvers import polynomial, series
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.event_driven.modes import FREE
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.excitation import expand_excitation
-from tcc_sim.solvers.series import (
-    ANGLE,
-    COLUMNS,
-    ENDLESS,
-    ENGINE,
-    INVERSE,
-    LOAD,
-    ROWS,
-    SLIP,
-    SPEED,
-    expand,
-    logarithm,
-    power_of_two,
-)
+from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, INVERSE, LOAD, ROWS, SLIP, SPEED
 
 UPWARD, DOWNWARD = ROWS, ROWS + 1
 """Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""
@@ -96,13 +83,13 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
     rows[SPEED, 0] = state.plate_speed
     expand_stuck(LINEAR_ORDER, rows, unit, linear, bounds.ratio, pulsation)
     torque = bounds.torque_tolerance * 1e12
-    longest = ENDLESS
+    longest = series.ENDLESS
     for k in range(LINEAR_ORDER - 1, LINEAR_ORDER + 1):
         size = max(abs(rows[UPWARD, k]), abs(rows[DOWNWARD, k])) / torque
         size = max(size, abs(rows[SPEED, k]) / bounds.speed_scale)
         if size > 0.0:
-            longest = min(longest, logarithm(bounds.truncation / size) * INVERSE[k])
-    x = min(remaining / unit, SHORTENING * power_of_two(longest))
+            longest = min(longest, series.logarithm(bounds.truncation / size) * INVERSE[k])
+    x = min(remaining / unit, SHORTENING * series.power_of_two(longest))
     return stick_event(bounds, unit, x, LINEAR_ORDER, rows, workspace)
 
 
@@ -135,15 +122,15 @@ def series_length(rows: Any, order: int, x: float, truncation: float, scale: flo
         if term > largest:
             largest, at = term, i
         power *= TYPICAL
-    longest = ENDLESS
+    longest = series.ENDLESS
     for k in range(order - 1, order + 1):
         last = abs(rows[SLIP, k])
         if last > 0.0 and largest > 0.0:
-            longest = min(longest, logarithm(truncation * abs(rows[SLIP, at]) / last) * INVERSE[k - at])
+            longest = min(longest, series.logarithm(truncation * abs(rows[SLIP, at]) / last) * INVERSE[k - at])
         last = abs(rows[SPEED, k])
         if last > 0.0:
-            longest = min(longest, logarithm(truncation * scale / last) * INVERSE[k])
-    return float(min(x, SHORTENING * power_of_two(longest)))
+            longest = min(longest, series.logarithm(truncation * scale / last) * INVERSE[k])
+    return float(min(x, SHORTENING * series.power_of_two(longest)))
 
 
 @fast
@@ -186,10 +173,10 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * stribeck[1] * excess
             unit = 1.0 / (bounds.slip_rate + stribeck[1] * acceleration + slope)
             expand_excitation(rows, order, unit, True, mean_torque, waves, mean_load, pulsation, drive)
-            expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None, None)
+            series.expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None, None)
     if not falling:
         expand_excitation(rows, order, unit, mode != FREE, mean_torque, waves, mean_load, pulsation, drive)
-        expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None, None)
+        series.expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None, None)
     longest = remaining / unit
     x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
     if stribeck is not None and falling:
