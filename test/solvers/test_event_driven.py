@@ -57,7 +57,7 @@ def test_two_events_close_together_are_both_found():
     for amplitude in np.linspace(545.0, 556.0, 5):
         system = system_of(base, **{"engine.torque_amplitude": float(amplitude), "driveline.stiffness": 1e6})
         run = solve(system, cycles=2)
-        _, changes, _ = Piecewise(system, rtol=1e-10, atol=1e-11).run(2 * system.cycle, np.empty(0), slices=120)
+        _, changes, _ = Piecewise(system, rtol=1e-10, atol=1e-11).run(2 * system.cycle, np.empty(0), slices=30)
         assert len(run.transitions.time) == len(changes), amplitude
 
 
@@ -67,7 +67,7 @@ def test_the_smoothed_law_converges_to_it_as_one_over_sigma():
     errors = []
     for sigma in (1e3, 1e4, 1e5):
         smoothed = replace(system, {"friction.law": "smoothed", "friction.smoothing": sigma})
-        run = solve(smoothed, duration=0.1, samples_per_cycle=40, solver="radau", rtol=1e-9)
+        run = solve(smoothed, duration=0.1, samples_per_cycle=40, solver="lsoda", rtol=1e-10)
         errors.append(np.abs(run.slip_speed - exact.slip_speed).max())
     ratios = np.array(errors[:-1]) / errors[1:]
     assert np.all((ratios > 7.0) & (ratios < 14.0)), ratios
