@@ -1,6 +1,4 @@
-"""What a controller is judged by: the cycle means of the slip speed beside the target, pressures, and events; and how
-well it held its target.
-"""
+"""What a controller is judged by: cycle means beside the target, pressures, events, and how well it held it."""
 
 from __future__ import annotations
 

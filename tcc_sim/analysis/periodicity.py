@@ -246,9 +246,7 @@ def _scaled(cycles: Cycles, first: int) -> Floats:
 
 
 def sizes_of(points: Floats, *speeds: Floats) -> Floats:
-    """The size of a motion in slip speed, plate angle and plate speed: speeds by the largest speed, angles by the
-    largest angle on the section.
-    """
+    """The size of a motion: slip and plate speed by the largest speed, angles by the largest on the section."""
     v, angle, w = np.abs(points).max(axis=0).tolist() if len(points) else (0.0, 0.0, 0.0)
     speed = max(v, w, *map(_largest, speeds))
     return np.array([speed or 1.0, max(angle, 1e-6 * speed) or 1.0, speed or 1.0])

@@ -65,9 +65,7 @@ class RunPhase:
 
 
 def cycles_between(stretches: list[Stretch], known: float) -> RunPhase:
-    """The cycles of a run from its stretches, whose phases are first made to follow each other; `known` is the part of
-    the run that these are.
-    """
+    """A run's cycles from its stretches, the `known` part of it, whose phases are first made to follow each other."""
     blocks = [(np.array([b.t for b in s]), np.array([b.phase for b in s])) for s in stretches]
     t, phase = blocks[0]
     for number, (later, ahead) in enumerate(blocks[1:], 1):

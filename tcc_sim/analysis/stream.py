@@ -42,8 +42,7 @@ class RunCycles:
     """What it was last made of, the number of cycles and those to be dropped, and the summary itself."""
 
     def add(self, piece: Piece) -> None:
-        """Take the next piece; those that follow each other are joined, the longer ones rarely, so that there are few.
-        """
+        """Take the next piece; those that follow each other are joined, longer ones rarely, so that there are few."""
         while self.pieces and _follows(self.pieces[-1], piece) and len(self.pieces[-1].cycles) <= 2 * len(piece.cycles):
             before = self.pieces.pop()
             piece = Piece(before.run, before.first, concatenated([before.cycles, piece.cycles]))

@@ -1,6 +1,4 @@
-"""The figures of a steady state: maxima, section, period, stick fraction and regime, as `simulate` and `analyse` give
-them.
-"""
+"""The figures of a steady state, as `simulate` and `analyse` give them: maxima, section, period, stick, regime."""
 
 from __future__ import annotations
 
@@ -83,8 +81,7 @@ class Summary(Result):
                 f"largest |slip speed| {self.max_slip_speed:.6g} rad/s>")
 
     def columns(self) -> dict[str, list[Any]]:
-        """The fields less the section as a table of one row, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it.
-        """
+        """The fields less the section as a table of a row, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
         return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name != "section"}
 
     def as_json(self) -> dict[str, Any]:

@@ -151,9 +151,7 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 
 
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
-    """(seeds + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, and a Halton
-    set.
-    """
+    """(seeds + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, a Halton set."""
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
     unit = np.concatenate([edges, halton(DEFAULT_SETTINGS.seeds, 2)])
     out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
@@ -171,9 +169,7 @@ def halton(count: int, dimensions: int) -> Floats:
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
-    """The uncertainty exponent of a map of labels, from cells that differ from one a few cells away along either
-    axis.
-    """
+    """The uncertainty exponent of a map of labels, from cells that differ from one a few away along either axis."""
     sizes, parts = [], []
     for k in DEFAULT_SETTINGS.distances:
         if k >= min(labels.shape):

@@ -1,5 +1,4 @@
-"""A bifurcation diagram: a branch through every motion of a sweep that lies on none yet, and those of their doublings.
-"""
+"""A bifurcation diagram: branches through every motion of a sweep that lies on none yet, and their doublings."""
 
 from __future__ import annotations
 

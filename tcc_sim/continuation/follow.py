@@ -32,9 +32,7 @@ from tcc_sim.continuation.stopping import End, StopReason
 
 
 class BranchStep(NamedTuple):
-    """A point of a branch, and the special points between it and the one before; or the last point `again`, in other
-    segments.
-    """
+    """A point of a branch, and what is special since the one before; or the last point `again`, in other segments."""
 
     point: ContinuationPoint
     special: list[Bifurcation]

@@ -177,9 +177,7 @@ def _remesh_for_want_of_a_step(state: CurveState) -> bool:
 
 
 def _remesh(state: CurveState, growth: float | None = None, others: bool = False) -> bool:
-    """Go on in other segments where the growth over one is large, or `others` may do, or it is to be below `growth`;
-    whether there are any.
-    """
+    """Go on in other segments where growth is large, to be below `growth`, or `others` may do; False for none."""
     old = state.augmented
     if old is None or not len(state.here.found.blocks):
         return False

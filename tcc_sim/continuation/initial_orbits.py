@@ -30,9 +30,7 @@ FOUND_BY = "tcc_sim basins "
 
 @dataclass(frozen=True)
 class Seed:
-    """A motion near which an orbit is: value of the parameter, slip speed, plate angle and plate speed at phase 0, and
-    period in engine cycles.
-    """
+    """A motion near an orbit: parameter, slip speed, plate angle and speed at phase 0, and period in engine cycles."""
 
     value: float
     state: tuple[float, float, float]

@@ -1,5 +1,4 @@
-"""The periodic motions of a scene along one of its keys: branches, bifurcations, curves and limits, as `continue` asks.
-"""
+"""Periodic motions of a scene along one of its keys: branches, bifurcations, curves, limits, as `continue` asks."""
 
 from __future__ import annotations
 

@@ -47,9 +47,7 @@ class BranchPlace:
 
 
 class Piece(NamedTuple):
-    """A piece of a branch at a value of the parameter: the number of the point before it, its ends, and the part of the
-    way from one to the other.
-    """
+    """A piece of a branch at a value: the number of the point before it, its ends, and the part of the way between."""
 
     after: int
     a: ContinuationPoint

@@ -78,8 +78,7 @@ def margin_of(kind: str) -> str:
 
 
 def margin_residual(kind: str, near: tuple[Margins, ...]) -> float:
-    """The margin that vanishes at a bifurcation of this kind, relative to its natural size; the smaller one of `near`.
-    """
+    """The margin that vanishes at a bifurcation of this kind, relative to its natural size; the smaller of `near`."""
     return min(abs(float(getattr(m, margin_of(kind)))) for m in near)
 
 

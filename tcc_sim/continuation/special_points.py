@@ -126,9 +126,7 @@ class Bracket:
         return self.kept[part]
 
     def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
-        """The cubic through the points about `part` that are known, with their tangents, there; None where one of
-        them goes back along the chord.
-        """
+        """The cubic through the known points about `part`, with tangents; None where one goes back on the chord."""
         known = {0.0: self.a, 1.0: self.b, **self.kept}
         low, high = max(k for k in known if k < part), min(k for k in known if k > part)
         length = float(np.linalg.norm(self.b.solution.z - self.a.solution.z))

@@ -1,5 +1,4 @@
-"""Where motions are stable: segments of branches between two bifurcations, and which one a motion of a sweep is on.
-"""
+"""Where motions are stable: segments of branches between two bifurcations, and which one a motion of a sweep is on."""
 
 from __future__ import annotations
 

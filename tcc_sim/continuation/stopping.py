@@ -7,9 +7,7 @@ from enum import Enum
 
 
 class StopReason(Enum):
-    """Each with its sentence: `name` and `value` are the parameter's, `limit` a count or a bound that was met,
-    `what` a special point.
-    """
+    """Each with its sentence: the parameter's `name` and `value`, a `limit` that was met, `what` special point."""
 
     RANGE = "{name} reached {value:.9g}, the end of the range"
     CLOSED = "closed: back at its first point, {name} = {value:.9g}"

@@ -244,9 +244,7 @@ class Shooting:
         return float(np.sum(squares if math.isinf(bound) else bound * np.log1p(squares / bound)))
 
     def _normal(self, rows: Floats, found: Swept, values: Floats, weight: float, limit: float) -> Normal:
-        """The normal equations of the residuals by all starts, in their scales, and all parameters (their logarithms,
-        but for offsets).
-        """
+        """The normal equations by all starts, in their scales, and all parameters: logarithms, but for offsets."""
         m, size, root = self.count, len(values), math.sqrt(weight)
         by = np.concatenate([found.by_start * self.scales, found.by_key * np.where(self.logarithmic, values, 1.0)], 3)
         fitted = (by[:, :-1][:, :, self.columns] / self.noise[:, None]).reshape(m, -1, 3 + size)

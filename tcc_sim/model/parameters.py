@@ -71,9 +71,7 @@ class Clutch(Group):
 
 @dataclass(frozen=True)
 class Engine(Group):
-    """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2 of the
-    paper.
-    """
+    """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2."""
 
     source: str = quantity("harmonic", "where the engine torque comes from", choices=("harmonic", "topic"))
     fallback: str = quantity("mean",

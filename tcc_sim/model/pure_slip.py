@@ -1,5 +1,4 @@
-"""Pure slip in closed form for mu_k = mu_s: (12) to (18) and (29) of the paper, with a load that varies and harmonics.
-"""
+"""Pure slip in closed form for mu_k = mu_s: (12) to (18), (29) of the paper, with a load that varies and harmonics."""
 
 from __future__ import annotations
 

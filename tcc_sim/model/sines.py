@@ -62,9 +62,7 @@ class Sines:
 
 
 def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:
-    """K23 - J w^2 + i C23 w of an inertia J on the plate's spring, N m/rad; InputError where it is 0, which says what
-    excites which `resonance`.
-    """
+    """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; InputError, with the `resonance`, where it is 0."""
     found = complex(d.stiffness - inertia * omega**2, d.damping * omega)
     if found == 0.0:
         raise InputError(f"{resonance} resonance, {omega:g} rad/s: no steady state")

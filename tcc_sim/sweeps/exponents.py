@@ -108,9 +108,7 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
 
 
 def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
-    """The exponent of a motion whose period is known; none where the orbit beside it is unstable, and so was passed by
-    only.
-    """
+    """The exponent of a motion of known period; none where the orbit beside it is unstable, and so was passed only."""
     exponent, error = floquet_exponent(system, start, first, period)
     if (exponent - error) * period * system.cycle > DEFAULTS.passed:
         return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, period, "unresolved")

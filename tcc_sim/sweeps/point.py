@@ -112,9 +112,7 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
 
 def swept(system: System, plan: Plan) -> Plan:
-    """The plan with the tolerance of a sweep where it gives none; to settle by itself a section must repeat more
-    closely.
-    """
+    """The plan with the tolerance of a sweep where it gives none; to settle, a section must repeat more closely."""
     entry = SOLVERS[choose(system, plan.solver)]
     if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= DEFAULTS.rtol:
         return plan

@@ -144,9 +144,7 @@ class Grid(Result):
                    for name in names}}
 
     def as_json(self) -> dict[str, Any]:
-        """As `Sweep.as_json`, with `second_over` and `second_values`, and every result a list of lists, rows: second
-        key.
-        """
+        """As `Sweep.as_json`, with `second_over`, `second_values`, and results as lists of lists, rows: second key."""
         curve, extras = self.sweeps[0].curve, extras_of(self.sweeps)
         rows = [s.lists(extras) for s in self.sweeps]
         return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),

@@ -88,8 +88,7 @@ class Plan:
         return found
 
     def check(self, system: System) -> None:
-        """Raise InputError where the solver or the Lyapunov exponent cannot do this system, before anything is solved.
-        """
+        """InputError where the solver or the Lyapunov exponent cannot do this system, before anything is solved."""
         check_setting(choose(system, self.solver), self.rtol, self.step)
         for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"), (
                 self.direction != "cold", f"direction {self.direction}"), (self.discard == "auto", "discard auto")):

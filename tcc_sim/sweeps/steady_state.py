@@ -15,8 +15,7 @@ from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concat
 
 
 class Start(NamedTuple):
-    """Where a run starts: a state on the section, and the number of the engine cycle, which sets the phase of the load.
-    """
+    """Where a run starts: a state on the section, and the number of the engine cycle: the phase of the load."""
 
     state: State
     cycle: int
