@@ -17,6 +17,9 @@ from tcc_sim.trajectory import Floats, Trajectory
 
 INPUTS = "engine_torque", "actuation_pressure"
 """Topics of the two inputs that may be commanded."""
+SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
+        "applied_pressure")
+"""What a Reading and a ControlledRun have by the same names."""
 _RANGES = {name: QUANTITIES[topic(name).key] for name in INPUTS}
 MOST_TICKS = 100_000_000
 Answer = float | tuple[float | None, float | None] | None
@@ -87,14 +90,10 @@ class Samples:
         per_pressure, *held = np.array(self._rest, dtype=np.float64).T
         system = plant.scene.system
         return {
-            "t": columns["stamp_ns"] / 1e9, "slip_speed": columns["slip_speed"],
-            "plate_angle": columns["plate_angle"], "plate_speed": columns["plate_speed"],
-            "engine_torque": columns["engine_torque"],
+            **{name: columns[name] for name in SAME}, "t": columns["stamp_ns"] / 1e9,
             "saturation_torque": per_pressure * columns["applied_pressure"],
-            "friction_torque": columns["friction_torque"], "state": columns["stick_slip_state"].astype(np.int8),
-            "cycle": system.cycle, "solver": "fixed_step", "system": system,
-            "flywheel_angle": columns["flywheel_angle"], "applied_pressure": columns["applied_pressure"],
-            "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
+            "state": columns["stick_slip_state"].astype(np.int8), "cycle": system.cycle, "solver": "fixed_step",
+            "system": system, "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
 
 
 class _Held:

@@ -89,6 +89,8 @@ class Commands:
             if name is None or row.type != COMMANDS.get(name, HEADER):
                 continue
             mine = messages.channel == number
+            if not mine.any():
+                continue
             offset, log, sent, values = (_sources if name == SOURCE else _decoded)(
                 np.frombuffer(data, dtype=np.uint8), messages.offset[mine], messages.length[mine], row.type)
             if len(offset):
@@ -163,17 +165,12 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
     """Places in the chunk, times of receipt and of sending (ns) and finite values of messages of one type; others are
     passed over.
     """
-    nothing = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-    if not len(offset):
-        return nothing
-    body = offset + 22
     if kind == FLOAT64:
-        place = body + 4
+        place = offset + 22 + 4
     else:
         whole = length >= 22 + 16
-        offset, length, body = offset[whole], length[whole], body[whole]
-        if not len(body):
-            return nothing
+        offset, length = offset[whole], length[whole]
+        body = offset + 22
         # The frame's name stands before the pressure, which starts on a multiple of eight bytes after the first four.
         name = sliding_window_view(array, 4)[body + 12].copy().view("<u4")[:, 0].astype(np.int64)
         place = body + 4 + (12 + name + 7) // 8 * 8
@@ -181,8 +178,6 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
     offset, place = offset[inside], place[inside]
     little = (array[offset + 22] == 0) & (array[offset + 23] == 1)  # As cdr encodes; no other order of bytes is read.
     offset, place = offset[little], place[little]
-    if not len(place):
-        return nothing
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)
     return offset[finite].astype(np.int64), *_times(array, offset[finite]), values[finite].astype(np.float64)

@@ -111,28 +111,24 @@ class Contents:
             return
         values = _pairs(body, position, MOST_BYTES * LARGEST_FILE)
         if name == SCENE_RECORD:
-            if len(values["scene"]) > LARGEST_FILE:
+            version, scene, log_time = values["version"], values["scene"], values["log_time"]
+            if (len(scene) > LARGEST_FILE or len(log_time) > _DIGITS
+                    or values["sha256"] != digest(version, scene, log_time)):
                 raise ValueError(name)
-            if values["sha256"] != digest(values["version"], values["scene"], values["log_time"]):
-                raise ValueError(name)
-            if len(values["log_time"]) > _DIGITS:
-                raise ValueError(name)
-            self.scenes.append(SceneRecord(values["scene"], values["version"], int(values["log_time"])))
+            self.scenes.append(SceneRecord(scene, version, int(log_time)))
             return
         if values["sha256"] != digest(values["result"]) or len(values["result"]) > _LONGEST_RESULT:
             raise ValueError(name)
         result = json.loads(values["result"])
-        if name == RESULT_RECORD:
-            if not isinstance(result, dict):
-                raise ValueError(name)
+        if name == RESULT_RECORD and isinstance(result, dict):
             self.result = result
-        else:
-            if not isinstance(result, list) or not all(isinstance(sentence, str) for sentence in result):
-                raise ValueError(name)
+        elif name == RECOVERY_RECORD and isinstance(result, list) and all(isinstance(one, str) for one in result):
             self.recovered = [f"missing since its recovery: {one_line(sentence)}"
                               for sentence in result[:_MOST_SENTENCES]]
             if len(result) > _MOST_SENTENCES:
                 self.recovered.append(f"missing since its recovery: {len(result) - _MOST_SENTENCES} more places")
+        else:
+            raise ValueError(name)
 
 
 def _string(body: bytes, position: int, longest: int = _LONGEST_NAME) -> tuple[str, int]:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.input_sources import InputSource
 from tcc_sim.recording.reader import Run, Tap
+from tcc_sim.recording.scene_records import SceneRecord
 
 MOST_SCENES = 10_000
 """Scenes of a recording that are followed."""
@@ -23,16 +24,8 @@ MOST_CANDIDATES = 1_000_000
 """States at which a message may have come into force that are weighed, beside those that the clock is sure of."""
 
 
-class Said(Protocol):
-    """A message that holds from the state of a stamp on."""
-
-    @property
-    def log_ns(self) -> int:
-        """When it was sent, by the driveline's clock."""
-
-    @property
-    def first_stamp_ns(self) -> int:
-        """Stamp of the first state that it applies to."""
+Said = SceneRecord | InputSource
+"""A message that was sent at `log_ns` by the driveline's clock, and holds from the state of `first_stamp_ns` on."""
 
 
 @dataclass(frozen=True)

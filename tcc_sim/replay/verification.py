@@ -97,7 +97,7 @@ class Verifier:
         self._scene, self._general, self._origin = fallback, False, START
         self._run = -1
         self._harmonic = False, False
-        self._stepper: Stepper | None = None
+        self._stepper: Stepper
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
         self._size = np.zeros(len(COLUMNS))
@@ -190,7 +190,6 @@ class Verifier:
 
     def _use_scene(self) -> None:
         """Solve with the scene's terms from the next tick on, in the kernel that the driveline had."""
-        assert self._stepper is not None
         system = self._scene.system
         self._terms: Terms = (general_terms if self._general else terms_from)(system, self._origin)
         self._held: tuple[float | None, float | None] = None, None
@@ -206,7 +205,6 @@ class Verifier:
 
     def _take(self, batch: JointStates, k: int) -> None:
         """Go on from the recorded state of row k."""
-        assert self._stepper is not None
         self._stepper.state[:] = (batch.flywheel_speed[k] - batch.plate_speed[k], batch.plate_angle[k],
                                   batch.plate_speed[k],
                                   batch.flywheel_angle[k])
@@ -214,7 +212,6 @@ class Verifier:
     def _next(self, stamp: int, index: int, row: list[float], pressure: float) -> list[float]:
         """Solve up to `stamp` with the scenes and inputs that its ticks applied; what the message should hold."""
         stepper = self._stepper
-        assert stepper is not None
         begin, end = stepper.tick, self._tick(stamp)
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
@@ -237,7 +234,6 @@ class Verifier:
 
     def _afford(self, ticks: int) -> bool:
         """Whether the work that is left allows so many ticks, which it takes; InputError where not for one."""
-        assert self._stepper is not None
         cost = ticks * (self._stepper.substeps + 20)
         if cost <= self._work - (self._work_limit // 2 if ticks > 1 else 0):
             self._work -= cost
@@ -261,7 +257,6 @@ class Verifier:
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""
         stepper = self._stepper
-        assert stepper is not None
         torque, load = self._held
         if self._topics[0] and not math.isnan(engine):
             torque = engine
@@ -282,7 +277,6 @@ class Verifier:
 
     def _values(self) -> list[float]:
         """The columns of a message about the state as it is."""
-        assert self._stepper is not None
         v, plate_angle, plate_speed, flywheel_angle = self._stepper.state.tolist()
         return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, *self._stepper.torques()]
 

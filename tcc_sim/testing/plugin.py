@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -23,9 +22,6 @@ def driveline() -> Iterator[Callable[..., Rig]]:
     from tcc_sim.testing.rig import Rig, initialise
 
     rigs: list[Rig] = []
-    range_before = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE")
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
-    own = initialise()
 
     def start(*words: object, **options: object) -> Rig:
         for rig in rigs:
@@ -33,14 +29,13 @@ def driveline() -> Iterator[Callable[..., Rig]]:
         rigs.append(Rig(*words, **options))  # type: ignore[arg-type]
         return rigs[-1]
 
-    yield start
-    for rig in rigs:
-        rig.close()
-    if own:
-        import rclpy
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        own = initialise()
+        yield start
+        for rig in rigs:
+            rig.close()
+        if own:
+            import rclpy
 
-        rclpy.try_shutdown()
-    if range_before is None:
-        del os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"]
-    else:
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = range_before
+            rclpy.try_shutdown()
