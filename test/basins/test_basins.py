@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ COEXISTENCE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0
                                  "friction.kinetic_coefficient": 0.255,
                                  "engine.frequency": 0.36 * System().natural_frequency})
 """Period one and a large period two at omega/omega_n = 0.36, mu_k/mu_s = 0.85."""
+NOTHING = np.zeros((2, 0))
 RUNNING_AWAY = replace(System(), {"pressure.mean": 150e3, "friction.kinetic_coefficient": 0.15,
                                   "pressure.amplitude": 0.0})
 """Tsm = 180 N m holds less than Tm = 300 N m: fast slip never ends."""
@@ -113,12 +115,16 @@ def test_a_strange_attractor_is_one_cloud():
     assert follow(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
 
 
+C, S = (f(2.0 * np.pi * (1.0 / 7.0 + 1e-5)) for f in (math.cos, math.sin))
+TURN = np.array([[C, -S], [S, C]])
+
+
 def beside_a_resonance(x, p):
     """Turns by a little more than a seventh and comes to the unit circle: 2048 turns are on seven short arcs of it."""
-    c, s = (f(2.0 * np.pi * (1.0 / 7.0 + 1e-5)) for f in (np.cos, np.sin))
-    turn, radius = np.array([[c, -s], [s, c]]), float(np.hypot(*x))
-    slope = turn @ (np.eye(2) - 0.5 * np.outer(x, x) / radius**2) / np.sqrt(radius)
-    return turn @ x / np.sqrt(radius), slope, np.zeros((2, 0))
+    a, b = x.tolist()
+    square = a * a + b * b
+    slope = TURN @ (np.eye(2) - 0.5 / square * np.array([[a * a, a * b], [a * b, b * b]])) / square**0.25
+    return np.array([C * a - S * b, S * a + C * b]) / square**0.25, slope, NOTHING
 
 
 def test_a_quasi_periodic_attractor_is_listed_once_from_wherever_it_is_begun():

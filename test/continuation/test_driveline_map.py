@@ -153,9 +153,10 @@ def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     assert max(s.value for s in branch.points) > 61.09
 
 
-def test_the_gradient_of_the_amplitudes_is_that_of_differences() -> None:
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_gradient_of_the_amplitudes_is_that_of_differences(law: str) -> None:
     """By central differences, in natural sizes; the largest of them is the largest slip speed."""
-    system = load_scene("fig02").system
+    system = replace(load_scene("fig02").system, {"friction.law": law})
     of = DrivelineMap(system, ("engine.frequency",))
     shooting = Shooting.single(of, 1, ParameterRange(100.0, 200.0, name="engine.frequency"))
     z = shooting.unknowns(np.array([[10.0, 0.1, 5.0]]), (150.0,))
