@@ -167,28 +167,39 @@ def load_scene(name_or_file: str | Path) -> Scene:
     """
     bundled = bundled_scenes()
     text = str(name_or_file)
-    path = bundled.get(text, Path(text))
-    if text not in bundled and not path.is_file():
+    path = bundled.get(text)
+    if path is None:
+        path = Path(text)
         looks_like_file = path.suffix in (".yaml", ".yml") or "/" in text
-        near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
-        hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""
-        raise InputError(f"there is no scene {text!r}{hint or '; the bundled ones are ' + ', '.join(bundled)}")
+        if not path.is_file():
+            near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
+            hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""
+            raise InputError(f"there is no scene {text!r}{hint or '; the bundled ones are ' + ', '.join(bundled)}")
     try:
         with path.open("rb") as stream:
             content = stream.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError(f"the file is larger than {LARGEST_FILE} bytes, the largest allowed for a scene")
-        return parse_scene(content.decode("utf-8"), path.stem)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"{path}: the file is larger than {LARGEST_FILE} bytes, the largest allowed for a scene")
+    try:
+        decoded = content.decode("utf-8")
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
+    try:
+        return parse_scene(decoded, path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
 def system_of(scene: Scene | System | str | Path) -> System:
-    """The physics of a scene, of a scene's name or file, or of what is a system already; raises as `load_scene`."""
+    """The physics of a scene, of a scene's name or file, or of what is a system already.
+
+    Raises
+    ------
+    InputError
+        As `load_scene`.
+    """
     if isinstance(scene, System):
         return scene
     return (scene if isinstance(scene, Scene) else load_scene(scene)).system
@@ -211,8 +222,12 @@ def parse_scene(text: str, name: str) -> Scene:
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:
-    """KEY=VALUE words of a command line as scene values; a value is read as YAML reads it. InputError for a word
-    without '=', an unreadable value, or an unknown key.
+    """KEY=VALUE words of a command line as scene values; a value is read as YAML reads it.
+
+    Raises
+    ------
+    InputError
+        A word without '=', an unreadable value, or an unknown key.
     """
     import yaml
 
@@ -235,4 +250,5 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
 
 
 __all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene",
-           "parse_assignments", "parse_scene", "system_of"]
+           "parse_assignments",
+           "parse_scene", "system_of"]

@@ -103,5 +103,14 @@ TOPICS: tuple[Topic, ...] = (
 
 
 def topic(name: str) -> Topic:
-    """The row of `name`; KeyError where there is none."""
-    return {row.name: row for row in TOPICS}[name]
+    """The row of `name`.
+
+    Raises
+    ------
+    KeyError
+        No such topic.
+    """
+    for row in TOPICS:
+        if row.name == name:
+            return row
+    raise KeyError(name)

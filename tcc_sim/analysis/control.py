@@ -86,6 +86,8 @@ class Tracking:
 def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracking:
     """Judge cycle means, (n,) array in rad/s, NaN where a cycle was not observed.
 
+    Parameters
+    ----------
     target : rad/s
     cycle : engine cycle, s
     discard : cycles dropped from mean and errors

@@ -29,7 +29,9 @@ class CycleMeans:
     def feed(self, t: Floats, v: Floats, run: int = 0) -> list[tuple[int, Floats, Floats]]:
         """Take the next samples of a run, (n,) arrays: s, and the signal.
 
-        Returns for each stretch of cycles that they complete, the number of the first, ends (s) and means, (m,) arrays.
+        Returns
+        -------
+        for each stretch of cycles that they complete, the number of the first, ends (s) and means, (m,) arrays
         """
         if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > 1.5 * float(np.median(np.diff(t))):
             self.restart()

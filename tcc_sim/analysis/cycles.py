@@ -26,7 +26,10 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
     From samples, slip speed and plate angle are interpolated with the accelerations that (2a) and (2b) give for the
     sampled torques.
 
-    Raises InputError: samples without the system they belong to, or too few of them for one cycle.
+    Raises
+    ------
+    InputError
+        Samples without the system they belong to, or too few of them for one cycle.
     """
     if trajectory.cycles is not None:
         return trajectory.cycles
@@ -82,7 +85,10 @@ def default_discard(cycles: int) -> int:
 def kept(cycles: Cycles, discard: int) -> Cycles:
     """The cycles after the first `discard`.
 
-    Raises InputError: a negative number, or one that leaves no cycle.
+    Raises
+    ------
+    InputError
+        A negative number, or one that leaves no cycle.
     """
     if discard < 0:
         raise InputError(f"--discard is {discard}; it must be 0 or more cycles")

@@ -52,10 +52,14 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
 
     So they are as good for a recording, whose ticks pass over the layer of the smoothed law, as for a solution.
 
+    Parameters
+    ----------
     cycles, first : the cycles, NaN where one is missing, and the number of the first of them, which gives its phase
     period : of the motion in engine cycles, 0 where there is none; whole periods are taken
 
-    Returns Damping, NaN where no cycle can be solved.
+    Returns
+    -------
+    Damping, NaN where no cycle can be solved
     """
     count = math.ceil(CYCLES / max(period, 1)) * max(period, 1)
     integrals, time = np.zeros(3), 0.0

@@ -67,6 +67,8 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     divisor of p apart may be dying out, or where those p apart still grow. Speeds are measured by the largest speed of
     the motion and angles by the largest angle on the section.
 
+    Parameters
+    ----------
     cycles : consecutive engine cycles, the transient dropped; NaN marks cycles that were not observed, and only those
         after the last gap are looked at, where these are AFTER_A_GAP or more
     tolerance : relative to the size of the motion

@@ -68,7 +68,10 @@ class RunCycles:
 
         One NaN cycle stands between cycles that a gap separates; cycles within gaps count as dropped at the start too.
 
-        Raises InputError: no cycle is left, or the number is negative.
+        Raises
+        ------
+        InputError
+            No cycle is left, or the number is negative.
         """
         if not self.pieces:
             raise InputError("the recording holds no whole engine cycle")
@@ -122,6 +125,8 @@ class CycleStream:
     come from (2a) and (2b) with the recorded torques. A gap ends the cycle that it touches; a stamp that goes back
     starts a new run.
 
+    Parameters
+    ----------
     system : whose equations give the accelerations
     clock : when the engine cycles start; by default as the system's frequency says. One that counts slices of time
         gives their extremes, and neither section nor period
@@ -146,7 +151,10 @@ class CycleStream:
         A sample that is not finite is left out and counted, which makes it a gap. `run` is the batch's own number where
         the recording tells runs apart.
 
-        Raises InputError: there are fewer samples than engine cycles.
+        Raises
+        ------
+        InputError
+            There are fewer samples than engine cycles.
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
         rows = np.stack([t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque])
@@ -167,7 +175,10 @@ class CycleStream:
     def longest(self) -> tuple[int, RunCycles]:
         """The run with the most whole cycles, the last of several, and its number.
 
-        Raises InputError: no samples at all.
+        Raises
+        ------
+        InputError
+            No samples at all.
         """
         if not self.runs:
             raise InputError("the recording holds no samples")
@@ -177,7 +188,10 @@ class CycleStream:
     def summary(self, discard: int | None = None, number: int | None = None) -> Summary:
         """The summary of the longest run, or of the one with this number; the same object until more cycles come.
 
-        Raises InputError: no whole cycle, or none left after `discard`.
+        Raises
+        ------
+        InputError
+            No whole cycle, or none left after `discard`.
         """
         run = self.longest()[1] if number is None else self.runs[number]
         made_of = run.observed(), discard

@@ -92,11 +92,16 @@ class Summary(Result):
 def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = TOLERANCE) -> Summary:
     """The summary of a trajectory's cycles after the first `discard` of them.
 
+    Parameters
+    ----------
     trajectory : solved or recorded; its status is not looked at
     discard : cycles dropped; None drops 50, or half of the cycles where there are fewer than 100
     tolerance : of the period, relative to the size of the motion
 
-    Raises InputError: a discard that leaves no cycle, or a trajectory without cycles.
+    Raises
+    ------
+    InputError
+        A discard that leaves no cycle, or a trajectory without cycles.
     """
     cycles = cycles_of(trajectory)
     dropped = default_discard(len(cycles)) if discard is None else discard
@@ -111,13 +116,18 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
                      varied: int = 0) -> Summary:
     """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
 
+    Parameters
+    ----------
     cycles : what was kept
     cycle : engine cycle, s; one for each where they differ
     first : number of the first of them, which sets where the section of a period starts
     tolerance : of the period, relative to the size of the motion
     varied : of these, the first ones in which the excitation still changed; only those behind can have a period
 
-    Raises InputError: no observed cycle at all.
+    Raises
+    ------
+    InputError
+        No observed cycle at all.
     """
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     if not observed.any():
@@ -157,6 +167,8 @@ def slip_grows(cycles: Cycles) -> bool:
     does not move, must rise from third to third by steps that do not shrink to half and are above the tolerance of a
     section that repeats.
 
+    Parameters
+    ----------
     cycles : consecutive, the transient dropped; NaN marks those that were not observed
     """
     high, low = cycles.highest, cycles.lowest

@@ -124,7 +124,10 @@ class Basins(Result):
 def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
     """The two axes.
 
-    Raises InputError: not two, twice the same key, a key that is no initial condition, or too many cells.
+    Raises
+    ------
+    InputError
+        Not two, twice the same key, a key that is no initial condition, or too many cells.
     """
     if len(plane) != 2:
         raise InputError(f"a plane has 2 axes; {len(plane)} are given")

@@ -23,6 +23,8 @@ def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[S
                         tick: Tick | None = None, settings: Settings = SWEPT) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and those that its doublings beget.
 
+    Parameters
+    ----------
     of, span : the map with one free parameter, and its range
     seen : motions along the sweep, in order; the longest run of one period that lies on no branch is followed first
     tick : called with every point

@@ -65,7 +65,9 @@ class State:
 def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
     """The points behind `first` along its tangent, until the branch ends; the settings are those of its equations.
 
-    Returns why it ended, as the value of the generator.
+    Returns
+    -------
+    Why it ended, as the value of the generator.
     """
     settings = first.shooting.settings
     state, closed = State([first], StepSize(settings)), ClosedBranch(first)

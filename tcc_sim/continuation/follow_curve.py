@@ -67,7 +67,9 @@ def follow_curve(equations: Equations, u: Floats, forward: bool, bounds: Bounds,
 
     forward : whether the first of the bounded unknowns grows at the start
 
-    Returns why it ended and, at the end of a range, the number of the bound; as the value of the generator.
+    Returns
+    -------
+    Why it ended and, at the end of a range, the number of the bound; as the value of the generator.
     """
     settings = equations.settings
     found = equations.linearise(u)

@@ -41,7 +41,10 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
                 period: int | None) -> tuple[Shooting, Floats]:
     """The orbit to begin with: Newton from the section of the motion that the scene settles in.
 
-    Raises NumericalFailure: none was found; it says where in the range motions settle in a period.
+    Raises
+    ------
+    NumericalFailure
+        None was found; it says where in the range motions settle in a period.
     """
     base = map_.forcing_period
     cycles, own = _settled(map_, value, DEFAULTS.settling)
@@ -116,7 +119,12 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
            known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, Origin]]:
     """First points of branches at seeds that lie on none of those `known` by then, each with its origin.
 
-    Raises InputError: as `refuse_family`; NumericalFailure: no orbit is near any of them.
+    Raises
+    ------
+    InputError
+        As `refuse_family`.
+    NumericalFailure
+        No orbit is near any of them.
     """
     met = False
     for number, seed in enumerate(seeds):
@@ -137,8 +145,10 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
 def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, high: float) -> tuple[Seed, ...]:
     """The periodic attractors of a `basins --json` document within a range of `over`.
 
-    Raises InputError: no such document, one of another scene (but for `over` and initial.*), or none of them in the
-    range.
+    Raises
+    ------
+    InputError
+        No such document, one of another scene (but for `over` and initial.*), or none of them in the range.
     """
     try:
         if not str(found["format"]).startswith(FOUND_BY):

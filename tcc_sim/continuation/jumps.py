@@ -53,6 +53,8 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
              direction: str = "cold") -> list[Jump]:
     """The jumps of a sweep, each with its cause.
 
+    Parameters
+    ----------
     seen : its motions in order of the parameter
     branches : as `bifurcation_diagram` found them
     least : smallest change of the largest size between neighbours that counts, relative to the largest with a period
@@ -101,8 +103,9 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
 def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:
     """How far the branch goes on from a place towards a value of the parameter, stable and without turning.
 
-    Returns the number of the last point, and whether the value was reached (it lies between that point and its
-    neighbour).
+    Returns
+    -------
+    The number of the last point, and whether the value was reached (it lies between that point and its neighbour).
     """
     points = branch.points
     a, b = points[place.after], points[place.after + 1]

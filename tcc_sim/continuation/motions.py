@@ -153,7 +153,10 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
 def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
     """The map of the scene with the plan's key free, once it is sure that the plan can be carried out.
 
-    Raises InputError: a key that cannot be followed, a range beyond the key's own, or an option that would do nothing.
+    Raises
+    ------
+    InputError
+        A key that cannot be followed, a range beyond the key's own, or an option that would do nothing.
     """
     found = DrivelineMap(system, (plan.over,))
     for value in (plan.low, plan.high):
@@ -181,11 +184,17 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
                      into: Motions | None = None) -> Motions:
     """Follow the branch through the scene's settled motion (or those through seeds), and all that the plan asks for.
 
+    Parameters
+    ----------
     tick : called with every point
     into : filled in as things are found, so that they are there after Ctrl-C
 
-    Raises InputError: as `check`; also where the settled motion is one of a family with a multiplier of exactly 1;
-    NumericalFailure: no periodic motion was found to begin with.
+    Raises
+    ------
+    InputError
+        As `check`; also where the settled motion is one of a family with a multiplier of exactly 1.
+    NumericalFailure
+        No periodic motion was found to begin with.
     """
     map_ = check(system, plan)
     out = into if into is not None else Motions(plan, system.friction.law)

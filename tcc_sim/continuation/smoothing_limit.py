@@ -72,6 +72,8 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
              sigma: float) -> Limit:
     """The limit of a bifurcation of the smoothed law.
 
+    Parameters
+    ----------
     smoothed : the map with the parameter and friction.smoothing free
     set_valued : the map with the set-valued law and the parameter free
     span : range of the parameter

@@ -172,7 +172,10 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
 
     It ends where the bracket is as narrow as `tolerance`, or where `f` is no more than its own rounding.
 
-    Raises ValueError: the signs do not differ.
+    Raises
+    ------
+    ValueError
+        The signs do not differ.
     """
     fa, fb = f(a), f(b)
     if fa == 0.0 or fb == 0.0:

@@ -165,7 +165,10 @@ def _noise_of_residuals(measured: Measurement, best: Fit) -> dict[str, float]:
 def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
     """The measurement in a table's file or in a recording, and the scene that it is of: the recording's own by default.
 
-    Raises InputError: a measurement that cannot be used, or a table without a scene.
+    Raises
+    ------
+    InputError
+        A measurement that cannot be used, or a table without a scene.
     """
     if not isinstance(measured, Measurement):
         path = Path(measured)

@@ -24,8 +24,11 @@ from tcc_sim.trajectory import Floats
 def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: float) -> complex:
     """Output over input at `omega`, rad/s, about a motion.
 
-    Raises InputError: the set-valued law, which the real-time solver has not, an input whose mean is 0, or a frequency
-    so low that the simulation would take more than 2 million ticks.
+    Raises
+    ------
+    InputError
+        The set-valued law, which the real-time solver has not, an input whose mean is 0, or a frequency so low that the
+        simulation would take more than 2 million ticks.
     """
     system = motion.system
     if system.friction.law != "smoothed":

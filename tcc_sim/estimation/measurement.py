@@ -68,7 +68,10 @@ class Measurement:
 def read_table(path: Path) -> Measurement:
     """The measurement in a table: the columns t, slip_speed, and what else of CHANNELS and INPUTS was measured.
 
-    Raises InputError: see `recording.table.read_columns`; or what cannot be used.
+    Raises
+    ------
+    InputError
+        See `recording.table.read_columns`; or what cannot be used.
     """
     columns = read_columns(path, (TIME, "slip_speed"), DEFAULTS.most)
     return Measurement(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
@@ -81,8 +84,12 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
     An input is measured where the scene takes it from a topic; a tick's state follows what was held through it, so that
     such an input moves back by one sample.
 
-    Raises InputError: the recording holds no scene, or its scene changed while it ran; RecordingError: nothing can be
-    read.
+    Raises
+    ------
+    InputError
+        The recording holds no scene, or its scene changed while it ran.
+    RecordingError
+        Nothing can be read.
     """
     from tcc_sim.recording.reader import open_run
 

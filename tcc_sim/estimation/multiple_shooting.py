@@ -97,13 +97,18 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: Setting
         starts: Floats | None = None, tick: Callable[[], None] | None = None) -> Fit:
     """Fit a measurement from `values` on.
 
+    Parameters
+    ----------
     noise : standard deviation of every measured channel
     values : (P,) of the model's keys
     stages : those of the settings unless others are given
     starts : of the first stage's windows; by default from what was measured
     tick : called after every iteration
 
-    Raises NumericalFailure: the solution cannot be computed at the start.
+    Raises
+    ------
+    NumericalFailure
+        The solution cannot be computed at the start.
     """
     iterations, width = 0, 0
     for stage in stages or settings.stages:

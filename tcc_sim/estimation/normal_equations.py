@@ -31,7 +31,10 @@ class Normal(NamedTuple):
     def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
         """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
 
-        Raises numpy.linalg.LinAlgError: the equations are singular.
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The equations are singular.
         """
         m, size = len(self.own), len(self.corner)
         banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
@@ -54,7 +57,10 @@ class Normal(NamedTuple):
     def covariance(self) -> Floats:
         """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
 
-        Raises NumericalFailure: the equations are singular.
+        Raises
+        ------
+        NumericalFailure
+            The equations are singular.
         """
         for damping in (0.0, 1e-13, 1e-11, 1e-9):
             try:

@@ -93,10 +93,16 @@ class Periodic:
 def settle(system: System, slip: float | None) -> Constant | Periodic:
     """The motion that the scene settles in, or the one whose slip speed has the mean `slip`.
 
+    Parameters
+    ----------
     slip : rad/s; the mean pressure that gives it is found by Newton's method. None keeps the scene's pressure.
 
-    Raises InputError: the excitation does not repeat, the slip runs away, or no pressure gives this slip speed;
-    NumericalFailure: Newton's method does not close the motion.
+    Raises
+    ------
+    InputError
+        The excitation does not repeat, the slip runs away, or no pressure gives this slip speed.
+    NumericalFailure
+        Newton's method does not close the motion.
     """
     if common_cycles(system) == 0:
         raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; a motion that settles "

@@ -66,7 +66,10 @@ class Model:
     def drive(self, values: Floats) -> Drive:
         """What drives it with these values of the keys.
 
-        Raises NumericalFailure: values out of their ranges.
+        Raises
+        ------
+        NumericalFailure
+            Values out of their ranges.
         """
         named = {k: float(v) for k, v in zip(self.keys, values) if k not in OFFSETS}
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
@@ -95,7 +98,10 @@ class Model:
     def substeps(self, values: Floats) -> int:
         """Sub-steps of a sample, with room for values somewhat different.
 
-        Raises NumericalFailure: values out of their ranges, or that need too many sub-steps.
+        Raises
+        ------
+        NumericalFailure
+            Values out of their ranges, or that need too many sub-steps.
         """
         drive = self.drive(values)
         held = 0.0 if drive.held is None else float(drive.held[:, 1].max())

@@ -58,6 +58,8 @@ def moved(origin: Origin, before: System, after: System, t: float) -> Origin:
 def course_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, origin: Origin = START) -> Floats:
     """The course, (m, 8) array of pieces in order of time.
 
+    Parameters
+    ----------
     inputs : torque and pressure from data, which take the place of the scene's own
     origin : where the phase is counted from; nothing before it is in the course
     """

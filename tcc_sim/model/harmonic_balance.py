@@ -76,12 +76,18 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
 
     The motion found may be unstable, and where several exist it is one of them.
 
+    Parameters
+    ----------
     system : with the smoothed law and torques that repeat after `period` engine cycles
     harmonics : n of the series, of w = omega/period
     iterations : most steps of Newton's method at a smoothing factor
 
-    Raises InputError: the set-valued law, no whole period or no harmonic; NumericalFailure: Newton's method did not
-    end.
+    Raises
+    ------
+    InputError
+        The set-valued law, no whole period or no harmonic.
+    NumericalFailure
+        Newton's method did not end.
     """
     if system.friction.law != "smoothed":
         raise InputError(f"friction.law is {system.friction.law}; the harmonic balance is that of the smoothed law")

@@ -311,7 +311,10 @@ def coerce(key: str, value: object) -> Value:
 def replace(system: System, values: Mapping[str, object]) -> System:
     """`system` with the given scene keys changed, checked together.
 
-    Raises InputError: an unknown key (with the nearest valid one), a wrong type, or a value out of its range.
+    Raises
+    ------
+    InputError
+        An unknown key (with the nearest valid one), a wrong type, or a value out of its range.
     """
     changes: dict[str, dict[str, Value]] = {}
     for key, value in values.items():

@@ -29,7 +29,10 @@ def check_profile(key: str, times: tuple[float, ...], values: tuple[float, ...])
 def parse_profiles(words: list[str]) -> dict[str, object]:
     """KEY=T:V,T:V words of a command line as values of the keys KEY_times and KEY_values.
 
-    Raises InputError: a key without a profile, one given twice, or a point that is not two numbers.
+    Raises
+    ------
+    InputError
+        A key without a profile, one given twice, or a point that is not two numbers.
     """
     found: dict[str, object] = {}
     for word in words:

@@ -150,8 +150,11 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     exp(-zeta omega_n t) sin(omega_d t). The print of (17a), (18) has velocity terms Tsm 2 zeta/(K23 omega_n), whose
     dimension is an angle times time; they do not belong there.
 
-    Raises InputError: mu_k < mu_s (the law is then nonlinear in slip), a pressure that reaches below 0, or an undamped
-    driveline whose resonance the pressure excites exactly.
+    Raises
+    ------
+    InputError
+        mu_k < mu_s (the law is then nonlinear in slip), a pressure that reaches below 0, or an undamped driveline whose
+        resonance the pressure excites exactly.
     """
     if system.friction_ratio != 1.0:
         raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in "
@@ -195,7 +198,10 @@ def slip_torque(system: System) -> Sines:
     its sign near omega_sn, so a load in phase with the torque damps the slip below omega_sn and drives it above: the
     reversal of Figs. 8, 10, 11 and 13.
 
-    Raises InputError: an undamped driveline whose plate resonance the pressure excites exactly.
+    Raises
+    ------
+    InputError
+        An undamped driveline whose plate resonance the pressure excites exactly.
     """
     d = system.driveline
 

@@ -47,7 +47,10 @@ def interface_gain(system: System, omega: float) -> float:
 def plate_angle(system: System) -> Sines:
     """delta2(t) of (8) in pure stick, rad: the steady motion, from each harmonic of the engine torque.
 
-    Raises InputError: an undamped driveline excited at exactly omega_sn.
+    Raises
+    ------
+    InputError
+        An undamped driveline excited at exactly omega_sn.
     """
     d = system.driveline
     both = d.flywheel_inertia + d.plate_inertia
@@ -202,7 +205,10 @@ def constant_load_limits(system: System) -> tuple[float, ...]:
     lower one is the limit of the upward sweep, the higher one of the downward sweep; with one there is no stick at low
     frequency.
 
-    Raises InputError: a pressure that varies, no first harmonic, or harmonics above the first.
+    Raises
+    ------
+    InputError
+        A pressure that varies, no first harmonic, or harmonics above the first.
     """
     d, torque = system.driveline, engine_series(system)
     if len(load_series(system).frequency) or len(torque.frequency) != 1:

@@ -72,7 +72,10 @@ def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str
 def engine_series(system: System) -> Sines:
     """Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper.
 
-    Raises InputError: a profile in time.
+    Raises
+    ------
+    InputError
+        A profile in time.
     """
     system.check_repeats("a closed form")
     e = system.engine

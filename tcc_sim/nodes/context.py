@@ -14,7 +14,11 @@ from tcc_sim.nodes import signals
 
 def executor_of(node: Node) -> SingleThreadedExecutor:
     """An executor with this node, whole or not at all: one that was built by half says so when it is destroyed.
-    ExternalShutdownException where the context has been shut down.
+
+    Raises
+    ------
+    ExternalShutdownException
+        The context has been shut down.
     """
     with signals.held():
         if not node.context.ok():
@@ -59,7 +63,11 @@ class Throttle:
 
 class Spinner:
     """Runs the callbacks of a node. Whatever a message or a request makes of one is said, and the node goes on.
-    ExternalShutdownException where the context has been shut down.
+
+    Raises
+    ------
+    ExternalShutdownException
+        The context has been shut down.
     """
 
     def __init__(self, node: Node) -> None:
@@ -67,7 +75,7 @@ class Spinner:
         self._failed = 0
 
     def once(self, seconds: float | None = None) -> None:
-        """Run one callback that is due, or wait for one at most so long."""
+        """Run one callback that is due, or wait for one at most so long; ExternalShutdownException as above."""
         try:
             self._executor.spin_once(timeout_sec=seconds)
         except ExternalShutdownException:

@@ -15,7 +15,13 @@ _NANOSECONDS = 1_000_000_000
 
 
 def message_class(type_name: str) -> type:
-    """The Python class of `package/msg/Name`; InputError where that is no message type, or is not installed."""
+    """The Python class of `package/msg/Name`.
+
+    Raises
+    ------
+    InputError
+        Not a message type, or its package is not installed.
+    """
     package, short = type_parts(type_name)
     try:
         found: type = getattr(import_module(f"{package}.msg"), short)

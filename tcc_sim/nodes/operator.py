@@ -54,8 +54,12 @@ class Operator:
         self._driveline = node.resolve_topic_name("driveline")
 
     def trigger(self, name: str) -> str:
-        """Call ~/reset or ~/step; what the driveline says of it. TccError where none answers, and where it refuses in
-        its own words.
+        """Call ~/reset or ~/step; what the driveline says of it.
+
+        Raises
+        ------
+        TccError
+            No driveline answers, or it refuses; then in its own words.
         """
         return _granted(self._call(Trigger, name, Trigger.Request()))
 
@@ -64,7 +68,14 @@ class Operator:
         return _granted(self._call(SetBool, "pause", SetBool.Request(data=paused)))
 
     def change(self, values: Mapping[str, object]) -> None:
-        """Set parameters, all or none; InputError in the driveline's words where it refuses, TccError for want of one.
+        """Set parameters, all or none.
+
+        Raises
+        ------
+        InputError
+            The driveline refuses; in its own words.
+        TccError
+            No driveline answers.
         """
         request = SetParametersAtomically.Request(parameters=[Parameter(key, value=_typed(value)).to_parameter_msg()
                                                               for key, value in values.items()])

@@ -48,8 +48,12 @@ dead.
 
 
 class Recorder:
-    """Subscribes, drains, looks for publishers and writes; InputError where a parameter is out of its range, and where
-    the output exists or cannot be created.
+    """Subscribes, drains, looks for publishers and writes.
+
+    Raises
+    ------
+    InputError
+        A parameter is out of its range, or the output exists or cannot be created.
     """
 
     def __init__(self, node: Node) -> None:
@@ -103,8 +107,14 @@ class Recorder:
                              result=self._part_result)
 
     def spin(self) -> None:
-        """Record until the context is shut down, which ends this by an exception; so do a disk that refuses (OSError)
-        and a directory that was renamed or removed, or has a file with the name of the next part (RecordingError).
+        """Record until the context is shut down, which ends this by an exception.
+
+        Raises
+        ------
+        OSError
+            The disk refuses.
+        RecordingError
+            The directory was renamed or removed, or has a file with the name of the next part.
         """
         flush = synced = time.monotonic()
         while self.node.context.ok():

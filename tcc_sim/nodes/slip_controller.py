@@ -69,8 +69,12 @@ class SlipControllerNode(Node):
             f"at most {tuning.pressure_limit:g} Pa")
 
     def _on_state(self, state: JointState) -> None:
-        """Take a state and those that wait behind it, and answer the last; InputError where one has not the speeds of
-        two joints and the torque of the first, all finite. The others are taken.
+        """Take a state and those that wait behind it, and answer the last.
+
+        Raises
+        ------
+        InputError
+            One that has not the speeds of two joints and the torque of the first, all finite; the others are taken.
         """
         waiting = [state, *(state for state, _ in poll(self._states, QOS.depth))]
         whole = [state for state in waiting if len(state.velocity) > PLATE and len(state.effort) > FLYWHEEL

@@ -23,7 +23,11 @@ _PURPOSES = {
 
 def asked_for(name: str, words: list[str]) -> str | None:
     """The text that `words` ask the node `name` for, None where they ask for none; ROS 2 has those after --ros-args.
-    InputError where the node does not know a word.
+
+    Raises
+    ------
+    InputError
+        A word that the node does not know.
     """
     own, to_ros = [], False
     for word in words:

@@ -71,7 +71,13 @@ class Watcher:
         return subscribe(self._node, message_class(topic(name).type), name, profile)
 
     def _await_scene(self) -> Scene:
-        """The scene that runs; TccError where no driveline says one."""
+        """The scene that runs.
+
+        Raises
+        ------
+        TccError
+            No driveline says one.
+        """
         end = time.monotonic() + FOUND_WITHIN
         while time.monotonic() < end:
             found = self._scene()

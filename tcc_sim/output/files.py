@@ -41,8 +41,13 @@ def check_name(path: Path, reserve: int = 0) -> None:
 
 
 def replaceable(path: Path) -> bool:
-    """Whether something is at `path`; InputError where that is no regular file (a directory, a device, a pipe, a
-    symbolic link), so that nothing may take its place.
+    """Whether something is at `path`.
+
+    Raises
+    ------
+    InputError
+        What is there is no regular file (a directory, a device, a pipe, a symbolic link), so that nothing may take its
+        place.
     """
     try:
         mode = path.lstat().st_mode
@@ -57,8 +62,12 @@ def replaceable(path: Path) -> bool:
 
 
 def new_directory(path: Path) -> Path:
-    """`path`, once it is sure that it does not exist and can be created; InputError where it exists, its name is too
-    long, or it has no directory to be in.
+    """`path`, once it is sure that it does not exist and can be created.
+
+    Raises
+    ------
+    InputError
+        It exists, its name is too long, or it has no directory to be in.
     """
     check_name(path)
     if os.path.lexists(path):
@@ -125,7 +134,13 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object that a JSON file holds; InputError where there is no such file, or it holds something else."""
+    """The object that a JSON file holds.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it holds something else.
+    """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

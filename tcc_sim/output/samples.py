@@ -24,8 +24,12 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, head: 
     """Write every sample of `trajectory`.
 
     A .npz holds the units too, in the order of ARRAYS, and the scene (YAML), as a .mcap does. A .csv keeps every digit;
-    with `head` the units and the scene stand before its columns, in lines that begin with #. InputError for another
-    suffix than those of SUFFIXES.
+    with `head` the units and the scene stand before its columns, in lines that begin with #.
+
+    Raises
+    ------
+    InputError
+        Another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
     with draft(path) as part:

@@ -23,7 +23,12 @@ def driven_by(scene: Scene, path: Path) -> Scene:
 
     What a command held in a recording is held through the tick that applied it; what the driveline made by itself is
     joined by straight lines. A table (CSV) has the column t, s, and engine_torque, N m, or actuation_pressure, Pa, or
-    both, each held from one row to the next. InputError where a file cannot be read, or has values that are no inputs.
+    both, each held from one row to the next.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or values that are no inputs.
     """
     inputs = of_table(path) if path.suffix == ".csv" else of_recording(path)
     return dataclasses.replace(scene, system=dataclasses.replace(scene.system, inputs=inputs))

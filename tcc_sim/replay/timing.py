@@ -104,8 +104,12 @@ def frequency_changes(run: Run) -> bool:
 
 
 def scene_of(run: Run, given: str | None = None) -> Scene:
-    """The scene that a recording holds, or the one given where it holds none; InputError where there is neither, and
-    where what it holds is no scene.
+    """The scene that a recording holds, or the one given where it holds none.
+
+    Raises
+    ------
+    InputError
+        It holds none and none is given, or the one that it holds is no scene.
     """
     if run.scene_text is not None:
         return parse_scene(run.scene_text, run.path.stem)

@@ -38,7 +38,12 @@ class Twin:
 
 def twin_of(path: Path, trajectory: Trajectory) -> Twin | None:
     """A simulation beside what a recording's first run or a table says of the slip speed within its time; None where
-    that is nothing, InputError for a file that cannot be read.
+    that is nothing.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read.
     """
     if path.suffix == ".csv":
         columns = read_columns(path, (TIME,))

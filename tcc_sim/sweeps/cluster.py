@@ -22,6 +22,8 @@ ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+
 class Scheduler(Attendance):
     """Asks a scheduler whether it and its workers are still there.
 
+    Parameters
+    ----------
     client : of the scheduler
     address : its address, for the sentence
     connect : seconds that it has to answer
@@ -56,8 +58,12 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
 
     The package must be installed on the workers.
 
-    Raises MissingPackage: distributed is not installed; InputError: not an address, no scheduler answers there in time,
-    or it has no workers.
+    Raises
+    ------
+    MissingPackage
+        distributed is not installed.
+    InputError
+        Not an address, no scheduler answers there in time, or it has no workers.
     """
     require("distributed", "--dask")
     parts = ADDRESS.fullmatch(address)
@@ -87,7 +93,10 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
 def within(deadline: float, function: Callable[[], Any]) -> Any:
     """What a function gives until a time of the monotonic clock, in a thread: looking up a name cannot be cut short.
 
-    Raises TimeoutError: it has not come back by then.
+    Raises
+    ------
+    TimeoutError
+        It has not come back by then.
     """
     found, thread = begun(function)
     thread.join(max(deadline - time.monotonic(), 0.0))

@@ -74,11 +74,16 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
                               period: int = 0) -> Lyapunov:
     """The largest Lyapunov exponent of the motion that starts at `state`, which should lie on the attractor.
 
+    Parameters
+    ----------
     state : at t = start_cycle 2 pi/omega
     cycles : engine cycles averaged where there is no period, at least 40
     period : of the motion as its section shows it, in engine cycles; 0 for none
 
-    Raises InputError: too few cycles.
+    Raises
+    ------
+    InputError
+        Too few cycles.
     """
     if not 2 * DEFAULTS.batches <= cycles <= 10_000_000:
         raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * DEFAULTS.batches} to 10000000")

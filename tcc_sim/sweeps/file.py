@@ -26,6 +26,8 @@ SUM_LENGTH = len(SUM % 0)
 class SweepFile:
     """An open file of a sweep.
 
+    Parameters
+    ----------
     path : where it is, or will be; None for no file, which takes everything and keeps nothing
     header : what tells the sweep from others; it becomes the first line
     form : name and version of the file's schema
@@ -34,8 +36,12 @@ class SweepFile:
     take : called with curve, index and record of every point found in the file; KeyError, TypeError and ValueError say
         that no sweep wrote it
 
-    Raises InputError: the path holds something else, the points of another sweep, or a damaged line; OSError: it cannot
-    be read or written.
+    Raises
+    ------
+    InputError
+        The path holds something else, the points of another sweep, or a damaged line.
+    OSError
+        It cannot be read or written.
     """
 
     def __init__(self, path: Path | None, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None],
@@ -130,7 +136,10 @@ def encoded(values: Mapping[str, Any]) -> bytes:
 def decoded(line: bytes) -> dict[str, Any]:
     """The object of a line.
 
-    Raises ValueError: a wrong checksum, or no object of finite numbers.
+    Raises
+    ------
+    ValueError
+        A wrong checksum, or no object of finite numbers.
     """
     body, end = line[:-SUM_LENGTH], line[-SUM_LENGTH:]
     if end != (SUM % zlib.crc32(body)).encode():

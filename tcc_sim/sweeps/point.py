@@ -72,7 +72,10 @@ class Point:
 def point_of(record: Mapping[str, Any], system: System) -> Point:
     """The point that `as_record` gave.
 
-    Raises KeyError, TypeError, ValueError: a record that no point gives.
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        A record that no point gives.
     """
     summary = None
     if record["max_slip_speed"] is not None:

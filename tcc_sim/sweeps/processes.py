@@ -25,12 +25,17 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
                       progress: bool = False) -> list[Any]:
     """What `work`, a function of a module, makes of every part, in order.
 
+    Parameters
+    ----------
     jobs : processes, all cores by default; with one, or for one part, `work` is called here
     unit, progress : what a part is called, and whether a bar counts them on a terminal
 
     Where a process is killed, as where memory runs out, what is done is kept, and what is not is done by half as many.
 
-    Raises WorkersLost: a process that was left to itself was killed too.
+    Raises
+    ------
+    WorkersLost
+        A process that was left to itself was killed too.
     """
     count = processes_for(len(parts), jobs)
     if count < 2:

@@ -16,6 +16,8 @@ _lock = threading.RLock()
 def progress_bar(unit: str, total: int | None = None, done: int = 0, shown: bool = True) -> Iterator[Any]:
     """A bar, moved by its `update`; there is none where standard error is no terminal.
 
+    Parameters
+    ----------
     unit : what a part is called
     total : parts; None where nobody knows
     done : parts at the start

@@ -18,7 +18,10 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     """KEY and its values: evenly spaced, or evenly in logarithm with `:log`, both ends included; or those of a list.
     `even` takes evenly spaced ones only.
 
-    Raises InputError: anything else.
+    Raises
+    ------
+    InputError
+        Anything else.
 
     Examples
     --------
@@ -40,7 +43,10 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
 def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
     """The values of START:STOP:COUNT, both ends included, evenly in logarithm or evenly.
 
-    Raises InputError: anything else: `wrong` where it is given.
+    Raises
+    ------
+    InputError
+        Anything else: `wrong` where it is given.
     """
     wrong = wrong or InputError(f"{option} is {text!r}; it must be START:STOP:COUNT, two numbers and a whole number")
     parts = text.split(":")
@@ -62,7 +68,10 @@ def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError |
 def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[str, float, float]:
     """KEY, the smaller and the larger number of KEY=LOW:HIGH, which must differ.
 
-    Raises InputError: anything else.
+    Raises
+    ------
+    InputError
+        Anything else.
     """
     key, equals, numbers = text.partition("=")
     wrong = InputError(f"{option} is {text!r}; it must be KEY={names}")

@@ -133,7 +133,10 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
                      values: Sequence[float] = ()) -> list[Curve]:
     """One curve for every sample: over another key, or at the sample's own value of the first scattered key.
 
-    Raises InputError: `over` is scattered too, too many values, an unknown key, or a value out of its range.
+    Raises
+    ------
+    InputError
+        `over` is scattered too, too many values, an unknown key, or a value out of its range.
     """
     sampled = tolerances.values()
     if over in sampled:

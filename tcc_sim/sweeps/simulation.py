@@ -79,7 +79,10 @@ class Plan:
     def dropped(self, cycles: int, default: int) -> int:
         """The cycles to drop of so many, given or by default.
 
-        Raises InputError: a number that leaves no cycle.
+        Raises
+        ------
+        InputError
+            A number that leaves no cycle.
         """
         found = self.discard if isinstance(self.discard, int) else default
         if found >= max(cycles, 1):
@@ -222,7 +225,10 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
 def plan_of(plan: Plan | None, settings: dict[str, Any]) -> Plan:
     """A plan that is given whole, or by its fields.
 
-    Raises InputError: both, an unknown field, or a value out of its range.
+    Raises
+    ------
+    InputError
+        Both, an unknown field, or a value out of its range.
     """
     if plan is not None:
         if settings:

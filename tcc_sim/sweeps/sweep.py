@@ -81,7 +81,10 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
               second_values: Sequence[float]) -> list[Curve]:
     """The rows of a grid: one curve over `key` for every value of `second_key`.
 
-    Raises InputError: the same key twice, no value or too many, an unknown key, or a value out of its range.
+    Raises
+    ------
+    InputError
+        The same key twice, no value or too many, an unknown key, or a value out of its range.
     """
     if key == second_key:
         raise InputError(f"{key} is swept twice; a grid has two keys")
@@ -96,15 +99,24 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
                  out: Path | None = None, said: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
     """Solve every point of every curve.
 
+    Parameters
+    ----------
     jobs : threads (the kernels release the interpreter lock); all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     out : file that takes every point as it is done; where it holds points of the same sweep, those are not solved again
     said : what the first line of that file says besides, such as scene and command
     progress : show a bar on a terminal
 
-    Raises InputError: a wrong plan or number of jobs, no scheduler, or a file that holds something else;
-    SweepInterrupted: Ctrl-C; it carries what was done until then; WorkersLost: the scheduler, or all of its workers,
-    are gone; it carries what was done until then; MissingPackage: `dask` without the package distributed.
+    Raises
+    ------
+    InputError
+        A wrong plan or number of jobs, no scheduler, or a file that holds something else.
+    SweepInterrupted
+        Ctrl-C; it carries what was done until then.
+    WorkersLost
+        The scheduler, or all of its workers, are gone; it carries what was done until then.
+    MissingPackage
+        `dask` without the package distributed.
     """
     for curve in curves:
         plan.check(curve.system)

@@ -70,7 +70,10 @@ def each_done(there: Attendance, take: Callable[[], Task | None],
 def first_done(running: Collection[Future[Any]], there: Attendance) -> set[Future[Any]]:
     """Those of some tasks that are done, at least one.
 
-    Raises WorkersLost: nobody is there to do them any more.
+    Raises
+    ------
+    WorkersLost
+        Nobody is there to do them any more.
     """
     while not (done := wait(running, DEFAULTS.look, FIRST_COMPLETED).done):
         there.check()

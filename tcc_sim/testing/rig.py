@@ -75,7 +75,11 @@ class Rig:
 
     def add(self, node: Node) -> Node:
         """Put a node under test: it is spun while the driveline runs, and destroyed at the end; gives it back.
-        InputError for a node of another ROS 2 context, which would not hear the driveline.
+
+        Raises
+        ------
+        InputError
+            A node of another ROS 2 context, which would not hear the driveline.
         """
         if node.context is not self._node.context:
             raise InputError(f"{node.get_name()} has a context of its own; make it with the default one")

@@ -30,8 +30,12 @@ class LockstepRun(ControlledRun):
 
     @cached_property
     def tracking(self) -> Tracking:
-        """How well the slip speed's mean over each engine cycle held the target since it was last changed; InputError
-        where nobody said a target.
+        """How well the slip speed's mean over each engine cycle held the target since it was last changed.
+
+        Raises
+        ------
+        InputError
+            Nobody said a target.
         """
         if self.target is None:
             raise InputError("no target: no node published target_slip_speed, and run(target=...) was not given")
