@@ -60,11 +60,7 @@ class Commands:
 
     Commands and states are put in order by when they were sent. A reliable middleware hands over what it had to ask
     for again up to seconds late, so that times of receipt go back and forth on a busy machine; those of sending go back
-    where a clock is set, and otherwise never at one sender.
-
-    Parameters
-    ----------
-    joint_states_topic : whose namespace the commands share
+    where a clock is set, and otherwise never at one sender. Commands share the namespace of the joint_states.
     """
 
     def __init__(self, joint_states_topic: str) -> None:

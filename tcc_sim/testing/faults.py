@@ -67,12 +67,7 @@ class Schedule:
 
 
 class Line:
-    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it.
-
-    Attributes
-    ----------
-    sent, delivered : commands so far
-    """
+    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it."""
 
     def __init__(self, name: str, faults: Faults) -> None:
         self._delay_ticks = faults.delay_ticks
