@@ -71,9 +71,7 @@ def _draw(stem: Path, scenes: list[dict[str, Any]], keys: tuple[str, ...]) -> tu
         for axis in axes[-1]:
             axis.set_xlabel("run time (s)")
         for axis in axes.flat:
-            axis.set_xscale("log")
-            axis.set_yscale("log")
-            axis.set_ylim(1e-15, 2.0)
+            axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
         order = [n for n in LOOKS if n in handles] + [n for n in handles if n not in LOOKS]
         drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=6)
         return style.save_both(drawn, stem)

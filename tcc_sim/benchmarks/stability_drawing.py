@@ -32,8 +32,7 @@ def stability(stem: Path, charts: list[dict[str, Any]], cases: list[dict[str, An
                 chart = next(c for c in charts if c["over"] == key and c["method"] == method)
                 shade = _chart(axis, chart, lines)
                 axis.set_title(f"({next(letters)}) {NAMES.get(method, method)}")
-                axis.set_xlabel("tick (s)" if method == "fixed_step" else "step (s)")
-                axis.set_ylabel(LABELS.get(key, key))
+                axis.set(xlabel="tick (s)" if method == "fixed_step" else "step (s)", ylabel=LABELS.get(key, key))
         if shade is not None:
             bar = upper.colorbar(shade, ax=axes, shrink=0.7, pad=0.01, extend="min")
             bar.set_label("log10 of the relative section error; grey: not finite or refused")
@@ -76,8 +75,7 @@ def _chart(axis: Any, chart: dict[str, Any], lines: dict[str, Any]) -> Any:
                              linestyle="-" if colour == style.RED else dashes)
         line, = axis.plot(at, values, color=colour, linewidth=1.4, linestyle=dashes)
         lines[name] = (outline, line)
-    axis.set_xlim(bounds[0])
-    axis.set_ylim(bounds[1])
+    axis.set(xlim=bounds[0], ylim=bounds[1])
     return shade
 
 
@@ -89,6 +87,4 @@ def _sorted(axis: Any, cases: list[dict[str, Any]], key: str, name: str) -> None
             share = 100.0 * (np.arange(len(values)) + 0.5) / len(values)
             axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8,
                       label=engine)
-    axis.set_yscale("log")
-    axis.set_xlabel("share of the cases, smallest first (%)")
-    axis.set_ylabel(name)
+    axis.set(yscale="log", xlabel="share of the cases, smallest first (%)", ylabel=name)

@@ -221,9 +221,7 @@ def _paint_damping(drawn: Any, data: Figure[Curves]) -> None:
     maxima.set_ylabel(MAXIMUM)
     maxima.set_ylim(bottom=0.0)
     draw_orbit(orbit, data.numbers.x, curve, style.BLUE)
-    orbit.set_ylabel(SECTION)
-    orbit.set_xlabel(AXES[data.numbers.axis])
-    orbit.set_xlim(x[0], x[-1])
+    orbit.set(ylabel=SECTION, xlabel=AXES[data.numbers.axis], xlim=(x[0], x[-1]))
     style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
 
 

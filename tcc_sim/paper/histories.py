@@ -64,8 +64,7 @@ def paint_delay(drawn: Any, data: Panels[Delay]) -> None:
         t, v = panel.t, panel.slip_speed
         axis.fill_between(t, 0.0, np.where(panel.state == 1, v, 0.0), color=style.STICK, linewidth=0.0)
         axis.plot(t, v, color=style.BLUE, label="slip speed")
-        axis.set_xlim(t[0], t[-1])
-        axis.set_title(f"({'abcd'[k]}) {panel.label}")
+        axis.set(xlim=(t[0], t[-1]), title=f"({'abcd'[k]}) {panel.label}")
         other = axis.twinx()
         other.plot(t, panel.engine_torque, color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)))
         other.grid(False)
@@ -88,8 +87,7 @@ def paint_actuation(drawn: Any, data: Panels[Actuation]) -> None:
     for k, (axis, panel) in enumerate(zip(axes, data.panels)):
         t = panel.t
         axis.plot(t, panel.slip_speed, color=style.BLUE)
-        axis.set_ylabel(SLIP)
-        axis.set_xlim(t[0], t[-1])
+        axis.set(ylabel=SLIP, xlim=(t[0], t[-1]))
         axis.set_xticks(np.arange(0, int(t[-1]) + 1))
         axis.set_title(f"({'abc'[k]}) {panel.label}")
         found = f"period {panel.period}" if panel.period else "no period up to 16"
@@ -133,11 +131,9 @@ def paint_solvers(drawn: Any, data: Solvers) -> None:
             axis.plot(t, curve.slip_speed, label=label, **looks[curve.solver])
     whole.set_xlim(0.0, data.curves[0].t[-1] * period)
     leaving = float(np.array(data.curves[0].t)[int(np.argmax(reference > 1.0))]) * period
-    close.set_xlim(leaving - 0.06 * period, leaving + 0.03 * period)
-    close.set_ylim(-0.6, 4.0)
+    close.set(xlim=(leaving - 0.06 * period, leaving + 0.03 * period), ylim=(-0.6, 4.0))
     for axis in (whole, close):
-        axis.set_ylabel(SLIP)
-        axis.set_xlabel("time (s)")
+        axis.set(ylabel=SLIP, xlabel="time (s)")
     handles, labels = whole.get_legend_handles_labels()
     whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
                  title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
@@ -156,8 +152,7 @@ def _paint_steady(axis: Any, data: Solvers) -> None:
                   f"{row.max_slip_speed:.2f} rad/s", **look)
     axis.set_xlim(0.0, data.steady[0].t[-1])
     axis.set_ylim(top=1.4 * max(row.max_slip_speed for row in data.steady))
-    axis.set_ylabel(SLIP)
-    axis.set_xlabel(CYCLES)
+    axis.set(ylabel=SLIP, xlabel=CYCLES)
     axis.legend(loc="upper center", ncols=3, fontsize=6.5)
 
 

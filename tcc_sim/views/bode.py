@@ -25,8 +25,7 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
         if found.checked:
             phase.plot([p.frequency for p in found.checked], [np.degrees(p.phase) for p in found.checked], **SIMULATED)
         gain.set_xlabel("")
-        phase.set_ylabel("phase (degrees)")
-        phase.set_xlabel("angular frequency (rad/s)")
+        phase.set(ylabel="phase (degrees)", xlabel="angular frequency (rad/s)")
         words = f"{found.output.replace('_', ' ')} by {found.input.replace('_', ' ')}"
         words += f", mean slip {found.mean_slip:.4g} rad/s"
         gain.set_title(f"{title}: {words}" if title else words)

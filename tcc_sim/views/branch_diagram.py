@@ -89,8 +89,7 @@ def _curves(axis: Any, found: Mapping[str, Any]) -> None:
                       color=style.INK)
             axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                           textcoords="offset points", fontsize=6.5)
-    axis.set_xlabel(found["over"])
-    axis.set_ylabel(found["second_over"])
+    axis.set(xlabel=found["over"], ylabel=found["second_over"])
     _legend(axis)
 
 

@@ -39,8 +39,7 @@ def pressure_panel(axis: Any, control: Control) -> None:
             held = steps.until(end)
             axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
     mark_events(axis, control.events, end, labelled=False)
-    axis.set_ylabel("pressure (kPa)")
-    axis.set_xlabel("time (s)")
+    axis.set(ylabel="pressure (kPa)", xlabel="time (s)")
     if end > 0.0:
         axis.set_xlim(0.0, end)
     style.legend_above(axis)

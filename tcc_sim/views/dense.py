@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
+from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.per_cycle import hermite
@@ -59,33 +61,32 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     share = np.arange(1, points + 1) / points
     whole = steps < 1.5 * tick
     times = t[:-1, None] + share * steps[:, None]
-    states = _solved(recorded, points, whole)
+    terms = terms_of(system)
     known = np.stack([recorded.slip_speed, recorded.plate_angle, recorded.plate_speed], axis=1)
+    states = _solved(recorded, system, known, points, whole)
     size = np.maximum(np.nanmax(np.abs(known), axis=0), 1e-12)
     wrong = ~(np.abs(states[:, -1] - known[1:]) <= SAME * size).all(axis=1)
-    states[wrong] = _interpolated(recorded, times[wrong].ravel()).reshape(-1, points, 3)
+    states[wrong] = _interpolated(recorded, terms, times[wrong].ravel()).reshape(-1, points, 3)
     states[~whole] = math.nan
     states[:, -1] = known[1:]
-    engine, load = _excitation(recorded, times)
-    torque = _friction(recorded, states, engine, load, share)
-    out = [np.concatenate([first[:1], rest.ravel()]) for first, rest in (
-        (t, times), (known[:, 0], states[..., 0]), (known[:, 1], states[..., 1]), (known[:, 2], states[..., 2]),
-        (recorded.engine_torque, engine), (recorded.saturation_torque, load), (recorded.friction_torque, torque))]
-    return replace(recorded, t=out[0], slip_speed=out[1], plate_angle=out[2], plate_speed=out[3], engine_torque=out[4],
-                   saturation_torque=out[5], friction_torque=out[6], flywheel_angle=None,
-                   state=modes_of(np.nan_to_num(out[1]), stick_speed_of(terms_of(system))))
+    engine, load = _excitation(recorded, system, times, share)
+    torque = _friction(recorded, terms, states, engine, load, share)
+    columns = {"t": times, "slip_speed": states[..., 0], "plate_angle": states[..., 1], "plate_speed": states[..., 2],
+               "engine_torque": engine, "saturation_torque": load, "friction_torque": torque}
+    found: dict[str, Any] = {name: np.concatenate([getattr(recorded, name)[:1], rest.ravel()])
+                             for name, rest in columns.items()}
+    return replace(recorded, **found, flywheel_angle=None,
+                   state=modes_of(np.nan_to_num(found["slip_speed"]), stick_speed_of(terms)))
 
 
-def _solved(recorded: Trajectory, points: int, whole: np.ndarray) -> Floats:
+def _solved(recorded: Trajectory, system: System, known: Floats, points: int, whole: np.ndarray) -> Floats:
     """(n - 1, points, 3) states in every tick, NaN where the real-time solver does not apply."""
-    assert recorded.system is not None
-    terms = terms_of(recorded.system)
+    terms = terms_of(system)
     out = np.full((len(recorded.t) - 1, points, 3), math.nan)
     if terms.smoothing is None:
         return out
     engine, load = recorded.engine_torque.tolist(), recorded.saturation_torque.tolist()
-    topics = recorded.system.engine.source == "topic", recorded.system.pressure.source == "topic"
-    known = np.stack([recorded.slip_speed, recorded.plate_angle, recorded.plate_speed], axis=1)
+    topics = system.engine.source == "topic", system.pressure.source == "topic"
     fine = np.empty((0, 3))
     for k in np.flatnonzero(whole).tolist():
         applied = _applied(terms, engine[k + 1] if topics[0] else None, load[k + 1] if topics[1] else None)
@@ -112,27 +113,25 @@ def _applied(terms: Terms, engine: float | None, load: float | None) -> Terms | 
     return terms if math.isfinite(terms.mean_torque) and math.isfinite(terms.mean_load) else None
 
 
-def _excitation(recorded: Trajectory, times: Floats) -> tuple[Floats, Floats]:
+def _excitation(recorded: Trajectory, system: System, times: Floats, share: Floats) -> tuple[Floats, Floats]:
     """Engine and saturation torque at `times`, (n - 1, points): the scene's, held over every tick where they came from
     a topic, and the engine's between samples where the scene's is not what was recorded.
     """
-    assert recorded.system is not None
-    engine, load = torques_at(terms_of(recorded.system), times)
+    engine, load = torques_at(terms_of(system), times)
     ends = recorded.engine_torque
     other = np.abs(engine[:, -1] - ends[1:]) > SAME * np.nanmax(np.abs(ends), initial=1e-12)
-    share = np.arange(1, times.shape[1] + 1) / times.shape[1]
     engine = np.where(other[:, None], ends[:-1, None] + share * (ends[1:] - ends[:-1])[:, None], engine)
-    if recorded.system.engine.source == "topic":
+    if system.engine.source == "topic":
         engine = np.broadcast_to(recorded.engine_torque[1:, None], times.shape)
-    if recorded.system.pressure.source == "topic":
+    if system.pressure.source == "topic":
         load = np.broadcast_to(recorded.saturation_torque[1:, None], times.shape)
     return engine, load
 
 
-def _friction(recorded: Trajectory, states: Floats, engine: Floats, load: Floats, share: Floats) -> Floats:
+def _friction(recorded: Trajectory, terms: Terms, states: Floats, engine: Floats, load: Floats,
+              share: Floats) -> Floats:
     """Friction torque in every tick: the smoothed law's, in stick the interface torque; set-valued: between samples."""
-    assert recorded.system is not None
-    terms, ends = terms_of(recorded.system), recorded.friction_torque
+    ends = recorded.friction_torque
     linear = ends[:-1, None] + share * (ends[1:] - ends[:-1])[:, None]
     if terms.smoothing is None:
         return linear
@@ -143,12 +142,11 @@ def _friction(recorded: Trajectory, states: Floats, engine: Floats, load: Floats
     return np.where(stuck & (np.abs(needed) <= most), needed, np.where(np.isfinite(load), law, linear))
 
 
-def _interpolated(recorded: Trajectory, at: Floats) -> Floats:
+def _interpolated(recorded: Trajectory, terms: Terms, at: Floats) -> Floats:
     """States at times `at`, (m, 3), from the samples and the accelerations that the recorded torques give."""
-    assert recorded.system is not None
     t, v, angle, speed = recorded.t, recorded.slip_speed, recorded.plate_angle, recorded.plate_speed
     slip, plate = equations.accelerations(angle, speed, recorded.engine_torque, recorded.friction_torque,
-                                          terms_of(recorded.system).linear)
+                                          terms.linear)
     chord = np.diff(v) / np.diff(t)
     before, after = np.concatenate([chord[:1], chord]), np.concatenate([chord, chord[-1:]])
     # A monotone cubic where the clutch sticks: F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17.
@@ -157,4 +155,3 @@ def _interpolated(recorded: Trajectory, at: Floats) -> Floats:
     near = stuck | np.concatenate([[False], stuck[:-1]]) | np.concatenate([stuck[1:], [False]])
     slip = np.where(near, np.clip(slip, -bound, bound), slip)
     return np.stack([hermite(at, t, v, slip), hermite(at, t, angle, speed), hermite(at, t, speed, plate)], axis=1)
-

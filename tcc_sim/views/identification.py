@@ -59,5 +59,4 @@ def _parameters(axis: Any, found: Any) -> None:
     axis.axvline(0.0, color=style.INK, linewidth=0.7)
     axis.set_yticks(rows, [p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key
                            for p in found.parameters])
-    axis.set_ylim(len(rows) - 0.5, -0.5)
-    axis.set_xlabel("value and 95 % interval, from the start (%)")
+    axis.set(ylim=(len(rows) - 0.5, -0.5), xlabel="value and 95 % interval, from the start (%)")

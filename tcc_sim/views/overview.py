@@ -105,8 +105,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
                   label="target")
     if shaded or len(slip.get_legend_handles_labels()[0]) > 1:
         style.legend_above(slip)
-    slip.set_ylabel("slip speed (rad/s)")
-    slip.set_xlabel("time (s)")
+    slip.set(ylabel="slip speed (rad/s)", xlabel="time (s)")
     if len(t) > 1:
         slip.set_xlim(t[0], t[-1])
 
@@ -131,8 +130,7 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
         axis.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
                   markersize=5.0 if summary.period else 2.5, zorder=4,
                   label=f"section, period {summary.period}" if summary.period else "section, no period found")
-    axis.set_xlabel("plate angle (rad)")
-    axis.set_ylabel("slip speed (rad/s)")
+    axis.set(xlabel="plate angle (rad)", ylabel="slip speed (rad/s)")
     axis.margins(0.06)
     low, high = axis.get_xlim()
     missing = NARROWEST * float(np.abs(tail.plate_angle[part]).max(initial=0.0)) - (high - low)
@@ -164,7 +162,5 @@ def draw_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -
     axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
                   ha="right",
                   xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
-    axis.set_xlabel("time (s)" if over_time else "engine cycle")
-    axis.set_ylabel("max |slip speed| (rad/s)")
-    axis.set_ylim(0.0, top)
+    axis.set(xlabel="time (s)" if over_time else "engine cycle", ylabel="max |slip speed| (rad/s)", ylim=(0.0, top))
     style.legend_above(axis)

@@ -37,9 +37,7 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
         share = numbers(values["stick_fraction"])
         stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
                    markeredgewidth=0.0, linewidth=0.9)
-        stick.set_ylabel("stick (%)")
-        stick.set_ylim(-4.0, 104.0)
-        stick.set_xlabel(label_of(values["over"]))
+        stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0), xlabel=label_of(values["over"]))
         if len(x) > 1:
             stick.set_xlim(np.nanmin(x), np.nanmax(x))
         style.panel_titles((maxima, orbit, stick), ["Maxima", "Orbit diagram", "Time in stick"])
