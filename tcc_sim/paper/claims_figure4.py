@@ -56,15 +56,12 @@ def jump_places(evidence: Evidence, ratio: float) -> list[float]:
 
 @claim("4", "5, Fig. 4(a)", "the map is a smooth curve for mu_k = mu_s", Holds(f"no jump; {JUMPING}"))
 def smooth_when_equal(evidence: Evidence) -> Measured:
-    """Fig. 4: mu_k = mu_s."""
     jumps = evidence.jumps(with_kinetic(1.0), AXIS)
     return Measured((not jumps,), {"jumps (omega/omega_n, rad/s)": jumps})
 
 
 PROMINENT = 0.02
 """How far a maximum of a curve stands above what surrounds it, as a part of the curve's largest value."""
-
-
 SPREAD = np.round(np.arange(0.14, 0.3601, 1e-3), 6)
 """Ratios about those that the text names, against which it is held how near to them something is."""
 
@@ -74,7 +71,6 @@ SPREAD = np.round(np.arange(0.14, 0.3601, 1e-3), 6)
     f"{NEAR:g} of a named ratio than of the ratios from 0.14 to 0.36 on average (a peak stands {PROMINENT:g} of the "
     "curve's largest value above what surrounds it)"))
 def super_harmonic_peaks(evidence: Evidence) -> Measured:
-    """Fig. 4: peaks near the ratios that the text names, beside how many curves have one anywhere."""
     peaks = {way: _peaks(evidence, way) for way in WAYS}
     curves = [np.array(peaks[way][f"{r:g}"]) for way in WAYS for r in FALLING]
     anywhere = float(np.mean([count_near(curves, x) for x in SPREAD]))
@@ -93,9 +89,9 @@ def _peaks(evidence: Evidence, way: str = "cold") -> dict[str, list[float]]:
     return {f"{r:g}": prominent_maxima(AXIS, c.column("max_slip_speed")) for r, c in zip(FRICTION_RATIOS, curves)}
 
 
-def prominent_maxima(axis: Floats, values: Floats, reach: int = 5) -> list[float]:
-    """Places of the local maxima that stand out by PROMINENT on either side within `reach` values."""
-    least = PROMINENT * float(np.nanmax(values))
+def prominent_maxima(axis: Floats, values: Floats) -> list[float]:
+    """Places of the local maxima that stand out by PROMINENT on either side within five values."""
+    least, reach = PROMINENT * float(np.nanmax(values)), 5
     return [float(axis[k]) for k in range(1, len(values) - 1)
             if values[k] == np.nanmax(values[max(k - reach, 0):k + reach + 1])
             and values[k] - np.nanmin(values[max(k - reach, 0):k]) > least
@@ -107,7 +103,6 @@ def prominent_maxima(axis: Floats, values: Floats, reach: int = 5) -> list[float
     f"within {CLOSE:g} of it than of the ratios from 0.14 to 0.36 on average; the jump changes the maximum by more "
     f"than {JUMP:g} of the curve's between ratios 0.003 apart, and a stable motion ends in it within {ENDS:g}"))
 def super_harmonic_jumps(evidence: StableMotions) -> Measured:
-    """Fig. 4: jumps at the super-harmonic peaks, of all sweeps, each with the end of the motion that it leaves."""
     both: list[np.ndarray] = []
     left: list[float] = []
     motions: list[Motion] = []
@@ -138,7 +133,6 @@ def super_harmonic_jumps(evidence: StableMotions) -> Measured:
     f"every peak of mu_k = mu_s above 0.15, followed to the nearest one within {NEAR:g} for 0.83, 0.75 and 0.667 mu_s, "
     "never moves down and ends higher (from (13), ratios 0.003 apart)", "some peak does so"))
 def peaks_move(evidence: Evidence) -> Measured:
-    """Fig. 4: which way the super-harmonic peaks go as mu_k falls."""
     peaks = _peaks(evidence)
     chains = [[x] for x in peaks["1"] if x > 0.15]
     for r in FALLING:
@@ -156,7 +150,6 @@ def peaks_move(evidence: Evidence) -> Measured:
     f"their curve; {JUMPING}, a peak stands {PROMINENT:g} of its curve's largest value above what surrounds it",
     "more of the jumps than of all ratios from 0.12 on, for every mu_k, are so near"))
 def lost_at_peaks(evidence: Evidence) -> Measured:
-    """Fig. 4: how near to a peak the map jumps, beside how much of the axis is as near."""
     peaks = _peaks(evidence)
     near, covered = [], []
     for r in FALLING:
@@ -171,7 +164,6 @@ def lost_at_peaks(evidence: Evidence) -> Measured:
 @claim("4", "5, after Fig. 4", "the transition between stick and stick-slip lies near 0.4 and moves with mu_k", Holds(
     f"the highest slipping ratio from (13) lies within {NEAR:g} of 0.4 for mu_k = mu_s, and elsewhere for every mu_k"))
 def stick_transition(evidence: Evidence) -> Measured:
-    """Fig. 4: from stick-slip to stick."""
     found = list(last_slips(evidence, "smoothed").values())
     return Measured((abs(found[0] - 0.4) <= NEAR and len(set(found)) == len(found),),
                     {"last slip from (13) for mu_k/mu_s": last_slips(evidence, "smoothed")})
@@ -180,7 +172,6 @@ def stick_transition(evidence: Evidence) -> Measured:
 @claim("4", "4, after (11); 5", "the transition moves with mu_k because the law is smoothed", Holds(
     "from mu_k = mu_s to 0.667 mu_s it moves by less than half as far with the set-valued law"))
 def transition_by_smoothing(evidence: Evidence) -> Measured:
-    """Fig. 4: why the transition moves with mu_k."""
     values = {law: last_slips(evidence, law) for law in ("smoothed", "set_valued")}
     smoothed, exact = (list(v.values()) for v in values.values())
     moved = [abs(row[-1] - row[0]) for row in (smoothed, exact)]
@@ -222,7 +213,6 @@ def jump_is_bifurcation(evidence: StableMotions) -> Measured:
     "ratios 0.05 to 0.5 in steps of 0.009, for 0.75 mu_s, at which the section in delta_2 and the maxima of delta_1' "
     "per cycle repeat to 1e-5 after one and the same number of cycles, or neither does after up to 16,"))
 def shows_in_both(evidence: Evidence) -> Measured:
-    """Fig. 4: the period told from the plate angle alone, and from the maxima of the slip speed alone."""
     same, apart = [], []
     for x in AXIS[::3]:
         system = paper_system(with_kinetic(0.75, {FREQUENCY: float(x) * OMEGA_N}))
@@ -244,7 +234,6 @@ def repeats(series: Floats) -> int:
 @claim("4", "5, after Fig. 4", "a jump near 0.20 at mu_k = 0.83 mu_s turns period one into two", Holds(
     f"from (13) a jump within {NEAR:g} of 0.20 with period 1 at 0.002 below it and 2 at 0.002 above; {JUMPING}"))
 def jump_doubles_period(evidence: Evidence) -> Measured:
-    """Fig. 4: mu_k = 0.83 mu_s near 0.20."""
     row = with_kinetic(0.83)
     around = {f"{x:.4f}": [evidence.motion({**row, FREQUENCY: (x + d) * OMEGA_N}).period for d in (-2e-3, 2e-3)]
               for x in jump_places(evidence, 0.83) if abs(x - 0.20) <= NEAR}
@@ -261,7 +250,6 @@ FALLS = np.round(np.arange(0.56, 0.8301, 0.01), 6)
              "confidence interval of the largest Lyapunov exponent above 0, or a motion on a torus",
              "at a smaller mu_k there is no period up to 16"))
 def doubling_to_chaos(evidence: Evidence) -> Measured:
-    """Fig. 4: the period-two motions behind the jump near 0.20, as mu_k falls further."""
     places = [x for x in jump_places(evidence, 0.83) if abs(x - 0.20) <= NEAR]
     place = (places[0] if places else 0.20) + 2e-3
     row = {FREQUENCY: place * OMEGA_N}

@@ -22,7 +22,6 @@ DAMPED = np.round(np.arange(0.08, 0.3001, 0.002), 6)
 @claim("5", "5, after (23)", "where the equivalent damping (21) crosses -C23 = -0.6 a bifurcation is seen",
        Holds("(21) crosses -0.6 somewhere in 0.08 to 0.30, and the period changes within 0.005 of every crossing"))
 def damping_crosses(evidence: Evidence) -> Measured:
-    """Fig. 5: (21) against -C23."""
     sweep = evidence.curves([with_kinetic(0.667)], DAMPED, damping=True)[0]
     printed, negative = sweep.column("equivalent_damping"), sweep.column("negative_slope_mean")
     changes = np.flatnonzero(np.diff(evidence.periods(sweep)) != 0)
@@ -46,7 +45,6 @@ def damping_crosses(evidence: Evidence) -> Measured:
     "(21) falls with every fall of mu_k over 1, 0.83, 0.75, 0.667 mu_s at 0.95 or more of the ratios 0.08 to 0.30",
     "its median over these ratios does"))
 def damping_falls(evidence: Evidence) -> Measured:
-    """(21) and the time mean of the negative slope for every mu_k of Fig. 4."""
     sweeps = evidence.curves([with_kinetic(r) for r in FRICTION_RATIOS], DAMPED, damping=True)
     readings = {"(21) as printed": np.array([s.column("equivalent_damping") for s in sweeps]),
                 "time mean of the negative slope": np.array([s.column("negative_slope_mean") for s in sweeps])}
@@ -86,7 +84,6 @@ AT_036 = {FREQUENCY: 0.36 * OMEGA_N}
 @claim("6", "5, after (23)", "only period-one motions near mu_k = mu_s",
        Holds("period 1 from (13) at every mu_k/mu_s from 0.94 to 1"))
 def period_one_near_unity(evidence: Evidence) -> Measured:
-    """Fig. 6: mu_k near mu_s."""
     near = evidence.periods(evidence.curves([AT_036], RATIOS, over=KINETIC)[0])[RATIOS >= 0.94]
     return Measured((bool((near == 1).all()),), {"periods": sorted({int(p) for p in near})})
 
@@ -94,7 +91,6 @@ def period_one_near_unity(evidence: Evidence) -> Measured:
 @claim("6", "5, after (23)", "a sudden bifurcation yields period two as mu_k/mu_s falls to about 0.92", Holds(
     f"a stable motion of period two begins in a jump within {NEAR:g} of 0.92, found from (13) or in a sweep"))
 def period_two_from(evidence: StableMotions) -> Measured:
-    """Fig. 6: period two from about 0.92."""
     ends = {way: _highest(evidence, way, 2, 1.0) for way in WAYS}
     born = [s.high.value for s in evidence.stretches([AT_036], RATIOS, over=KINETIC)[0]
             if s.period == 2 and s.high.jumps]
@@ -116,7 +112,6 @@ def _highest(evidence: Evidence, way: str, period: int, below: float) -> float |
     "motions without a period up to 16 within 0.05 below it",
     "from (13) or in a sweep the highest ratio below 0.78 without a period is within 0.05 of 0.7"))
 def aperiodic_from(evidence: StableMotions) -> Measured:
-    """Fig. 6: aperiodic from about 0.7."""
     highest = {way: _highest(evidence, way, 0, 0.78) for way in WAYS}
     none = {float(x) for way in WAYS
             for x in RATIOS[evidence.periods(evidence.curves([AT_036], RATIOS, over=KINETIC, direction=way)[0]) == 0]}
@@ -145,7 +140,6 @@ def covered_down_to(stretches: Sequence[StableSegment], start: float) -> float:
     "these periods from (13), and at 0.64 the whole confidence interval of the largest Lyapunov exponent above 0",
     "these periods"))
 def three_motions(evidence: Evidence) -> Measured:
-    """Fig. 7."""
     found = {f"{r:g}": evidence.motion(with_kinetic(r, AT_036), lyapunov=True) for r in (0.94, 0.74, 0.64)}
     exponents = {name: m.lyapunov for name, m in found.items()}
     same = [m.period for m in found.values()] == [1, 2, 0]

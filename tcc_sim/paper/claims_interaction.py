@@ -44,14 +44,12 @@ def _best_at_low(evidence: Evidence, number: int) -> Measured:
 @claim("14", "6.2, Fig. 14(a)", "mu_k = 0.75 mu_s: psi = 0 attenuates best at low frequency",
        Shares(LOWEST.format("to 0.25")))
 def phase_with_falling_law(evidence: Evidence) -> Measured:
-    """Fig. 14: psi = 0 at low frequency."""
     return _best_at_low(evidence, 14)
 
 
 @claim("15", "6.2, Fig. 15(a)", "mu_k = 0.67 mu_s: psi = 0 attenuates best at low frequency",
        Shares(LOWEST.format("to 0.25")))
 def phase_with_steeper_law(evidence: Evidence) -> Measured:
-    """Fig. 15: psi = 0 at low frequency."""
     return _best_at_low(evidence, 15)
 
 
@@ -60,7 +58,6 @@ def phase_with_steeper_law(evidence: Evidence) -> Measured:
     f"highest (within {SHOWS:g} rad/s), whichever stable motion there is on every curve",
     "at 0.5 or more for some choice of motions"))
 def phase_reversed(evidence: StableMotions) -> Measured:
-    """Figs. 14 and 15: psi = 0 at high frequency."""
     shares, motions = {}, list[Motion]()
     for n in (14, 15):
         evidence.stretches(rows(n), HIGHER)
@@ -77,7 +74,6 @@ def phase_reversed(evidence: StableMotions) -> Measured:
 
 @claim("14", "6.2, after Fig. 14", "psi = 0: pure stick below 0.15", Equal(f"0.15 lies in the interval {WITHIN_STICK}"))
 def stick_below_015(evidence: Evidence) -> Measured:
-    """Fig. 14: pure stick."""
     return pure_stick_below(evidence, 14, 0.15)
 
 
@@ -97,7 +93,6 @@ def earlier_onset(evidence: Evidence) -> Measured:
     "Lyapunov exponent whose confidence interval is above 0", f"at such a place, or where neighbours 0.005 apart "
     f"differ by more than {JUMP:g} of the curve's maximum, the period is lost"))
 def jump_to_chaos(evidence: StableMotions) -> Measured:
-    """Fig. 14: the jump near 0.35."""
     row, near = rows(14)[0], about(0.35)
     ends = [end.value for end in evidence.ends(row, near) if abs(end.value - 0.35) <= NEAR]
     rises = [float(0.5 * (AXIS[k] + AXIS[k + 1]))
@@ -127,7 +122,6 @@ LINKED = 0.5
     f"below and above (17 for none up to 16) with the size of the jump is above {LINKED:g} and larger than that with "
     f"the larger maximum; {JUMPING}", f"the first is above {0.5 * LINKED:g}"))
 def severity_follows_abruptness(evidence: Evidence) -> Measured:
-    """Fig. 14, per jump: how bad the bifurcation is, against the size of the jump and of the slip."""
     severity, abruptness, amplitude = [], [], []
     for row in rows(14):
         for x, size in evidence.jumps(row, AXIS):
@@ -153,7 +147,6 @@ def rank_correlation(x: list[float], y: list[float]) -> float:
     f"period 1 at every frequency from (13) and no jump; {JUMPING}",
     "no motion that (13) leads to ends in a bifurcation, and more than 0.5 of the ratios have period 1"))
 def phase_pi_is_smooth(evidence: StableMotions) -> Measured:
-    """Fig. 14: psi = pi."""
     row = rows(14)[2]
     found = evidence.periods(evidence.curves([row], AXIS)[0])
     jumps = [x for x, _ in evidence.jumps(row, AXIS)]
@@ -177,7 +170,6 @@ def _aperiodic(evidence: Evidence, number: int) -> list[float]:
     "the part of the slipping ratios without a period up to 16 is larger over the three phases together, and so is "
     "the number of changes of period along them", "the first is so"))
 def more_with_steeper_law(evidence: Evidence) -> Measured:
-    """Fig. 15 against Fig. 14."""
     shares = {str(n): _aperiodic(evidence, n) for n in (14, 15)}
     changes = {str(n): [int((np.diff(evidence.periods(s)) != 0).sum()) for s in evidence.curves(rows(n), AXIS)]
                for n in (14, 15)}
@@ -189,7 +181,6 @@ def more_with_steeper_law(evidence: Evidence) -> Measured:
 @claim("16", "6.2, Fig. 16(a)", "at lower frequency omega_f = omega suppresses slip better than omega_f = 2 omega",
        Shares(LOWEST.format("to 0.25") + " of the two"))
 def same_frequency_suppresses(evidence: Evidence) -> Measured:
-    """Fig. 16: omega_f = omega against 2 omega."""
     found = maxima(evidence, 16)[1:]
     share = best(found, 0, LOWER)
     return Measured([share], {"lower": share, "not at": exceptions(found, 0, LOWER)})
@@ -199,7 +190,6 @@ def same_frequency_suppresses(evidence: Evidence) -> Measured:
     f"more changes of over {JUMP:g} of the maximum between ratios 0.005 apart than for omega_f = omega and 2 omega",
     "more than for one of them"))
 def half_frequency_jumps(evidence: Evidence) -> Measured:
-    """Fig. 16: jumps of omega_f = 0.5 omega."""
     found = [len(steep(s.column("max_slip_speed"))) for s in evidence.curves(rows(16), AXIS)]
     return Measured((found[0] > max(found[1:]), found[0] > min(found[1:])),
                     {"changes for omega_f = 0.5 omega, omega, 2 omega": found})
@@ -209,7 +199,6 @@ def half_frequency_jumps(evidence: Evidence) -> Measured:
     "from 0.05 to 0.5 no period up to 16 at 0.95 or more of the slipping ratios, from (13), swept up or swept down",
     "at 0.5 or more of them"))
 def half_frequency_aperiodic(evidence: StableMotions) -> Measured:
-    """Fig. 16: aperiodic motions of omega_f = 0.5 omega."""
     row = rows(16)[0]
     sweeps = [evidence.curves([row], AXIS, direction=way)[0] for way in WAYS]
     slipping = ~sticks(sweeps[0])
@@ -245,7 +234,6 @@ def mismatch_with_falling_law(evidence: StableMotions) -> Measured:
              "curve of Figs. 14 to 18 (mu_k < mu_s) at 0.1 or more of them it is another one or there is none",
              "that part is larger on every curve of these than on any of those"))
 def slope_is_the_cause(evidence: Evidence) -> Measured:
-    """The part of the slipping ratios off the period of (35), with and without a falling friction law."""
     parts = {str(number): off_period(evidence, number) for number in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
     equal = [x for n, row in parts.items() for x in row if float(rows(int(n))[0][KINETIC]) == STATIC]  # type: ignore
     falling = [x for n, row in parts.items() for x in row if float(rows(int(n))[0][KINETIC]) < STATIC]  # type: ignore
@@ -257,7 +245,6 @@ def slope_is_the_cause(evidence: Evidence) -> Measured:
     "to 0.12 the part in pure stick never falls with Tsp and ends at 1, and at Tsp = 0 or 0.125 Tsm some ratio there "
     "has no period up to 16", "the part in pure stick grows from Tsp = 0 to 0.5 Tsm"))
 def amplitude_makes_stick(evidence: Evidence) -> Measured:
-    """Fig. 18: low frequency."""
     sweeps = evidence.curves(rows(18), AXIS)
     low = AXIS <= 0.12
     stuck = [share_where(sticks(s), low) for s in sweeps]
@@ -272,7 +259,6 @@ def amplitude_makes_stick(evidence: Evidence) -> Measured:
     f"a stable motion ends in a jump within {NEAR:g} of each at Tsp/Tsm = 0.25 or 0.5, found from (13) or in a sweep "
     "either way"))
 def amplitude_jumps(evidence: StableMotions) -> Measured:
-    """Fig. 18: jumps at higher frequency."""
     curves = {f"Tsp/Tsm = {x:g}": row for x, row in zip((0.25, 0.5), rows(18)[2:])}
     found: dict[str, list[float]] = {}
     motions = list[Motion]()
@@ -290,7 +276,6 @@ def amplitude_jumps(evidence: StableMotions) -> Measured:
 @claim("18", "6.2, Fig. 18(b)", "larger Tsp: periodic motions turn quasi-periodic or chaotic around 0.25 and 0.35",
        Equal(f"a ratio without a period up to 16 from (13) within {NEAR:g} of each at Tsp/Tsm = 0.25 or 0.5"))
 def amplitude_aperiodic(evidence: Evidence) -> Measured:
-    """Fig. 18: aperiodic motions at higher frequency."""
     found = {f"{x:g}": [float(r) for r in AXIS[evidence.periods(sweep) == 0]]
              for x, sweep in zip((0.25, 0.5), evidence.curves(rows(18)[2:], AXIS))}
     places = [p for row in found.values() for p in row]

@@ -58,7 +58,6 @@ def cycle_differences(chosen: tuple[tuple[str, str, float | None], ...]) -> dict
     f"the maxima of cycles {DISCARD} to {CYCLES} from (13) by less than {ALIKE:g}, and the attractors of either law "
     f"have the same periods and largest slip speeds within {ALIKE:g}", "the first two hold"))
 def solvers_agree(evidence: StableMotions, differing: Differing = cycle_differences) -> Measured:
-    """Fig. 2: over one cycle, over the paper's cycles, and in the attractors."""
     differences = differing((("rk45", "smoothed", None), ("bdf", "smoothed", None),
                              ("event_driven", "set_valued", None)))
     paper, doubled = {}, {}
@@ -89,7 +88,6 @@ def solvers_agree(evidence: StableMotions, differing: Differing = cycle_differen
     f"over a cycle from one state the slip speed differs by more than {APART:g} of its maximum (rms) for every step "
     "from 1 us to 0.1 ms", "for some of these steps"))
 def classical_differs(evidence: Evidence, differing: Differing = cycle_differences) -> Measured:
-    """Fig. 2: classical Runge-Kutta at a fixed step."""
     differences = differing(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
     apart = [d > APART for d in differences.values()]
     return Measured((all(apart), any(apart)), differences,
@@ -128,7 +126,6 @@ def least_slope(system: System) -> float:
        Holds("the maximum of (7) over mu_s/mu_k is below 1 for mu_k < mu_s, and the lower the smaller mu_k"),
        cheap=True)
 def maximum_falls(evidence: Evidence, peak: Callable[[System], float] = peak_of) -> Measured:
-    """Fig. 3: the smoothed maximum, for the mu_k of the figure."""
     found = {name: x for name, x in of_law(peak).items() if name != "1"}
     parts = list(found.values())
     return Measured((max(parts) < 1.0 and parts == sorted(parts, reverse=True),), {"maximum / (mu_s/mu_k)": found})
@@ -137,7 +134,6 @@ def maximum_falls(evidence: Evidence, peak: Callable[[System], float] = peak_of)
 @claim("3", "5, after (20)", "the slope d(mubar)/dv turns negative, more so for smaller mu_k",
        Holds("the least slope (20b) is below 0 for mu_k < mu_s and falls with mu_k"), cheap=True)
 def slope_turns_negative(evidence: Evidence, slope: Callable[[System], float] = least_slope) -> Measured:
-    """Fig. 3: the slope, for the mu_k of the figure."""
     lowest = of_law(slope)
     found = list(lowest.values())
     return Measured((found[0] >= 0.0 and found[1] < 0.0 and found == sorted(found, reverse=True),),
@@ -204,7 +200,6 @@ def held_stick(names: Sequence[str], ends: Ends) -> Measured:
        Near("frequency ratio at which a motion that starts in stick slips within 20 cycles, set-valued law, and (10) "
             "(corrected): both limits", STICK_END), cheap=True)
 def stick_limits(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
-    """(10), (25) under constant load."""
     return held_stick(("constant load",), ends)
 
 
@@ -212,7 +207,6 @@ def stick_limits(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
        Near("frequency ratio at which a motion that starts in stick slips within 20 cycles, set-valued law, and (10) "
             "(corrected): both limits, for psi = 0, pi/2, pi and Tsp/Tsm = 0.25", STICK_END), cheap=True)
 def stick_limits_varying(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
-    """(10) under varying load."""
     return held_stick([name for name in STICKY if name != "constant load"], ends)
 
 
@@ -244,7 +238,6 @@ def positive_trend_slips(evidence: Evidence) -> Measured:
        Holds("the closed form with its transient, corrected, within 1e-6 of the simulation, and above 0 for ever"),
        cheap=True)
 def pure_slip_guaranteed(evidence: Evidence) -> Measured:
-    """(14) to (18): pure positive slip for Tm = Tsm, against the simulation."""
     system = paper_system(PURE_SLIP)
     found = pure_slip.pure_slip(system)
     run = evidence.run(system, 60, samples=200)
@@ -270,7 +263,6 @@ CROSSING = 0.002
        Near("ratio omega/omega_n at which the maxima of psi = 0 and pi cross, for four pairs of inertias, and (28)",
             CROSSING))
 def critical_frequency(evidence: Evidence) -> Measured:
-    """(28): where the curves of psi = 0 and pi cross as I1 and I2 change."""
     values, pairs = {}, []
     for name, inertia in INERTIAS.items():
         system = paper_system(inertia)
@@ -298,5 +290,3 @@ def crossing(evidence: Evidence, inertia: Values, omega_n: float, place: float) 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if apart(middle) * below > 0.0 else (low, middle)
     return 0.5 * (low + high)
-
-

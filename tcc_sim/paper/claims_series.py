@@ -61,7 +61,6 @@ COPRIME = [(m, n) for n in range(1, 6) for m in range(1, 6) if math.gcd(m, n) ==
        "commensurable (1/2, 2/1: one a multiple of the other) or not (2/3, 4/3)",
        Equal("period N from (13) for every M/N in lowest terms up to 5/5, at 150 rad/s and Tsp/Tsm = 0.25"), cheap=True)
 def period_is_denominator(evidence: Evidence) -> Measured:
-    """(35): omega_f = (M/N) omega gives period N."""
     found = {f"{m}/{n}": evidence.motion(actuated(m / n)).period for m, n in COPRIME}
     return Measured([(found[f"{m}/{n}"], n) for m, n in COPRIME], {"periods": found})
 
@@ -70,7 +69,6 @@ def period_is_denominator(evidence: Evidence) -> Measured:
        Equal("for every M/N of Figs. 10 to 12 constant load and a second engine torque of frequency M/N omega and "
              "amplitude Tsp give the period of the varying load"), cheap=True)
 def as_dual_excitation(evidence: Evidence) -> Measured:
-    """After (35): periods under a torque of two frequencies and constant load."""
     pairs, values = [], {}
     for name, ratio in SERIES.items():
         varying, n = evidence.motion(actuated(ratio)).period, denominator(actuated(ratio))

@@ -57,7 +57,6 @@ HIGHEST = f"the highest at those {{}} (within {SHOWS:g} rad/s)"
 @claim("8", "6.1, Fig. 8", "psi = 0 attenuates slip best below about 0.30 and worst above",
        Shares(LOWEST.format("to 0.29") + ", and " + HIGHEST.format("from 0.31 to 0.45")))
 def phase_attenuates(evidence: Evidence) -> Measured:
-    """Fig. 8: psi = 0."""
     found = maxima(evidence, 8)
     below, above = best(found, 0, LOW), best(found, 0, HIGH, worst=True)
     return Measured((below, above), {"best below": below, "worst above": above})
@@ -73,14 +72,12 @@ def without_bifurcations(evidence: Evidence, number: int) -> Measured:
 @claim("8", "6.1, Fig. 8(b)", "no bifurcations for mu_k = mu_s and any phase",
        Holds("period 1 at every frequency from 0.05 to 0.5 and for every curve"))
 def phase_bifurcations(evidence: Evidence) -> Measured:
-    """Fig. 8: no bifurcations."""
     return without_bifurcations(evidence, 8)
 
 
 @claim("8", "6.1, Fig. 8(a)", "the curves are smooth for mu_k = mu_s and any phase: no jumps",
        Holds(f"no jump of any curve; {JUMPING}"))
 def phase_jumps(evidence: Evidence) -> Measured:
-    """Fig. 8: no jumps."""
     found = {plain(s.label): [round(x, 4) for x, _ in evidence.jumps(s.values, AXIS)] for s in FIGURES[8].series}
     return Measured((not any(found.values()),), {"jumps": found})
 
@@ -123,7 +120,6 @@ def pure_stick_below(evidence: Evidence, number: int, place: float) -> Measured:
 
 @claim("8", "6.1; 6.2", "psi = 0: pure stick below 0.18", Equal(f"0.18 lies in the interval {WITHIN_STICK}"))
 def stick_below_018(evidence: Evidence) -> Measured:
-    """Fig. 8: pure stick."""
     return pure_stick_below(evidence, 8, 0.18)
 
 
@@ -131,7 +127,6 @@ def stick_below_018(evidence: Evidence) -> Measured:
        "and 0.40", Holds("more than 0.8 of the way slipped in the first half cycle at the first two ratios, less than "
                          "0.2 at the others"), cheap=True)
 def delay(evidence: Evidence) -> Measured:
-    """Fig. 9: when the slip takes place."""
     shares = {f"{float(s.values[FREQUENCY]) / OMEGA_N:.2f}":  # type: ignore[arg-type]
               first_half(evidence.last_cycles(s.values, 2, 2000)) for s in FIGURES[9].series}
     parts = list(shares.values())
@@ -155,7 +150,6 @@ def denominator(row: Values) -> int:
 @claim("10, 11, 12", "6.1, after (29)", "omega_f/omega = 1/2, 2, 2/3, 4/3 give period 2, 1, 3, 3", Equal(
     "these periods from (13) at 150 rad/s, and no others at the slipping ratios from 0.05 to 0.5 of Figs. 10 and 11"))
 def actuation_periods(evidence: Evidence) -> Measured:
-    """Figs. 10 to 12: periods."""
     single = {f"{r:.3f}": evidence.motion(actuated(r)).period for r in MISMATCHED}
     along = slipping_periods(evidence)
     pairs = [(single[f"{r:.3f}"], denominator(actuated(r))) for r in MISMATCHED]
@@ -167,7 +161,6 @@ def actuation_periods(evidence: Evidence) -> Measured:
 @claim("10, 11", "6.1, after (29)", "no bifurcations for mu_k = mu_s and any omega_f",
        Holds("one period along every curve from 0.05 to 0.5, wherever the clutch slips"))
 def actuation_bifurcations(evidence: Evidence) -> Measured:
-    """Figs. 10 and 11: no bifurcations."""
     found = {name: periods for name, (_, periods) in slipping_periods(evidence).items()}
     return Measured((all(len(p) <= 1 for p in found.values()),), {"periods": found})
 
@@ -185,20 +178,9 @@ def off_period(evidence: Evidence, number: int) -> list[float]:
             for row, sweep in zip(rows(number), evidence.curves(rows(number), AXIS))]
 
 
-def constant(evidence: Evidence) -> Floats:
-    """(frequencies,) largest slip speeds for Tsp = 0 and mu_k = mu_s."""
-    return evidence.curves([{}], AXIS)[0].column("max_slip_speed")
-
-
-def against_constant(found: Floats, still: Floats, where: np.ndarray, sign: float) -> float:
-    """The part of the slipping ratios at which a curve lies below that of Tsp = 0 (sign 1), or above it (-1)."""
-    return share_where(sign * (still - found) > SHOWS, where & (np.maximum(found, still) > SLIPPING))
-
-
 @claim("10, 11", "6.1, after (29)", "omega_f = omega attenuates best at low frequency", Shares(
     LOWEST.format("to 0.25") + f" of its figure, and more than {SHOWS:g} rad/s below that of Tsp = 0"))
 def actuation_attenuates(evidence: Evidence) -> Measured:
-    """Figs. 10 and 11: omega_f = omega."""
     shares = {str(n): best(maxima(evidence, n), 1, LOWER) for n in (10, 11)}
     below = _beside_constant(evidence, LOWER, 1.0)
     return Measured([*shares.values(), below["1.000"]],
@@ -206,17 +188,19 @@ def actuation_attenuates(evidence: Evidence) -> Measured:
 
 
 def _beside_constant(evidence: Evidence, where: np.ndarray, sign: float) -> dict[str, float]:
-    """For every omega_f/omega of Figs. 10 and 11 the part at which its curve is below (above) that of Tsp = 0."""
-    still = constant(evidence)
-    return {f"{row['pressure.frequency_ratio']:.3f}": against_constant(found, still, where, sign)
-            for n in (10, 11) for row, found in zip(rows(n), maxima(evidence, n))}
+    """For every omega_f/omega of Figs. 10 and 11 the part of the slipping ratios at which its curve is below that of
+    Tsp = 0 with mu_k = mu_s (sign 1), or above it (-1).
+    """
+    still = evidence.curves([{}], AXIS)[0].column("max_slip_speed")
+    return {f"{row['pressure.frequency_ratio']:.3f}": share_where(
+        sign * (still - found) > SHOWS, where & (np.maximum(found, still) > SLIPPING))
+        for n in (10, 11) for row, found in zip(rows(n), maxima(evidence, n))}
 
 
 @claim("10, 11", "6.1, after (29)", "at higher frequency this is reversed", Shares(
     f"ratios from 0.31 to 0.45 where a curve slips (above {SLIPPING:g} rad/s) at which the maximum of omega_f = omega "
     f"is more than {SHOWS:g} rad/s above that of Tsp = 0, and {HIGHEST.format('of either figure')}"))
 def actuation_reversed(evidence: StableMotions) -> Measured:
-    """Figs. 10 and 11: omega_f = omega at high frequency, beside Tsp = 0 and beside the other curves."""
     shares, above, motions = {}, {}, []
     for n in (10, 11):
         found = maxima(evidence, n)
@@ -241,7 +225,6 @@ def actuation_reversed(evidence: StableMotions) -> Measured:
     f"ratios to 0.27 where a curve slips (above {SLIPPING:g} rad/s) at which the maxima fall with every Tsp, and from "
     f"0.31 to 0.45 at which they rise (within {SHOWS:g} rad/s)"))
 def amplitude_attenuates(evidence: Evidence) -> Measured:
-    """Fig. 13: Tsp."""
     found = maxima(evidence, 13)
     moving = found.max(axis=0) > SLIPPING
     falling = (np.diff(found, axis=0) <= SHOWS).all(axis=0)
@@ -253,5 +236,4 @@ def amplitude_attenuates(evidence: Evidence) -> Measured:
 @claim("13", "6.1, Fig. 13", "no bifurcations for mu_k = mu_s and any Tsp",
        Holds("period 1 at every frequency from 0.05 to 0.5 and for every curve"))
 def amplitude_bifurcations(evidence: Evidence) -> Measured:
-    """Fig. 13: no bifurcations."""
     return without_bifurcations(evidence, 13)

@@ -1,17 +1,164 @@
-"""The paper's errata in one list: what is printed, what is right, why, and where this package has the right form."""
+"""The paper's errata in one list: what is printed, what is right, why, and where this package has the right form.
+
+Numbers that show what they come to are worked out by a function each, by name and value.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from tcc_sim.paper import errata_numbers as numbers
+import numpy as np
+
+from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.continuation.special_points import chandrupatla
+from tcc_sim.model import pure_slip, pure_stick
+from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
+from tcc_sim.paper.claims_model import PURE_SLIP
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
+from tcc_sim.solvers import solve
+from tcc_sim.trajectory import integral
 
 
-def nothing() -> dict[str, Any]:
-    """No numbers: the two forms differ in kind."""
-    return {}
+def phases() -> dict[str, Any]:
+    """phi of (8b) on both sides of omega_sn, rad."""
+    system = paper_system()
+    d, out = system.driveline, {}
+    for ratio in (0.2, 0.4):
+        omega = ratio * OMEGA_N
+        printed = -math.atan(d.damping * omega / (d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2))
+        out[f"phi at {ratio:g}, printed and right (rad)"] = [printed, pure_stick.stick_phase(system, omega)]
+    return out
+
+
+def amplitude() -> dict[str, Any]:
+    """The second amplitude of (9) at 0.36."""
+    d, omega = paper_system().driveline, 0.36 * OMEGA_N
+    stuck = d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2
+    return {"amplitude at 0.36, printed and right (N m)": [
+        omega**2 * 250.0 / abs(stuck), d.flywheel_inertia * omega**2 * 250.0 / abs(complex(stuck, d.damping * omega))]}
+
+
+def slip_condition() -> dict[str, Any]:
+    """(16) from an engine that is slower than the plate, and from a slow one."""
+    out = {}
+    for speed in (-150.0, 30.0):
+        found = pure_slip.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
+        out[f"Omega_e = {speed:g}: (16) as printed, with its sign, least slip with the transient (rad/s)"] = [
+            abs(found.a0) - found.slip.swing(), found.margin, found.least_slip_speed]
+    return out
+
+
+def transient() -> dict[str, Any]:
+    """The sine's amplitude in (17a), and that the printed terms are those of the integral of theta2."""
+    system = paper_system(PURE_SLIP)
+    d = system.driveline
+    decay, omega_n = 0.5 * d.damping / d.plate_inertia, system.natural_frequency
+    zeta, damped = decay / omega_n, math.sqrt(omega_n**2 - decay**2)
+    size = system.saturation_mean / d.stiffness
+    t = np.linspace(0.0, 0.1, 20001)
+    fade, cosine, sine = np.exp(-decay * t), np.cos(damped * t), np.sin(damped * t)
+    printed = size * fade * (2.0 * zeta / omega_n * cosine + (2.0 * zeta**2 - 1.0) / damped * sine)
+    angle = pure_slip.pure_slip(system).plate_angle(t)
+    rest = integral(angle, t) - size * (t - 2.0 * zeta / omega_n)
+    return {"amplitude of the sine, printed and right (rad/s)": [size * (1.0 - 2.0 * zeta**2) / damped,
+                                                                 system.saturation_mean / (d.plate_inertia * damped)],
+            "printed terms less those of the integral of theta2, largest, relative":
+            float(np.abs(printed - rest).max() / np.abs(printed).max())}
+
+
+def dissipation() -> dict[str, Any]:
+    """(21) beside the damping that takes the friction torque's energy out of a cycle, mu_k = 0.667 mu_s."""
+    out = {}
+    for ratio in (0.12, 0.20, 0.25):
+        system = paper_system(with_kinetic(0.667, {"engine.frequency": ratio * OMEGA_N}))
+        before = solve(system, cycles=150)
+        run = solve(system, cycles=16, samples_per_cycle=4096, start_cycle=150, state=before.final).raise_for_status()
+        power, square = run.friction_torque * run.slip_speed, run.slip_speed**2
+        found = damping_of_cycles(system, before.solved_cycles[134:], 134, 0)
+        out[f"at {ratio:g}, by energy and by (21) (N m s/rad)"] = [float(power.sum() / square.sum()), found.weighted]
+    return out
+
+
+def roots() -> dict[str, Any]:
+    """Roots of the characteristic polynomial of (22)."""
+    d = paper_system().driveline
+
+    def roots(damping: float) -> list[complex]:
+        i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+        return [complex(x) for x in np.roots([i1 * i2, i1 * (c + damping) + i2 * damping, i1 * k + damping * c,
+                                              damping * k])]
+
+    def pair(damping: float) -> float:
+        return max(x.real for x in roots(damping) if abs(x.imag) > 1.0)
+
+    return {"real root at Cf = -0.1, -0.3 (1/s)": [max(x.real for x in roots(c) if abs(x.imag) <= 1.0)
+                                                   for c in (-0.1, -0.3)],
+            "Cf at which the oscillatory pair crosses (N m s/rad)": chandrupatla(pair, -2.0 * d.damping,
+                                                                                 -0.5 * d.damping)}
+
+
+def stuck_frequency() -> dict[str, Any]:
+    """(27) and its right form."""
+    d = paper_system().driveline
+    both = d.flywheel_inertia + d.plate_inertia
+    return {"printed and right (rad/s)": [d.stiffness / math.sqrt(both), math.sqrt(d.stiffness / both)]}
+
+
+def driving_torques() -> dict[str, Any]:
+    """What (29b) says for Fig. 13, what drives the slip, and the slip."""
+    out: dict[str, Any] = {}
+    still = [paper_system({**s.values, "engine.frequency": 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
+    out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
+        pure_slip.equivalent_torque(s).swing() for s in still]
+    out["|Tp - Tsp| (N m)"] = [abs(s.engine.torque_amplitude - s.saturation_amplitude) for s in still]
+    for ratio in (0.20, 0.40):
+        rows = [paper_system({**s.values, "engine.frequency": ratio * OMEGA_N}) for s in FIGURES[13].series]
+        out[f"torque that drives the slip at {ratio:.2f}, plate motion eliminated (N m)"] = [
+            pure_slip.slip_torque(s).swing() for s in rows]
+        out[f"largest slip speed at {ratio:.2f} (rad/s)"] = [
+            float(np.abs(solve(system, cycles=150).solved_cycles.highest[50:]).max()) for system in rows]
+    return out
+
+
+def series() -> dict[str, Any]:
+    """The mean of (31) with and without c0, for omega_f = omega/2 at 150 rad/s."""
+    row: Values = {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": 0.5, "engine.frequency": 150.0}
+    system = paper_system(row)
+    before = solve(system, cycles=600).raise_for_status()
+    run = solve(system, cycles=2, samples_per_cycle=400, start_cycle=600, state=before.final).raise_for_status()
+    size = float(np.abs(run.slip_speed).max())
+    off = []
+    for count in (10, 20, 40):
+        found = harmonic_balance(system, 2, 2 * count)
+        off.append(float(np.sqrt(np.mean((found.slip_speed(run.t) - run.slip_speed) ** 2))) / size)
+    return {"mean friction torque, printed and with c0 (N m); Tm = 300": [
+        mean_friction_torque(system, found.coefficient, 2, printed=True),
+        mean_friction_torque(system, found.coefficient, 2)],
+        "most that the printed form allows, (2/pi) Tsp (N m)": 2.0 / math.pi * system.saturation_amplitude,
+        "a0, c0": [float(found.slip[0]), float(found.coefficient[0])],
+        "corrected series against the simulation, rms, 10, 20, 40 harmonics of omega": off}
+
+
+def phase_order() -> dict[str, Any]:
+    """The torque that drives the slip for psi = 0, pi/2, pi."""
+    return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
+        pure_slip.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
+        for s in FIGURES[8].series] for ratio in (0.15, 0.40)}
+
+
+def engine_speeds() -> dict[str, Any]:
+    """Where period two of Fig. 6 begins from (13) as mu_k falls, for engine speeds that the paper may have used."""
+    ratios, evidence = np.round(np.arange(0.76, 0.9401, 0.005), 6), Evidence(1e-9)
+    found = {}
+    for speed in (0.0, 50.0, 100.0, 150.0, 200.0):
+        row = {"engine.frequency": 0.36 * OMEGA_N, "initial.slip_speed": speed}
+        two = ratios[evidence.periods(evidence.curves([row], ratios, over=KINETIC)[0]) == 2]
+        found[f"{speed:g}"] = float(two.max()) if len(two) else None
+    return {"highest mu_k/mu_s with period 2 in Fig. 6, for an engine speed of (rad/s)": found}
 
 
 @dataclass(frozen=True)
@@ -30,7 +177,7 @@ class Erratum:
     right: str
     why: str
     code: str = ""
-    numbers: Callable[[], dict[str, Any]] = nothing
+    numbers: Callable[[], dict[str, Any]] = dict
 
 
 ERRATA: tuple[Erratum, ...] = (
@@ -46,11 +193,11 @@ ERRATA: tuple[Erratum, ...] = (
             "in stick friction holds in both directions", "solvers.event_driven"),
     Erratum("(8b), (25b)", "the arctangent of the quotient", "the four-quadrant arctangent",
             "above omega_sn the denominator of (8b) is negative and the printed phase is off by pi", "model.pure_stick",
-            numbers.phases),
+            phases),
     Erratum("(9)", "omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2)",
             "I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2)",
             "Tfi = Te - I1 theta1'', and theta1'' = theta2'' of (8a); (25a) is the same, and right", "model.pure_stick",
-            numbers.amplitude),
+            amplitude),
     Erratum("(10)", "Tfi(t) <= mu_s N(t) R", "|Tfi(t)| <= mu_s N(t) R", "slip begins in either direction",
             "model.pure_stick"),
     Erratum("(11b)", "a period of 2 pi/omega", "N engine cycles for omega_f = (M/N) omega in lowest terms",
@@ -61,23 +208,23 @@ ERRATA: tuple[Erratum, ...] = (
             "paper.claims_model"),
     Erratum("(16)", "|a0| > |a21| + |a22|", "a0 > |a21| + |a22|, and v > 0 through the transient of (14)",
             "an a0 below 0 satisfies the print, but friction was taken for v > 0; and the transient can bring v to 0 "
-            "before there is a steady state", "model.pure_slip", numbers.slip_condition),
+            "before there is a steady state", "model.pure_slip", slip_condition),
     Erratum("(17a), (18)", "terms Tsm 2 zeta/(K23 omega_n), Tsm (2 zeta^2 - 1)/(K23 omega_d)",
             "v = Omega_e + Tp/(I1 omega) (1 - cos(omega t)) - Tsm/(I2 omega_d) exp(-zeta omega_n t) sin(omega_d t)",
             "the printed terms are an angle times a time: those of the integral of theta2, where its derivative "
             "belongs. "
-            "(18) has no such term at all", "model.pure_slip", numbers.transient),
+            "(18) has no such term at all", "model.pure_slip", transient),
     Erratum("(21)", "Cf equates the cyclic energy dissipation", "that is Cf = int T v dt/int v^2 dt, above 0 always",
             "(21) weights the slope dT/dv with v^2; T is not (dT/dv) v, so it is another quantity, not an energy",
-            "analysis.damping", numbers.dissipation),
+            "analysis.damping", dissipation),
     Erratum("(22b)", "-Cf theta1' and no mean", "-Cf (theta1' - delta1c') as in (22a)",
             "the friction torque Cf (delta1' - delta1c') acts on both inertias; otherwise (22a) and (22b) do not add "
             "up to (1a), (1b)", "analysis.damping"),
     Erratum("(23)", "unstable where Cf < -C23", "unstable where Cf < 0; the oscillation grows from Cf near -C23 on",
             "the characteristic polynomial of (22) is I1 I2 s^3 + [I1 (C23 + Cf) + I2 Cf] s^2 + (I1 K23 + Cf C23) s "
-            "+ Cf K23: its constant term makes a positive real root for any Cf < 0", "analysis.damping", numbers.roots),
+            "+ Cf K23: its constant term makes a positive real root for any Cf < 0", "analysis.damping", roots),
     Erratum("(27)", "omega_sn = K23/sqrt(I1 + I2)", "omega_sn = sqrt(K23/(I1 + I2))", "as (28) then uses it",
-            "model.parameters", numbers.stuck_frequency),
+            "model.parameters", stuck_frequency),
     Erratum("(29b)", "[1 + I1/I2] with a lost symbol, sin(omega t + psi)",
             "[1 + I1/I2] Tsm, and sin(omega_f t + psi)", "(2a) with Tf = Ts", "model.pure_slip"),
     Erratum("(29b), Fig. 13", "a larger Tsp lowers Teq, which lowers slip",
@@ -85,14 +232,14 @@ ERRATA: tuple[Erratum, ...] = (
             "|Tp - (1 + I1/I2) Tsp| rises with Tsp while slip falls. The left side of (29a) holds Ts too, by (12b): "
             "I1 (v' + "
             "theta2'') = Te - Ts. With the plate's motion eliminated the amplitude at low frequency is |Tp - Tsp "
-            "exp(i psi)|", "model.pure_slip", numbers.driving_torques),
+            "exp(i psi)|", "model.pure_slip", driving_torques),
     Erratum("(29b), Fig. 8", "psi changes the reduction of Teq; the time delay reverses it at high frequency",
             "the factor of Ts above turns its sign at omega_sn", "Teq of (29b) orders psi = 0, pi/2, pi alike at every "
             "frequency, so it cannot show the reversal; the torque with the plate's motion eliminated does",
-            "model.pure_slip", numbers.phase_order),
+            "model.pure_slip", phase_order),
     Erratum("(30), (31), (32), (34)", "series from n = 1 on", "a0 in (30), c0 in (31), and the mean in (32), (34)",
             "the mean of Tf is Tm. Without c0 only the product with the load's sine has a mean, of at most (2/pi) Tsp "
-            "for mu_k = mu_s; and slip in one direction has a mean", "model.harmonic_balance", numbers.series),
+            "for mu_k = mu_s; and slip in one direction has a mean", "model.harmonic_balance", series),
     Erratum("(31)", "[Tm + Tp sin(omega t/N)]", "[Tsm + Tsp sin(M omega t/N + psi)]", "the first factor is Ts of (5b)",
             "model.harmonic_balance"),
     Erratum("Section 6.1, before (30)", "a period identical to omega/N", "a period of N 2 pi/omega",

@@ -59,12 +59,8 @@ def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
     """`motions_behind` of every sweep, of systems that differ, each in a process."""
     if processes_for(len(sweeps), jobs) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
-    return each_in_a_process(_alone, sweeps, jobs, "curve", progress)
-
-
-def _alone(sweep: Sweep) -> MotionsBehind:
-    """What is behind one sweep."""
-    return motions_behind([sweep])[0]
+    tasks = [[sweep] for sweep in sweeps]
+    return [found for found, in each_in_a_process(motions_behind, tasks, jobs, "curve", progress)]
 
 
 def creeps(found: Bifurcation, system: System) -> bool:

@@ -65,11 +65,9 @@ class PressureTable:
                           "fits": [fits for _, fits in row.found], "count": row.count} for row in self.rows]}
 
 
-def table(evidence: Evidence, pressures: Sequence[float] = PRESSURES,
-          numbers: Sequence[Number] = ()) -> PressureTable:
-    """The table of `numbers`, all of NUMBERS where empty."""
-    chosen = tuple(numbers) or NUMBERS
-    return PressureTable(chosen, tuple(Row(p, tuple(n.found(evidence, p) for n in chosen)) for p in pressures))
+def table(evidence: Evidence, pressures: Sequence[float] = PRESSURES) -> PressureTable:
+    """What every pressure makes of all NUMBERS."""
+    return PressureTable(NUMBERS, tuple(Row(p, tuple(n.found(evidence, p) for n in NUMBERS)) for p in pressures))
 
 
 def _near(value: float | None, place: float, within: float = NEAR) -> tuple[Any, bool]:

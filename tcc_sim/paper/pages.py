@@ -8,8 +8,7 @@ from typing import Any
 from tcc_sim.output.markdown import escape, markdown_table, text
 from tcc_sim.paper.claims import TIGHTER, TOLERANCE, Verdict
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
-from tcc_sim.paper.errata import ERRATA, OPEN, RIGHT
-from tcc_sim.paper.errata_numbers import engine_speeds
+from tcc_sim.paper.errata import ERRATA, OPEN, RIGHT, engine_speeds
 from tcc_sim.paper.evidence import LATER
 from tcc_sim.paper.mean_pressure import PressureTable
 from tcc_sim.result import json_of

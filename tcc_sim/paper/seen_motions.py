@@ -16,7 +16,6 @@ from tcc_sim.continuation.newton import shifts
 from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import later
 from tcc_sim.solvers import solve
@@ -43,7 +42,12 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     found = point.summary
     if not found.settled:
         return _later(sweep.curve, k, point.end)
-    amplitude = largest_of(sweep.curve.at(k), point.end, found.period) if found.period else found.max_slip_speed
+    amplitude = found.max_slip_speed
+    if found.period:  # A sweep's may be that of a transient before the motion.
+        system = sweep.curve.at(k)
+        together = math.lcm(found.period, common_cycles(system) or 1)
+        cycles = solve(system, cycles=together, start_cycle=point.end.cycle, state=point.end.state).solved_cycles
+        amplitude = summarise_cycles(cycles, system.cycle).max_slip_speed
     return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, found.period, amplitude)
 
 
@@ -77,15 +81,6 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
         if np.abs((points - state_at_phase_0(of, late)) / of.scales).max(axis=1).min() < NEAR:
             return replace(goal, amplitude=orbit.seen.largest) if orbit.stable else replace(late, period=0)
     return late if settled else replace(late, period=0)
-
-
-def largest_of(system: System, start: Start, period: int) -> float:
-    """Largest |slip speed| of a motion that repeats after `period` engine cycles, rad/s: a sweep's may be that of a
-    transient before it.
-    """
-    together = math.lcm(period, common_cycles(system) or 1)
-    cycles = solve(system, cycles=together, start_cycle=start.cycle, state=start.state).solved_cycles
-    return summarise_cycles(cycles, system.cycle).max_slip_speed
 
 
 def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:

@@ -10,7 +10,7 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.output.markdown import escape, markdown_table
-from tcc_sim.paper import claims_model, errata, errata_numbers, mean_pressure, pages
+from tcc_sim.paper import claims_model, errata, mean_pressure, pages
 from tcc_sim.paper.evidence import Evidence
 
 
@@ -39,27 +39,27 @@ def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
         assert f"{escape(row.why[0].upper() + row.why[1:])}." in page
     for what, taken in errata.OPEN:
         assert markdown_table([escape(what), escape(taken)], [])[0] in page
-    for numbers in (errata_numbers.phases, errata_numbers.amplitude, errata_numbers.slip_condition,
-                    errata_numbers.roots, errata_numbers.stuck_frequency, errata_numbers.phase_order):
+    for numbers in (errata.phases, errata.amplitude, errata.slip_condition,
+                    errata.roots, errata.stuck_frequency, errata.phase_order):
         assert "\n".join(pages.numbers_of(numbers())) in page
 
 
 def test_16_17_and_27_by_hand() -> None:
-    slip = list(errata_numbers.slip_condition().values())
+    slip = list(errata.slip_condition().values())
     assert slip[0][:2] == pytest.approx([400.0 / 3.0, -150.0])  # a0 = -150 + Tp/(I1 omega), swing 25/3.
     assert slip[1][1] == pytest.approx(30.0)
     assert slip[1][2] < 0.0
-    amplitude, rest = errata_numbers.transient().values()
+    amplitude, rest = errata.transient().values()
     wd = math.sqrt(150e3 - 15.0**2)
     assert amplitude == pytest.approx([0.1 * (1.0 - 2.0 * 15.0**2 / 150e3) / wd, 300.0 / (0.02 * wd)])
     assert rest < 1e-5
-    assert next(iter(errata_numbers.stuck_frequency().values())) == pytest.approx([3000.0 / math.sqrt(0.22),
+    assert next(iter(errata.stuck_frequency().values())) == pytest.approx([3000.0 / math.sqrt(0.22),
                                                                                    math.sqrt(3000.0 / 0.22)])
 
 
 def test_23_has_a_positive_root_for_any_negative_damping() -> None:
     """The polynomial against the eigenvalues of (22) as a matrix."""
-    real, crossing = errata_numbers.roots().values()
+    real, crossing = errata.roots().values()
     for damping, root in zip((-0.1, -0.3), real):
         matrix = np.array([[-damping / 0.2, damping / 0.2, 0.0],
                            [damping / 0.02, -(0.6 + damping) / 0.02, -3000.0 / 0.02], [0.0, 1.0, 0.0]])
@@ -69,12 +69,12 @@ def test_23_has_a_positive_root_for_any_negative_damping() -> None:
 
 
 def test_8_9_and_29_by_hand() -> None:
-    low, high = errata_numbers.phases().values()
+    low, high = errata.phases().values()
     assert low[0] == pytest.approx(low[1])
     assert high[0] - high[1] == pytest.approx(math.pi)
-    printed, right = next(iter(errata_numbers.amplitude().values()))
+    printed, right = next(iter(errata.amplitude().values()))
     assert printed / right == pytest.approx(5.0, rel=0.01)
-    found = errata_numbers.driving_torques()
+    found = errata.driving_torques()
     assert list(found.values())[:2] == [pytest.approx([250.0, 492.5, 1235.0, 2720.0], rel=1e-5),
                                         pytest.approx([250.0, 182.5, 115.0, 20.0])]
     at_low, slip_low, at_high, slip_high = list(found.values())[2:]
@@ -82,7 +82,7 @@ def test_8_9_and_29_by_hand() -> None:
     assert sorted(slip_low, reverse=True) == slip_low
     assert sorted(at_high) == at_high
     assert sorted(slip_high) == slip_high
-    below, above = errata_numbers.phase_order().values()
+    below, above = errata.phase_order().values()
     assert sorted(below) == below
     assert sorted(above, reverse=True) == above
 
