@@ -41,6 +41,10 @@ ENDINGS = {"range": "at the end of a range", "closed": "closed", "doubling": "in
            "canard": "in a canard", "canard_curve": "in a canard", "special": "in a point of codimension two",
            "points": "after the most points", "family": "at a family of motions"}
 """What a branch or a curve ends at; the other reasons are `LOST`."""
+CAUSES = {"basin_boundary": "both motions go on, and the start crosses the boundary of their basins",
+          "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
+          "not_followed": "a motion beside it that lies on no branch followed"}
+"""What a jump of a sweep is, where it is no bifurcation."""
 WAYS = {"cold": "from (13)", "up": "upward", "down": "downward"}
 
 
@@ -178,15 +182,8 @@ def _jumps(data: Figure[Curves]) -> list[str]:
         where = ", ".join(f"{place} ({', '.join(ways)})" for place, ways in sorted(found.items()))
         if cause in UNNAMED:
             where = f"{counted(len(found), 'place')} from {min(found)} to {max(found)}"
-        lines.append(f"- {_cause(cause)}: {where}")
+        lines.append(f"- {CAUSES.get(cause, cause.replace('_', ' '))}: {where}")
     return lines
-
-
-def _cause(cause: str) -> str:
-    """The cause of a jump in words."""
-    return {"basin_boundary": "both motions go on, and the start crosses the boundary of their basins",
-            "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
-            "not_followed": "a motion beside it that lies on no branch followed"}.get(cause, cause.replace("_", " "))
 
 
 def _chart(data: Figure[Chart]) -> list[str]:

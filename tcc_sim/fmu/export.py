@@ -79,12 +79,6 @@ def compiler() -> str | None:
     return next((found for name in COMPILERS if (found := shutil.which(name))), None)
 
 
-def binary_folder(version: int) -> str:
-    """The folder of this machine's binaries in an FMU; empty where the standard has no name for it."""
-    names = PLATFORMS.get((sys.platform, platform.machine()))
-    return names[version - 2] if names else ""
-
-
 def compiled(fmu: Fmu, command: str) -> bytes:
     """The binary for this machine; TccError with the compiler's own words where it refuses the sources."""
     with tempfile.TemporaryDirectory() as name:
@@ -117,7 +111,8 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
         The compiler of this machine refuses the sources.
     """
     fmu = fmu_of(scene, version, step)
-    command, folder = compiler(), binary_folder(version)
+    command, names = compiler(), PLATFORMS.get((sys.platform, platform.machine()))
+    folder = names[version - 2] if names else ""
     with_binary = not sources_only and command is not None and bool(folder)
     binary = compiled(fmu, command) if with_binary and command is not None else b""
     with draft(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:

@@ -123,7 +123,8 @@ class Function(Expressions):
         if isinstance(node, ast.Assign) and len(node.targets) == 1:
             self._assign(node.targets[0], node.value)
         elif isinstance(node, ast.AugAssign):
-            self._assign(node.target, ast.BinOp(_loaded(node.target), node.op, node.value))
+            target = ast.parse(ast.unparse(node.target), mode="eval").body
+            self._assign(node.target, ast.BinOp(target, node.op, node.value))
         elif isinstance(node, ast.If):
             self._if(node)
         elif isinstance(node, ast.While) and not node.orelse:
@@ -211,11 +212,6 @@ class Function(Expressions):
         if name not in self._kinds:
             self._locals[name] = kind
         self._kinds[name] = kind
-
-
-def _loaded(node: ast.expr) -> ast.expr:
-    """The target of an assignment as an expression."""
-    return ast.parse(ast.unparse(node), mode="eval").body
 
 
 def _enclosed(text: str) -> bool:

@@ -59,7 +59,10 @@ def draw_maxima(axis: Any, found: Any) -> None:
         axis.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
                     linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
                     markeredgewidth=0.0, markersize=_size(len(x)) * (1.6 if regime == "runaway" else 1.0))
-    _failed(axis, x, largest)
+    wrong = ~np.isfinite(largest)
+    if wrong.any():
+        axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
+                  clip_on=False)
     style.legend_above(axis)
     axis.set_ylim(-0.03 * top, 1.13 * top if away.any() else None)
 
@@ -133,14 +136,6 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
     bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (engine cycles)")
     bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
     bar.ax.minorticks_off()
-
-
-def _failed(axis: Any, x: Floats, largest: Floats) -> None:
-    """Marks on the axis where the solver stopped."""
-    wrong = ~np.isfinite(largest)
-    if wrong.any():
-        axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
-                  clip_on=False)
 
 
 def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:
