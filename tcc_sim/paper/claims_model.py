@@ -32,8 +32,6 @@ WATCHED = (50, 150, 250, 390, 450)
 LAWS: dict[str, dict[str, Any]] = {
     "smoothed, sigma = 50": {}, "smoothed, sigma = 1000": {"friction.smoothing": 1000.0},
     "set-valued (6)": {"friction.law": "set_valued"}}
-
-
 Differing = Callable[[tuple[tuple[str, str, float | None], ...]], dict[str, float]]
 
 
@@ -153,9 +151,9 @@ Ends = Callable[[Values, float, float], float | None]
 """As `end_of_stick`."""
 
 
-def _stuck(row: Values, ratio: float, law: str) -> System:
-    """A system that starts in stick, in the state (8a) of t = 0."""
-    system = paper_system({**row, FREQUENCY: ratio * OMEGA_N, "friction.law": law})
+def _stuck(row: Values, ratio: float) -> System:
+    """A system with the set-valued law that starts in stick, in the state (8a) of t = 0."""
+    system = paper_system({**row, FREQUENCY: ratio * OMEGA_N, "friction.law": "set_valued"})
     angle = pure_stick.plate_angle(system)
     step = 1e-7 / system.engine.frequency
     early, start, late = (float(angle(np.array([t]))[0]) for t in (-step, 0.0, step))
@@ -163,10 +161,10 @@ def _stuck(row: Values, ratio: float, law: str) -> System:
                             "initial.plate_speed": (late - early) / (2.0 * step)})
 
 
-def end_of_stick(row: Values, low: float, high: float, law: str = "set_valued") -> float | None:
+def end_of_stick(row: Values, low: float, high: float) -> float | None:
     """Where a motion that starts in stick begins to slip within 20 cycles, omega/omega_n; None where at neither end."""
     def slips(ratio: float) -> bool:
-        return float(solve(_stuck(row, ratio, law), cycles=20).solved_cycles.largest.max()) > SLIPS
+        return float(solve(_stuck(row, ratio), cycles=20).solved_cycles.largest.max()) > SLIPS
 
     first = slips(low)
     if slips(high) == first:
@@ -177,19 +175,14 @@ def end_of_stick(row: Values, low: float, high: float, law: str = "set_valued") 
     return 0.5 * (low + high)
 
 
-def limits_of_stick(name: str) -> tuple[float | None, float | None]:
-    """The lower and the upper limit of stick by (10), corrected, omega/omega_n."""
-    found = pure_stick.stick_limits(paper_system(STICKY[name]), 0.05 * OMEGA_N, 0.6 * OMEGA_N, 60)
-    lower, upper = (None if x is None else x / OMEGA_N for x in (found.lower, found.higher))
-    return lower, upper
-
-
 def held_stick(names: Sequence[str], ends: Ends) -> Measured:
     """Limits of stick by (10) beside those of motions that start in stick, with the set-valued law."""
     values, pairs = {}, []
     for name in names:
-        for end, limit in zip(("lower", "upper"), limits_of_stick(name)):
-            if limit is not None:
+        limits = pure_stick.stick_limits(paper_system(STICKY[name]), 0.05 * OMEGA_N, 0.6 * OMEGA_N, 60)
+        for end, omega in (("lower", limits.lower), ("upper", limits.higher)):
+            if omega is not None:
+                limit = omega / OMEGA_N
                 found = ends(STICKY[name], limit - 0.02, limit + 0.02)
                 values[f"{name}, {end} limit: (10), simulation"] = [limit, found]
                 pairs.append((found, limit))
