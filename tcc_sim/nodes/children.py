@@ -97,9 +97,20 @@ class NodeProcess(subprocess.Popen[str]):
 
 
 class Session:
-    """A driveline node with a recorder node, and a slip controller node where it has parameters, started so that the
-    recording holds the first message. MissingPackage where ROS 2 is not installed, TccError with a node's own words
-    where it did not start.
+    """A driveline node with a recorder node, started so that the recording holds the first message.
+
+    Parameters
+    ----------
+    recording : directory that the recorder creates
+    driveline : parameters of the driveline node
+    controller : parameters of a slip controller node beside it; None: there is none
+
+    Raises
+    ------
+    MissingPackage
+        ROS 2 is not installed.
+    TccError
+        A node did not start; its own words are in the message.
     """
 
     def __init__(self, recording: Path, driveline: dict[str, object],

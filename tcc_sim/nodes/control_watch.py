@@ -38,8 +38,12 @@ Signal = tuple[NDArray[np.int64], Floats]
 
 
 class ControlWatch:
-    """Takes commands, target, applied pressure and the sources of the inputs in the node's namespace, and gives them
-    beside states, with means of the slip speed over an engine cycle, s.
+    """Takes commands, target, applied pressure and the sources of the inputs, and gives them beside states.
+
+    Parameters
+    ----------
+    node : in the driveline's namespace
+    cycle : engine cycle, s, over which the slip speed is averaged
     """
 
     def __init__(self, node: Node, cycle: float) -> None:

@@ -30,7 +30,16 @@ class Domain:
     """A domain with a name that only one process on this machine may have, until it is closed or the process ends.
 
     A participant binds ports of its domain, so a domain with a bound port is somebody's. The name keeps those apart who
-    choose at the same time and have no participant yet. TccError where all are taken.
+    choose at the same time and have no participant yet.
+
+    Parameters
+    ----------
+    domains : those of which a choice is made
+
+    Raises
+    ------
+    TccError
+        Every domain is taken.
     """
 
     def __init__(self, domains: Sequence[int] = DOMAINS) -> None:
@@ -52,8 +61,11 @@ class Domain:
 
 
 class OwnEnvironment:
-    """The environment with discovery kept on this machine and a domain of one's own, unless the user has chosen one;
-    `values` are for child processes, as long as this is not closed.
+    """The environment with discovery kept on this machine and a domain of one's own, unless the user has chosen one.
+
+    Attributes
+    ----------
+    values : for child processes, as long as this is not closed
     """
 
     def __init__(self) -> None:

@@ -42,8 +42,12 @@ COMPILING = 1.0
 
 
 class DrivelineNode(Node):
-    """The driveline as a ROS 2 node, of a scene or of what its parameters say. Physics and topics run in `loop`; this
-    class is what happens beside them.
+    """The driveline as a ROS 2 node. Physics and topics run in `loop`; this class is what happens beside them.
+
+    Parameters
+    ----------
+    scene : what to run; None where the parameters say it
+    options : of rclpy's Node
     """
 
     def __init__(self, scene: Scene | None = None, **options: Any) -> None:

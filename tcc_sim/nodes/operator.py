@@ -85,8 +85,13 @@ class Operator:
 
     def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
         """Send a command, once or `rate` times a second until interrupted, which `tell` is told; what became of it.
-        InputError where the driveline refuses it, in its own words, or takes this input from its scene; TccError where
-        there is none.
+
+        Raises
+        ------
+        InputError
+            The driveline refuses it, in its own words, or takes this input from its scene.
+        TccError
+            No driveline is there.
         """
         row = topic(COMMANDS_OF[what])
         unit = QUANTITIES[row.key].unit
@@ -191,9 +196,13 @@ class Operator:
 
 
 def settled(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:
-    """Tells whether everyone who is known to listen is connected, and nobody else has been for SETTLED seconds, where
-    `count` gives how many are connected and how many are known. A command whose sender is gone at once is not heard by
-    a recorder that it has not met by then.
+    """Tells whether everyone who is known to listen is connected, and nobody else has been for SETTLED seconds: a
+    command whose sender is gone at once is not heard by a recorder that it has not met by then.
+
+    Parameters
+    ----------
+    count : gives how many are connected and how many are known
+    clock : real time, s
     """
     seen, since = -1, clock()
 

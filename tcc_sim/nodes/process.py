@@ -80,8 +80,12 @@ def run(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequ
 
 @contextmanager
 def node_of_command(name: str, namespace: str) -> Iterator[Node]:
-    """The node of a command for the time of a `with`, with ROS 2 initialised; Ctrl-C is a KeyboardInterrupt. InputError
-    for a namespace that is not one.
+    """The node of a command for the time of a `with`, with ROS 2 initialised; Ctrl-C is a KeyboardInterrupt.
+
+    Raises
+    ------
+    InputError
+        A namespace that is not one.
     """
     with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
         try:

@@ -35,8 +35,12 @@ def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | Non
     """Remove the segments that no process holds; their names. What belongs to another user stays.
 
     Where several processes start at once, one of them may have made a segment anew under a name that another has just
-    found without an owner: only the very file that was looked at is removed. `mapped` gives the files that processes
-    have mapped; None looks for them.
+    found without an owner: only the very file that was looked at is removed.
+
+    Parameters
+    ----------
+    folder : where the segments are
+    mapped : gives the files that processes have mapped; None: looks for them
     """
     found: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in folder.glob("*fastdds_*"):

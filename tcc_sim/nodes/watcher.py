@@ -40,8 +40,13 @@ SILENCE = 3.0
 
 
 class Watcher:
-    """Takes what the driveline in the node's namespace says and hands it to a view, states of so much real time, s, at
-    once; `say` takes a sentence for the user.
+    """Takes what a driveline says and hands it to a view.
+
+    Parameters
+    ----------
+    node : in the driveline's namespace
+    say : takes a sentence for the user
+    period : real time, s, of the states that are handed on at once
     """
 
     def __init__(self, node: Node, say: Callable[[str], Any], period: float = 0.0) -> None:
@@ -182,9 +187,20 @@ class Watcher:
 def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
     """Show a running driveline until KeyboardInterrupt; a sentence about what was shown.
 
-    `say` takes a sentence for the user; `where` is `file`, `spawn` or `url`, as RerunStream takes them. TccError where
-    no driveline says its scene; InputError where a namespace is not one, a file cannot be created, or no viewer answers
-    at a URL; MissingPackage where rerun-sdk is not installed.
+    Parameters
+    ----------
+    namespace : of the driveline
+    say : takes a sentence for the user
+    where : `file`, `spawn` or `url`, as RerunStream takes them
+
+    Raises
+    ------
+    TccError
+        No driveline says its scene.
+    InputError
+        A namespace that is not one, a file that cannot be created, or a URL where no viewer answers.
+    MissingPackage
+        rerun-sdk is not installed.
     """
     with node_of_command("watcher", namespace) as node:
         watcher = Watcher(node, say, 0.0 if where.get("file") is None else FILE_PERIOD)

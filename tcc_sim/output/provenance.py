@@ -28,8 +28,13 @@ def format_of(kind: str) -> str:
 
 
 def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """The four keys that begin every JSON of a kind (a key of FORMATS), with the arguments of `tcc-sim`, the verb
-    first. Where several scenes were solved it is the one that they are changes of.
+    """The four keys that begin every JSON.
+
+    Parameters
+    ----------
+    kind : a key of FORMATS
+    scene : what was solved or recorded; where there are several, the one that they are changes of
+    command : the arguments of `tcc-sim`, the verb first
     """
     return {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
 

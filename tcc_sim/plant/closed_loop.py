@@ -27,8 +27,13 @@ Answer = float | tuple[float | None, float | None] | None
 
 
 def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
-    """Raise InputError where the driveline does not take a command on this topic, in its unit; so does `admit` where a
-    value within the range cannot be applied now.
+    """Raise InputError where the driveline does not take a command.
+
+    Parameters
+    ----------
+    name : topic of the input
+    value : in its unit
+    admit : raises InputError where a value within the range cannot be applied now
     """
     meant = _RANGES[name]
     if not meant.low <= value <= meant.high:

@@ -60,7 +60,11 @@ class Commands:
 
     Commands and states are put in order by when they were sent. A reliable middleware hands over what it had to ask
     for again up to seconds late, so that times of receipt go back and forth on a busy machine; those of sending go back
-    where a clock is set, and otherwise never at one sender. Commands share the namespace of the joint_states.
+    where a clock is set, and otherwise never at one sender.
+
+    Parameters
+    ----------
+    joint_states_topic : whose namespace the commands share
     """
 
     def __init__(self, joint_states_topic: str) -> None:

@@ -85,8 +85,18 @@ class Topic:
 
 
 class McapFile:
-    """One MCAP file of profile ros2, whose chunks are compressed with zstd and carry a checksum; RecordingError where
-    it exists or cannot be created. `folder` is a descriptor of the directory that it is in, wherever that is by now.
+    """One MCAP file of profile ros2 that must not exist yet; chunks are compressed with zstd and carry a checksum.
+
+    Parameters
+    ----------
+    path : of the file
+    scene_text, version : the scene (YAML), and who ran it
+    folder : descriptor of the directory that `path` is in, wherever that is by now
+
+    Raises
+    ------
+    RecordingError
+        The file exists or cannot be created.
     """
 
     def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__,

@@ -42,8 +42,13 @@ class Fresh:
 
 
 class ControlLog:
-    """Cycle means, target, pressures and events of the run at hand; keeps those of the longest. `scene` is the first of
-    the scenes, and `places` are those from which on they hold.
+    """Cycle means, target, pressures and events of the run at hand; keeps those of the longest.
+
+    Parameters
+    ----------
+    scene : the recording's first
+    scenes, places : all that it holds, and from which state on they hold
+    clock : when engine cycles start
     """
 
     def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace],

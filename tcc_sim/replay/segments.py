@@ -95,14 +95,19 @@ class _Open:
 class SegmentLog:
     """Cuts a recording into segments while it is read, and works out the figures of each.
 
-    The places are those from which on the scenes hold. Engine cycles start by `clock`, or by each scene's own frequency
-    where it is None. The whole recording's `stream` has each batch before this: where every segment is a run, since no
-    target slip speed was recorded (`controlled`) and no parameter changed, its cycles serve. `discard` of them are
-    dropped from each segment, None for the default.
+    Parameters
+    ----------
+    scene : the first
+    scenes, places : all that the recording holds, and from which state on they hold
+    clock : when engine cycles start, in every segment; None takes each scene's own frequency
+    controlled : a target slip speed was recorded
+    stream : the whole recording's, which has each batch before this: where every segment is a run, its cycles serve
+    discard : engine cycles dropped from each segment; None for the default
     """
 
     def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace],
-                 clock: EngineClock | None, controlled: bool, stream: CycleStream, discard: int | None) -> None:
+                 clock: EngineClock | None,
+                 controlled: bool, stream: CycleStream, discard: int | None) -> None:
         self.segments: list[Segment] = []
         self.count = 0
         self._scene, self._scenes, self._clock, self._discard = scene, scenes, clock, discard

@@ -67,7 +67,12 @@ class Schedule:
 
 
 class Line:
-    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it."""
+    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it.
+
+    Attributes
+    ----------
+    sent, delivered : commands so far
+    """
 
     def __init__(self, name: str, faults: Faults) -> None:
         self._delay_ticks = faults.delay_ticks

@@ -26,8 +26,11 @@ class GivenUp(BaseException):
 
 
 class Worker:
-    """Runs one piece of work at a time, and gives it up where `beat` was not called for too long; it is `stuck` where
-    the work has not ended then.
+    """Runs one piece of work at a time, and gives it up where `beat` was not called for too long.
+
+    Attributes
+    ----------
+    stuck : a piece of work was given up and has not ended
     """
 
     def __init__(self) -> None:
@@ -39,8 +42,11 @@ class Worker:
         self._beat = time.monotonic()
 
     def run(self, work: Callable[[], Result], patience: float, failed: Callable[[str], Exception]) -> Result:
-        """What `work` gives; its exception, or that which `failed` makes of the place where it hangs after `patience`
-        seconds of real time without headway.
+        """What `work` gives; its exception, or that which `failed` makes of the place where it hangs.
+
+        Parameters
+        ----------
+        patience : real time without headway, s
         """
         self.beat()
         found, thread = begun(work, name="nodes under test")
