@@ -21,11 +21,6 @@ def read_parameters(text: str) -> dict[str, object]:
     InputError
         Not YAML, not a parameter file, an alias, a tag, a duplicated key, or nesting beyond any scene's.
     """
-    return _flatten(_node_of(text))
-
-
-def _node_of(text: str) -> object:
-    """The parameters of a ROS 2 parameter file. Aliases, tags and duplicated keys are refused."""
     import yaml
 
     try:
@@ -44,22 +39,21 @@ def _node_of(text: str) -> object:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         raise InputError(f"{where}not valid YAML ({getattr(error, 'problem', None) or 'unreadable'})") from None
-    except (RecursionError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except (RecursionError, ValueError):
         raise InputError("not valid YAML (unreadable)") from None
     if not isinstance(tree, dict) or len(tree) != 1:
         raise InputError("not a scene: it must hold one node, '/**:', with ros__parameters")
     node = next(iter(tree.values()))
     if not isinstance(node, dict) or set(node) != {"ros__parameters"} or not isinstance(node["ros__parameters"], dict):
         raise InputError("not a scene: '/**:' must hold ros__parameters and nothing else")
-    return node["ros__parameters"]
+    return _flatten(node["ros__parameters"])
 
 
-def _flatten(tree: object, prefix: str = "", depth: int = 0) -> dict[str, object]:
+def _flatten(tree: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, object]:
     """Nested parameters as dotted keys, as ROS 2 names them."""
     out: dict[str, object] = {}
-    assert isinstance(tree, dict)
     for key, value in tree.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict) and depth < 4:

@@ -112,7 +112,13 @@ class Scene:
         return {**dict(parameters.values_of(self.system)), **vars(self.operation)}
 
     def value(self, key: str) -> object:
-        """The value of a scene key or of a node option; InputError where there is none, with the nearest that is."""
+        """The value of a scene key or of a node option.
+
+        Raises
+        ------
+        InputError
+            An unknown key; the nearest valid one is named.
+        """
         if key not in KNOWN_KEYS:
             raise parameters.unknown_key(key, KNOWN_KEYS)
         return self.values()[key]
@@ -167,27 +173,22 @@ def load_scene(name_or_file: str | Path) -> Scene:
     """
     bundled = bundled_scenes()
     text = str(name_or_file)
-    path = bundled.get(text)
-    if path is None:
-        path = Path(text)
+    path = bundled.get(text, Path(text))
+    if text not in bundled and not path.is_file():
         looks_like_file = path.suffix in (".yaml", ".yml") or "/" in text
-        if not path.is_file():
-            near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
-            hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""
-            raise InputError(f"there is no scene {text!r}{hint or '; the bundled ones are ' + ', '.join(bundled)}")
+        near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
+        hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""
+        raise InputError(f"there is no scene {text!r}{hint or '; the bundled ones are ' + ', '.join(bundled)}")
     try:
         with path.open("rb") as stream:
             content = stream.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError(f"the file is larger than {LARGEST_FILE} bytes, the largest allowed for a scene")
+        return parse_scene(content.decode("utf-8"), path.stem)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
-    if len(content) > LARGEST_FILE:
-        raise InputError(f"{path}: the file is larger than {LARGEST_FILE} bytes, the largest allowed for a scene")
-    try:
-        decoded = content.decode("utf-8")
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8") from None
-    try:
-        return parse_scene(decoded, path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

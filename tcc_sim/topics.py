@@ -110,7 +110,4 @@ def topic(name: str) -> Topic:
     KeyError
         No such topic.
     """
-    for row in TOPICS:
-        if row.name == name:
-            return row
-    raise KeyError(name)
+    return {row.name: row for row in TOPICS}[name]

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tcc_sim import __version__
 from tcc_sim.messages import cdr
 from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Trajectory, integral
 
 
-def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None,
-                     version: str = __version__) -> None:
+def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None) -> None:
     """Write joint_states, slip_speed, friction_torque and stick_slip_state of every sample to a new MCAP file.
 
     All times in it are simulation time. The flywheel angle, where the trajectory has none, is the plate angle plus the
@@ -31,7 +29,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None 
     columns = (flywheel, trajectory.plate_angle, trajectory.slip_speed + trajectory.plate_speed, trajectory.plate_speed,
                trajectory.engine_torque, trajectory.friction_torque)
     stamps = np.rint(trajectory.t * 1e9).astype(np.int64).tolist()
-    output = McapFile(path, scene_text, version)
+    output = McapFile(path, scene_text)
     try:
         joints, slip, friction, state = (output.channel(f"/{name}", topic(name).type) for name in
                                          ("joint_states", "slip_speed", "friction_torque", "stick_slip_state"))
