@@ -60,7 +60,13 @@ def header(stamp_ns: int, frame_id: str) -> bytes:
 
 
 def read_header(data: bytes) -> tuple[int, str]:
-    """Stamp (ns) and frame_id of a serialised Header; ValueError where it is no little-endian one."""
+    """Stamp (ns) and frame_id of a serialised Header.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian Header.
+    """
     return read_stamp(data), _text_at(data, 12, topics.HEADER, "replace")[0]
 
 
@@ -70,7 +76,13 @@ def string(text: str) -> bytes:
 
 
 def read_string(data: bytes) -> str:
-    """Text of a serialised String; ValueError where it is no little-endian one."""
+    """Text of a serialised String.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian String.
+    """
     return _text_at(data, 4, topics.STRING, "replace")[0]
 
 
@@ -112,15 +124,25 @@ def read_stamp(data: bytes) -> int:
 
 
 def read_float64(data: bytes) -> float:
-    """Value of a serialised Float64; ValueError where it is no little-endian one."""
+    """Value of a serialised Float64.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian Float64.
+    """
     if len(data) < _FLOAT64.size or data[1] != HEADER[1]:
         raise ValueError("not a little-endian std_msgs/msg/Float64")
     return float(_FLOAT64.unpack_from(data)[1])
 
 
 def read_fluid_pressure(data: bytes) -> tuple[int, float]:
-    """Stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id; ValueError where it is no
-    little-endian one.
+    """Stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian FluidPressure.
     """
     if len(data) >= 16 and data[1] == HEADER[1]:
         end = 12 + _LENGTH.unpack_from(data, 12)[0]
@@ -150,7 +172,12 @@ class Layout(NamedTuple):
 def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
                        frame_id: str = "") -> Layout:
     """The layout of joint_states with these names, of which `joints` are flywheel and clutch plate, with a position, a
-    velocity and an effort for each name; ValueError where a joint is not among the names.
+    velocity and an effort for each name.
+
+    Raises
+    ------
+    ValueError
+        A joint is not among the names.
     """
     data, fixed = bytearray(HEADER + bytes(8)), bytearray(b"\1\1" + bytes(10))
     starts = []
@@ -192,7 +219,13 @@ FLUID_PRESSURE = Layout(
 
 
 def read_joint_names(data: bytes) -> tuple[str, list[str]]:
-    """Frame and joint names of a serialised JointState; ValueError where it is no little-endian one."""
+    """Frame and joint names of a serialised JointState.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian JointState.
+    """
     frame_id, position = _text_at(data, 12, topics.JOINT_STATE)
     if position + 4 > len(data):
         raise ValueError(f"not a little-endian {topics.JOINT_STATE}")

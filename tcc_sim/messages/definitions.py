@@ -52,8 +52,12 @@ class Definition:
 
 
 def definition(type_name: str) -> Definition:
-    """The definition of `type_name` (package/msg/Name) with its dependencies in the order they are first needed;
-    InputError where it is not a message type, or neither installed nor carried.
+    """The definition of `type_name` (package/msg/Name) with its dependencies in the order they are first needed.
+
+    Raises
+    ------
+    InputError
+        Not a message type, or neither installed nor carried.
     """
     text = _text(type_name)
     parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
@@ -70,7 +74,13 @@ def definition(type_name: str) -> Definition:
 
 
 def type_parts(type_name: str) -> tuple[str, str]:
-    """Package and short name of `package/msg/Name`; InputError where it is not of that form."""
+    """Package and short name of `package/msg/Name`.
+
+    Raises
+    ------
+    InputError
+        Not of that form.
+    """
     match = _TYPE_NAME.fullmatch(type_name)
     if match is None:
         raise InputError(f"{type_name!r} is not a message type; it must be like std_msgs/msg/Float64")

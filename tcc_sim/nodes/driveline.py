@@ -70,7 +70,13 @@ class DrivelineNode(Node):
         self._throttle = context.Throttle(self)
 
     def start(self) -> None:
-        """Warm up, then start the clock; InputError where the scene cannot be computed in real time on this machine."""
+        """Warm up, then start the clock.
+
+        Raises
+        ------
+        InputError
+            The scene cannot be computed in real time on this machine.
+        """
         self.loop.start()
         context.say(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
                           f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")

@@ -27,8 +27,12 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
 
     The overrides are changes of `scene`, where one is given, or of the scene that they name; without either they are
     changes of NODE_SCENE. Where the overrides say where an input comes from, as the parameter file of a scene does,
-    they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere. InputError where a
-    scene does not exist, or an override is of a wrong type or out of its range.
+    they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere.
+
+    Raises
+    ------
+    InputError
+        A scene that does not exist, or an override of a wrong type or out of its range.
     """
     given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
@@ -84,8 +88,12 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
 
 
 def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
-    """`scene` with the parameters of one request changed, checked together; InputError where a value is of a wrong type
-    or out of its range, alone or with the others, and where scene_text is set to what is not the scene.
+    """`scene` with the parameters of one request changed, checked together.
+
+    Raises
+    ------
+    InputError
+        A value of a wrong type or out of its range, alone or with the others, or scene_text as what is not the scene.
     """
     if any(p.name == TEXT and p.value != scene.text() for p in parameters):
         raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")

@@ -78,8 +78,12 @@ def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int
 
 
 def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.Layout:
-    """Where the values of two joints stand, by the first message of these channels; RecordingError where it names
-    other joints.
+    """Where the values of two joints stand, by the first message of these channels.
+
+    Raises
+    ------
+    RecordingError
+        It names other joints.
     """
     first = int(np.flatnonzero(np.isin(messages.channel, channels))[0])
     begin = int(messages.offset[first]) + 22

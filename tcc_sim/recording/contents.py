@@ -185,8 +185,12 @@ def chunks(stream: Iterable[Record], contents: Contents) -> Iterator[tuple[Recor
 
 def unpack(chunk: Record, indexes: list[bytes], contents: Contents,
            expansion: records.Expansion) -> tuple[bytes, records.Messages]:
-    """The bytes of a chunk and where its messages are; schemas and channels in it go into `contents`. DamagedChunk
-    where it cannot be used.
+    """The bytes of a chunk and where its messages are; schemas and channels in it go into `contents`.
+
+    Raises
+    ------
+    DamagedChunk
+        The chunk cannot be used.
     """
     data = chunk.body if chunk.opcode == records.MESSAGE else records.unpack_chunk(chunk.body, expansion)
     messages = records.locate(data, indexes)

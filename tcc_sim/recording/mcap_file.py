@@ -124,7 +124,11 @@ class McapFile:
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
         """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one.
-        InputError where it is longer than any scene, so that nobody could read it.
+
+        Raises
+        ------
+        InputError
+            It is longer than any scene, so that nobody could read it.
         """
         if len(scene_text) > LARGEST_FILE:
             raise InputError(f"it has {len(scene_text)} characters; a scene has at most {LARGEST_FILE}")
@@ -142,8 +146,12 @@ class McapFile:
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
                 schema: Definition | None = None, publisher: str = "") -> int:
-        """Announce a topic (fully resolved name), of one publisher where that is said, and get its channel; InputError
-        where its type has no definition here and none was given.
+        """Announce a topic (fully resolved name), of one publisher where that is said, and get its channel.
+
+        Raises
+        ------
+        InputError
+            The type has no definition here and none was given.
         """
         return self.announce(Topic(topic, type_name, tuple(qos), schema or definition(type_name), publisher))
 

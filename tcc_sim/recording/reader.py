@@ -97,8 +97,11 @@ class Run:
     def batches(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """The joint_states in the order of the recording, about one batch per chunk; `tap` sees every chunk.
 
-        RecordingError where nothing can be read, where there are no joint_states, and where several publishers are
-        mixed in them with nothing to tell them apart.
+        Raises
+        ------
+        RecordingError
+            Nothing can be read, there are no joint_states, or several publishers are mixed in them with nothing to tell
+            them apart.
         """
         count = 0
         for batch in self.read(tap):

@@ -75,7 +75,13 @@ class Expansion:
         self.limit = self.left = SMALLEST_EXPANSION + LARGEST_EXPANSION * file_size
 
     def take(self, count: int) -> None:
-        """Use some of it; DamagedChunk where there is not enough left."""
+        """Use some of it.
+
+        Raises
+        ------
+        DamagedChunk
+            There is not enough left.
+        """
         if count > self.left:
             raise DamagedChunk(f"with it the recording would unpack to more than {self.limit} bytes, the most allowed "
                                "for a file of its size")
@@ -159,8 +165,12 @@ class RecordStream:
 
 
 def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
-    """The records inside a chunk, whose size is taken from `expansion`; DamagedChunk where lengths disagree, a size is
-    beyond its limit, the compression is broken or the checksum is wrong.
+    """The records inside a chunk, checked against its checksum; what it unpacks to is taken from `expansion`.
+
+    Raises
+    ------
+    DamagedChunk
+        Lengths that disagree, a size beyond the limit, broken compression or a wrong checksum.
     """
     if len(body) < 40:
         raise DamagedChunk("it is too short")
@@ -214,8 +224,12 @@ class Messages(NamedTuple):
 
 
 def locate(data: bytes, indexes: list[bytes]) -> Messages:
-    """Find the messages by the chunk's index records where these tile the chunk without a gap, else record by record;
-    DamagedChunk where the lengths of the records do not add up to the chunk.
+    """Find the messages by the chunk's index records where these tile the chunk without a gap, else record by record.
+
+    Raises
+    ------
+    DamagedChunk
+        The lengths of the records do not add up to the chunk.
     """
     starts = [np.frombuffer(body, dtype="<u8", offset=6)[1::2] for body in indexes
               if len(body) >= 22 and (len(body) - 6) % 16 == 0]
