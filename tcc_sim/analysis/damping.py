@@ -140,10 +140,8 @@ def _pieces(run: Trajectory) -> tuple[Floats, Floats, Floats]:
 
 
 def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -> tuple[Floats, Floats]:
-    """Slip speed and acceleration at one end of every piece, by Taylor's series from the sample on its own side.
-
-    `after` : the end is a start, so what lies behind it counts
-    """
+    """Slip speed and acceleration at one end of every piece, by Taylor's series from the sample on its own side."""
+    # `after` : the end is a start, so what lies behind it counts
     assert run.system is not None
     near = np.searchsorted(run.t, at, side="left" if after else "right") - (0 if after else 1)
     near = np.clip(near, 0, len(run.t) - 1)

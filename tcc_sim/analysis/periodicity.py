@@ -149,11 +149,9 @@ def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, floa
 
 
 def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
-    """Whether what tells a divisor from a period that repeats dies out, as far as its size tells.
-
-    A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its size
-    is that of A. C. Aitken's delta-squared process. A run that is too short for three sizes leaves it open.
-    """
+    """Whether what tells a divisor from a period that repeats dies out, as far as its size tells."""
+    # A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its
+    # size is that of A. C. Aitken's delta-squared process. A run that is too short for three sizes leaves it open.
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return True
@@ -173,11 +171,9 @@ def _grows(points: Floats, period: int, tolerance: float) -> bool:
 
 
 def _limit(points: Floats, period: int) -> Floats | None:
-    """The points of one period to which a run settles, (period, 3), in the phases of the last ones; None for none.
-
-    It is that of the reduced rank extrapolation of R. P. Eddy (1979) and M. Mesina (1977). A spiral onto a torus decays
-    too, but at a rate that falls.
-    """
+    """The points of one period to which a run settles, (period, 3), in the phases of the last ones; None for none."""
+    # It is that of the reduced rank extrapolation of R. P. Eddy (1979) and M. Mesina (1977). A spiral onto a torus
+    # decays too, but at a rate that falls.
     points = points[len(points) // 3:]
     thirds = _thirds(points, period, period)
     if thirds is None or thirds[2] > LEAST_SHRINKING * thirds[0]:

@@ -107,10 +107,8 @@ def _steady(t: Floats, phase: Floats) -> bool:
 
 
 def _varying(stretch: Stretch, t: Floats, phase: Floats) -> tuple[Floats, Floats, Floats]:
-    """Numbers and times of the cycles of one stretch, and frequencies at its blocks.
-
-    The phase is the cubic through local parabolas over five blocks, which carry no noise of single ones.
-    """
+    """Numbers and times of the cycles of one stretch, and frequencies at its blocks."""
+    # The phase is the cubic through local parabolas over five blocks, which carry no noise of single ones.
     from scipy.interpolate import CubicHermiteSpline
 
     begin, end = stretch[0].begin, stretch[-1].end

@@ -204,11 +204,9 @@ class _Run:
         return True
 
     def _measured(self, count: int) -> _Fit | None:
-        """The line in the first samples that wait; None where it is weak, or not what the blocks before let expect.
-
-        The first block says where the phase is: an opening may begin before the oscillation. The halves of a block must
-        agree: a line of another frequency may have the phase that is expected in the middle.
-        """
+        """The line in the first samples that wait; None where it is weak, or not what the blocks before let expect."""
+        # The first block says where the phase is: an opening may begin before the oscillation. The halves of a block
+        # must agree: a line of another frequency may have the phase that is expected in the middle.
         phase = self._expected(self._t[:count])
         found, *halves = (_fit(self._t[part], self._torque[part], phase[part])
                           for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
@@ -267,10 +265,8 @@ def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
 
 
 def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
-    """Frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None where there is none.
-
-    In the time s = (t - t0) + drift (t - t0)^2/2 a drifting line is one of constant frequency.
-    """
+    """Frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None where there is none."""
+    # In the time s = (t - t0) + drift (t - t0)^2/2 a drifting line is one of constant frequency.
     span, best = float(t[-1] - t[0]), (0.0, 0.0, 0.0)
     middle = t - t[0] - 0.5 * span
     for drift in DRIFTS[np.abs(DRIFTS) * span <= 1.0].tolist():
@@ -288,9 +284,7 @@ def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
 
 
 def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
-    """Height and frequency (rad/s) of the largest peak of the Fourier transform of uniform samples under a Hann window,
-    refined by a parabola; 0 where there is none.
-    """
+    """Height and frequency (rad/s) of the largest peak of a spectrum (Hann), refined by a parabola; 0 for none."""
     if len(t) < 16:
         return 0.0, 0.0
     step = float(t[-1] - t[0]) / (len(t) - 1)

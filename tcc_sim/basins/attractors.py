@@ -69,11 +69,9 @@ def _settle(of: Motion, seed: Floats, transients: list[Attractor], settings: Set
 
 
 def _cloud(of: Motion, x: Floats, cycle: int, settings: Settings) -> Attractor | None:
-    """The section points of a motion without a period, until further ones lie among them; None where it runs away.
-
-    A quasi-periodic motion beside a resonance is for thousands of cycles on a few arcs of its curve, and on other ones
-    where it was started elsewhere.
-    """
+    """The section points of a motion without a period, until further ones lie among them; None where it runs away."""
+    # A quasi-periodic motion beside a resonance is for thousands of cycles on a few arcs of its curve, and on other
+    # ones where it was started elsewhere.
     points = section_of(of, x, cycle, settings.cloud)
     for k in range(1, settings.most_clouds + 1):
         if len(points) < k * settings.cloud + 1 or of.runs_away(points[-1:])[0]:
@@ -93,10 +91,8 @@ def _spread(points: cKDTree) -> float:
 
 
 def _left(of: Motion, cloud: Attractor, settings: Settings) -> tuple[bool, Attractor | None]:
-    """Whether a motion from beside a cloud leaves it, and the orbit that it comes to; None where it runs away.
-
-    A chaotic set that is none of the attractors keeps motions for a time that differs from one to the next.
-    """
+    """Whether a motion from beside a cloud leaves it, and the orbit that it comes to; None where it runs away."""
+    # A chaotic set that is none of the attractors keeps motions for a time that differs from one to the next.
     scales, random = of.map.scales, np.random.default_rng(2)
     alike = cloud.section[cloud.phases == cloud.phases[0]]
     x = alike[np.linspace(0, len(alike) - 1, settings.witnesses).astype(int)]
@@ -160,10 +156,8 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
 
 
 def _validated(of: Motion, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
-    """The attractors with radii: apart from each other, and such that motions from the sphere come back to each.
-
-    Each radius is halved until all of the probes from its sphere end at the attractor.
-    """
+    """The attractors with radii: apart from each other, and such that motions from the sphere come back to each."""
+    # Each radius is halved until all of the probes from its sphere end at the attractor.
     out = []
     for k, attractor in enumerate(found):
         others = [other for i, other in enumerate(found) if i != k]

@@ -156,11 +156,9 @@ class MinimallyAugmented:
                 "fold_flip": flip}
 
     def _cubic(self, u: Floats, found: Linearised, v: Vectors, w: Vectors) -> float:
-        """The coefficient of third order of the normal form: whether what branches off is stable, by its sign.
-
-        Re conj(mu) w . (C(q, q, q')/2 + B(q, h) + B(q', k)/2) / (w . E q) with L(1) h = -B(q, q'), L(mu^2) k =
-        -B(q, q) and q' the conjugate of q (Kuznetsov, Sections 4.7 and 9.6); E q is what mu stands at in L.
-        """
+        """The coefficient of third order of the normal form: whether what branches off is stable, by its sign."""
+        # Re conj(mu) w . (C(q, q, q')/2 + B(q, h) + B(q', k)/2) / (w . E q) with L(1) h = -B(q, q'), L(mu^2) k = -B(q,
+        # q) and q' the conjugate of q (Kuznetsov, Sections 4.7 and 9.6); E q is what mu stands at in L.
         z, mu, blocks = u[:self.unknowns], self.multiplier(u), found.blocks
         q = v / np.linalg.norm(v)
         first, second = np.zeros(blocks.shape, dtype=q.dtype), np.zeros(blocks.shape)

@@ -209,10 +209,8 @@ def beyond_corner(here: ContinuationPoint, step_size: StepSize) -> ContinuationP
 
 def _beyond(here: ContinuationPoint, found: Linearised, along: Floats, beside: float,
             step_size: StepSize) -> ContinuationPoint | None:
-    """The next point on the other piece of a branch that has a corner at `here`; None where none is found.
-
-    found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
-    """
+    """The next point on the other piece of a branch that has a corner at `here`; None where none is found."""
+    # found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
     shooting, z = here.shooting, here.solution.z
     for known in (found, None):
         short = StepSize(shooting.settings, length=beside, smallest=shooting.settings.corner_step)
@@ -272,11 +270,9 @@ def remeshed(point: ContinuationPoint, count: int, anew: bool = False) -> Contin
 
 
 def _in_family(points: list[ContinuationPoint]) -> bool:
-    """Whether a branch has run for some length through motions with a multiplier of exactly 1 at one parameter.
-
-    Two points alone tell nothing: beside a doubling, where the parameter goes as the square of the way, it stands still
-    and a multiplier is 1 as well.
-    """
+    """Whether a branch has run for some length through motions with a multiplier of exactly 1 at one parameter."""
+    # Two points alone tell nothing: beside a doubling, where the parameter goes as the square of the way, it stands
+    # still and a multiplier is 1 as well.
     last, settings = points[-1], points[-1].shooting.settings
     for point in reversed(points):
         if np.abs(point.orbit.multipliers - 1.0).min() > settings.family or abs(point.slope) > settings.family:

@@ -160,12 +160,10 @@ def _at_a_bound(state: CurveState) -> tuple[Solution, int] | None:
 
 
 def _remesh_for_want_of_a_step(state: CurveState) -> bool:
-    """Go on in segments over which disturbances grow by less, from now on; whether there are any.
-
-    What grows by some 1e3 in slip and is taken back by stick within one segment leaves no large derivative, but one
-    that bends within 1e-5 and has the state's own error times the reciprocal of that: cusps are passed in segments
-    over which it grows by some 10, and not in one.
-    """
+    """Go on in segments over which disturbances grow by less, from now on; whether there are any."""
+    # What grows by some 1e3 in slip and is taken back by stick within one segment leaves no large derivative, but one
+    # that bends within 1e-5 and has the state's own error times the reciprocal of that: cusps are passed in segments
+    # over which it grows by some 10, and not in one.
     old = state.augmented
     if old is None:
         return False

@@ -135,11 +135,9 @@ def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, si
 
 
 def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tuple[Floats, Floats] | None:
-    """Where places go as the smoothness goes to 0, and the errors of that; None for a trace that does not tell.
-
-    A motion leaves stick after a time that goes as log(sigma)/sigma, so a + b e + c e log(e) is put through three of
-    four points at about equal ratios; the other three, and a straight line, tell its error.
-    """
+    """Where places go as the smoothness goes to 0, and the errors of that; None for a trace that does not tell."""
+    # A motion leaves stick after a time that goes as log(sigma)/sigma, so a + b e + c e log(e) is put through three of
+    # four points at about equal ratios; the other three, and a straight line, tell its error.
     ratio = min(2.0, float(smoothness.max() / smoothness[-1]) ** (1.0 / 3.0))
     chosen = [int(np.abs(np.log(smoothness / (smoothness[-1] * ratio**k))).argmin()) for k in range(4)]
     if smoothness[-1] > min(settings.limit_least, *smoothness[:-1]) or len(set(chosen)) < 4:
@@ -152,12 +150,10 @@ def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tup
 
 
 def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: ParameterMap, width: float) -> float | None:
-    """The bifurcation of a kind that the set-valued law has within the error of an extrapolation, the nearest to it.
-
-    A branch is begun at the extrapolated motion, or at the last one of the trace, with a corrector that leaves the
-    parameter as free as it is on the smoothed law's branch; first between these two, where steps are as fine as the
-    bend of a canard, then in the whole width of the range.
-    """
+    """The bifurcation of a kind that the set-valued law has within the error of an extrapolation, the nearest to it."""
+    # A branch is begun at the extrapolated motion, or at the last one of the trace, with a corrector that leaves the
+    # parameter as free as it is on the smoothed law's branch; first between these two, where steps are as fine as the
+    # bend of a canard, then in the whole width of the range.
     old, settings, last = trace.shooting, trace.shooting.settings, trace.places[-1]
     along = np.linalg.svd(trace.last.found.jacobian[:old.size, :old.size + 1])[2][-1]
     for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):

@@ -133,10 +133,9 @@ def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickM
 
 
 def _kink_slack(torque: Sines, load: Sines, ratio: float, t: Floats, width: float) -> Floats:
-    """How far a kink can lie below both cell ends: the modulus makes peaks of -|Tfi|, the clamp makes none.
-
-    max(Ts, 0) never lies below the smooth Ts, and where it leaves it, it is 0 on one side: a chord bound by its slope.
-    """
+    """How far a kink can lie below both cell ends: the modulus makes peaks of -|Tfi|, the clamp makes none."""
+    # max(Ts, 0) never lies below the smooth Ts, and where it leaves it, it is 0 on one side: a chord bound by its
+    # slope.
     if len(load.frequency) == 0 or load.mean - load.swing() >= 0.0:
         return np.zeros_like(t)
     steepest = ratio * float(load.amplitude @ load.frequency)
