@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
@@ -14,7 +13,7 @@ from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, Trajectory
 
 DISCARD = 50
 """Engine cycles dropped as transient: the paper's rule."""
@@ -46,10 +45,8 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
                                linear=terms.linear)
 
 
-def accelerations_of(plate_angle: NDArray[np.float64], plate_speed: NDArray[np.float64],
-                     engine_torque: NDArray[np.float64],
-                     friction_torque: NDArray[np.float64], system: System) -> tuple[NDArray[np.float64],
-                                                                                    NDArray[np.float64]]:
+def accelerations_of(plate_angle: Floats, plate_speed: Floats, engine_torque: Floats, friction_torque: Floats,
+                     system: System) -> tuple[Floats, Floats]:
     """Slip and plate acceleration, (n,) arrays in rad/s^2, from (2a) and (2b) with the torques given."""
     slip, plate = equations.accelerations(plate_angle, plate_speed, engine_torque, friction_torque,
                                           terms_of(system).linear)

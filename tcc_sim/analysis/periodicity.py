@@ -76,7 +76,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     """
     first = _after_gap(cycles)
     points = _scaled(cycles, first)
-    most = min(maximum, len(points) // 3) if _enough(cycles, first) else 0
+    most = min(maximum, len(points) // 3) if enough_after_a_gap(cycles) else 0
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
@@ -98,11 +98,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
 
 def enough_after_a_gap(cycles: Cycles) -> bool:
     """Whether the cycles after the last gap are enough for a period; fewer look like one by chance."""
-    return _enough(cycles, _after_gap(cycles))
-
-
-def _enough(cycles: Cycles, first: int) -> bool:
-    """The same, where the cycles after the last gap begin with number `first`."""
+    first = _after_gap(cycles)
     return first == 0 or len(cycles) - first >= AFTER_A_GAP
 
 

@@ -24,9 +24,6 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, values_of
 from tcc_sim.trajectory import Cycles
 
-FOUND_BY = "tcc_sim basins "
-"""How the format of the file begins that seeds are read from."""
-
 
 @dataclass(frozen=True)
 class Seed:
@@ -151,7 +148,7 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
         No such document, one of another scene (but for `over` and initial.*), or none of them in the range.
     """
     try:
-        if not str(found["format"]).startswith(FOUND_BY):
+        if not str(found["format"]).startswith("tcc_sim basins "):
             raise InputError(f"--seeds holds {found['format']!r}; it must be what basins --json wrote")
         scene, varied = found["scene"], found.get("over")
         if varied not in (None, over):

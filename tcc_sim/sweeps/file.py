@@ -18,7 +18,6 @@ from tcc_sim.errors import InputError
 from tcc_sim.sweeps.settings import DEFAULTS
 
 FORMAT = "tcc_sim sweep_points 1"
-"""Bytes; the first line of a sweep over a million values has a tenth of that."""
 SUM = ', "crc32": "%08x"}\n'
 SUM_LENGTH = len(SUM % 0)
 
@@ -69,7 +68,8 @@ class SweepFile:
                 if not line.endswith(b"\n") and len(line) < DEFAULTS.longest_line:
                     # The end: nothing, or a line that was cut short, of which the first must be this sweep's own,
                     # whatever was said besides.
-                    if number == 1 and not (first.startswith(line) or line.startswith(_beginning(wanted))):
+                    beginning = (json.dumps(wanted, allow_nan=False)[:-1] + ", ").encode()
+                    if number == 1 and not (first.startswith(line) or line.startswith(beginning)):
                         raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
                     return whole
                 if number == 1:
@@ -120,11 +120,6 @@ class SweepFile:
         if self._stream is not None:
             with suppress(OSError):
                 self._stream.close()
-
-
-def _beginning(wanted: Mapping[str, Any]) -> bytes:
-    """What every first line of the same work begins with, where more is said after it."""
-    return (json.dumps(wanted, allow_nan=False)[:-1] + ", ").encode()
 
 
 def encoded(values: Mapping[str, Any]) -> bytes:

@@ -10,9 +10,6 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.sweeps.settings import DEFAULTS
 
-EVEN = "KEY=START:STOP:COUNT"
-FORMS = "KEY=START:STOP:COUNT, KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
-
 
 def values_of_range(text: str, option: str = "--over", even: bool = False) -> tuple[str, list[float]]:
     """KEY and its values: evenly spaced, or evenly in logarithm with `:log`, both ends included; or those of a list.
@@ -31,7 +28,8 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     ('engine.frequency', [80.0, 90.5, 140.0])
     """
     key, equals, numbers = text.partition("=")
-    wrong = InputError(f"{option} is {text!r}; it must be {EVEN if even else FORMS}")
+    others = "" if even else ", KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT{others}")
     if not equals:
         raise wrong
     if not even and "," in numbers and ":" not in numbers:

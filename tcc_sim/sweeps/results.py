@@ -137,11 +137,7 @@ class Grid(Result):
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all rows below each other, with the second key's values first."""
-        rows = [s.columns() for s in self.sweeps]
-        length, names = len(self.sweeps[0].points), dict.fromkeys(name for row in rows for name in row)
-        return {self.second_key: np.repeat(self.second_values, length),
-                **{name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS[name]) for row in rows])
-                   for name in names}}
+        return {self.second_key: np.repeat(self.second_values, len(self.sweeps[0].points)), **stacked(self.sweeps)}
 
     def as_json(self) -> dict[str, Any]:
         """As `Sweep.as_json`, with `second_over`, `second_values`, and results as lists of lists, rows: second key."""
@@ -150,6 +146,13 @@ class Grid(Result):
         return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),
                 "second_values": list(self.second_values), **self.sweeps[0].how(self.sweeps),
                 **{name: [row[name] for row in rows] for name in rows[0]}}
+
+
+def stacked(sweeps: Sequence[Sweep]) -> dict[str, NDArray[Any]]:
+    """The columns of sweeps of one length below each other."""
+    rows, length = [s.columns() for s in sweeps], len(sweeps[0].points)
+    return {name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS[name]) for row in rows])
+            for name in dict.fromkeys(name for row in rows for name in row)}
 
 
 def extras_of(sweeps: Sequence[Sweep]) -> list[str]:

@@ -14,7 +14,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.sweeps.results import Sweep, extras_of
+from tcc_sim.sweeps.results import Sweep, extras_of, stacked
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
@@ -90,22 +90,15 @@ class Scattered(Result):
 
     def quantiles(self, name: str) -> NDArray[np.float64]:
         """(values, 3) quantiles 0.05, 0.5 and 0.95 of one result over the samples that have it, NaN where none has."""
-        found = self.result(name)
-        out = np.full((found.shape[1], len(PROBABILITIES)), np.nan)
-        for k, column in enumerate(found.T):
-            known = column[np.isfinite(column)]
-            if len(known):
-                out[k] = np.quantile(known, PROBABILITIES)
-        return out
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # It warns where no sample has the result.
+            return np.asarray(np.nanquantile(self.result(name), PROBABILITIES, axis=0).T)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all samples below each other, the scattered keys first."""
-        length = len(self.sweeps[0].points)
-        rows = [sweep.columns() for sweep in self.sweeps]
-        names = [name for name in rows[0] if name not in self.tolerances.values() or name == self.over]
-        return {**{key: np.repeat(values, length) for key, values in self.tolerances.values().items()},
-                **{name: np.concatenate([row[name] for row in rows if name in row]) for name in names
-                   if all(name in row for row in rows)}}
+        length, sampled = len(self.sweeps[0].points), self.tolerances.values()
+        return {**{key: np.repeat(values, length) for key, values in sampled.items()},
+                **{name: column for name, column in stacked(self.sweeps).items() if name not in sampled}}
 
     def as_json(self) -> dict[str, Any]:
         """`scatter`, `samples`, `seed`, `quantiles`, the samples' values, and every result in a list over samples, or

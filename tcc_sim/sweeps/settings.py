@@ -18,7 +18,8 @@ class Settings:
     phases_tried: int = quantity(1000, "among which one is looked for whose phase of the load is that of the "
                                  "neighbour's end", "engine cycles")
     most_values: int = quantity(1_000_000, "most values of a range, of a grid, and of samples")
-    longest_line: int = quantity(1 << 28, "longest line of a file of points", "bytes")
+    longest_line: int = quantity(1 << 28, "longest line of a file of points; the first one of a sweep over a million "
+                                 "values has a tenth of that", "bytes")
 
     # When a motion counts as settled (`steady_state.py`).
     settled: float = quantity(1e-6, "repetition of a settled section, relative to the size of the motion")
