@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
 from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
@@ -71,7 +71,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         raise InputError(f"{path} exists; it is not overwritten")
     look = look_of(result)
     if look is not None:
-        return look.drawing(look.whole)(path, result, title=title, width=style.width_of(width))
+        return look[0](path, result, title=title, width=style.width_of(width))
     run = _run_of(result)
     if run is result:
         return plot_run(run, path, width, title=title)
@@ -81,38 +81,29 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     return plot_run(run, path, width, summary=getattr(result, "summary", None), title=title)
 
 
-class Look(NamedTuple):
-    """Where the drawing of a result is: its module here, and the functions for a whole picture and for an axis.
+LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "draw_grid", "draw_largest"),
+         "Scattered": ("scatter", "draw_scatter", "into"), "Motions": ("branch_diagram", "branch_diagram", "into"),
+         "Basins": ("basin_map", "draw", "into"), "Linearisation": ("bode", "bode", "into"),
+         "Identification": ("identification", "identification", "into"),
+         "Orders": ("order_map", "plot_orders", "into"), "Twin": ("twin", "draw_twin", "into")}
+"""By the name of a result's class its module here, and the functions for a whole picture and for an axis. The first
+takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches, and
+raises what `style.figure` and `style.save` do. What is a run, or has one, is drawn by `plot_run` and `overview`.
+"""
 
-    `whole` takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in
-    inches, and raises what `style.figure` and `style.save` do; `main` takes an axis and the result.
+
+def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
+    """What draws a result, or its JSON, or a list of planes of basins, as LOOKS has it; None for what is no row of it.
     """
-
-    module: str
-    whole: str
-    main: str = "into"
-
-    def drawing(self, name: str) -> Callable[..., Any]:
-        """One of the two functions."""
-        found: Callable[..., Any] = getattr(import_module(f"tcc_sim.views.{self.module}"), name)
-        return found
-
-
-LOOKS = {"Sweep": Look("sweeps", "draw_sweep", "draw_maxima"), "Grid": Look("sweeps", "draw_grid", "draw_largest"),
-         "Scattered": Look("scatter", "draw_scatter"), "Motions": Look("branch_diagram", "branch_diagram"),
-         "Basins": Look("basin_map", "draw"), "Linearisation": Look("bode", "bode"),
-         "Identification": Look("identification", "identification"), "Orders": Look("order_map", "plot_orders"),
-         "Twin": Look("twin", "draw_twin")}
-"""By the name of a result's class; what is a run, or has one, is drawn by `plot_run` and `overview`."""
-
-
-def look_of(result: Any) -> Look | None:
-    """How a result is drawn, or its JSON, or a list of planes of basins; None for what is no row of LOOKS."""
+    name = type(result[0] if isinstance(result, list) and result else result).__name__
     if isinstance(result, Mapping):
         swept = "Grid" if result.get("second_values") else "Sweep" if "max_slip_speed" in result else ""
-        return LOOKS.get("Motions" if "branches" in result else swept if "over" in result else "")
-    first = result[0] if isinstance(result, list) and result else result
-    return LOOKS.get(type(first).__name__)
+        name = "Motions" if "branches" in result else swept if "over" in result else ""
+    if name not in LOOKS:
+        return None
+    module, whole, main = LOOKS[name]
+    found = import_module(f"tcc_sim.views.{module}")
+    return getattr(found, whole), getattr(found, main)
 
 
 def _run_of(result: Any) -> Trajectory:
@@ -129,7 +120,7 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
     """Draw the main curve of a result into an axis; InputError for a result that has none."""
     look = look_of(result)
     if look is not None:
-        look.drawing(look.main)(ax, result)
+        look[1](ax, result)
     else:
         run = _run_of(result)
         if len(run.t) < 3:
