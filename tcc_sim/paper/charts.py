@@ -22,10 +22,9 @@ from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
-from tcc_sim.paper.figure_branches import creeps
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.paper.figure_results import Chart, ChartCurve
-from tcc_sim.paper.seen_motions import seen_in, surveyed
+from tcc_sim.paper.seen_motions import creeps, seen_in, surveyed
 from tcc_sim.sweeps.simulation import Plan
 from tcc_sim.sweeps.sweep import sweep_grid
 

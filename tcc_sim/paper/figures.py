@@ -18,9 +18,9 @@ from tcc_sim.paper import settled_histories
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, STATIC, PaperFigure, Series, figure_row, paper_system
 from tcc_sim.paper.charts import chart
 from tcc_sim.paper.evidence import JUMP, steep, swept
-from tcc_sim.paper.figure_branches import motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.paper.figure_results import Coexisting, Curves, Figure, LawCurve, Laws, MapCurve, MotionsBehind, Reached
+from tcc_sim.paper.seen_motions import motions_behind, motions_behind_each
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.point import handed_over, solve_point
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep

@@ -1,32 +1,44 @@
-"""The motions that sweeps came to, settled where they settle at all, and the branches through them."""
+"""The motions that sweeps came to, settled where they settle at all, and the branches of periodic motions behind them,
+with what each jump of a sweep is (`figure --branches`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import SWEPT, bifurcation_diagram, point_of, state_at_phase_0
+from tcc_sim.continuation.diagram import SWEPT, bifurcation_diagram, left_out, point_of, state_at_phase_0
 from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.jumps import jumps_of
 from tcc_sim.continuation.newton import shifts
 from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange
+from tcc_sim.continuation.special_points import SMOOTH, Bifurcation
+from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
-from tcc_sim.paper.evidence import later
+from tcc_sim.paper.evidence import JUMP, later
+from tcc_sim.paper.figure_results import MotionsBehind
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.sweeps.processes import each_in_a_process, processes_for
 from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
+from tcc_sim.trajectory import State
 
 NEAR = 0.1
 """Distance, in natural sizes, of a motion that still settles from the orbit that it is taken to come to."""
 RUNS = 5
 """Times that a motion goes on for LATER cycles until it has a period: near a bifurcation it settles slowly."""
+CREEP = 3.0
+"""Largest slip speed, in those up to which law (7) counts as stick, at which a motion still creeps in stick."""
 
 
 def seen_in(sweep: Sweep) -> list[SettledMotion]:
@@ -99,3 +111,56 @@ def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False
     with point_bar(progress) as tick:
         return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,
                                    settings)
+
+
+def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
+    """Branches, bifurcations and jumps behind sweeps of one system over the same values of one key, for each of them.
+    """
+    found = [seen_in(sweep) for sweep in sweeps]
+    branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)
+    base = common_cycles(sweeps[0].curve.system)
+    bifurcations = [f for branch in branches for f in branch.bifurcations]
+    followed, special = [b.as_json() for b in branches], [f.as_json() for f in bifurcations]
+    out = []
+    for sweep, row in zip(sweeps, found):
+        forward = sorted(row, key=lambda s: s.value)
+        jumps = []
+        for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction):
+            entry = jump.as_json(bifurcations)
+            if jump.found is not None and creeps(jump.found, sweep.curve.system):
+                entry["cause"] = "stick_border"
+            jumps.append(entry)
+        higher, sentences = still_higher(sweep, row), left_out(row, branches, base)
+        if higher:
+            sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "
+                             "dropped")
+        out.append(MotionsBehind(followed, special, jumps, sentences))
+    return out
+
+
+def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
+                        progress: bool = False) -> list[MotionsBehind]:
+    """`motions_behind` of every sweep, of systems that differ, each in a process."""
+    if processes_for(len(sweeps), jobs) < 2:
+        return [motions_behind([sweep], progress)[0] for sweep in sweeps]
+    tasks = [[sweep] for sweep in sweeps]
+    return [found for found, in each_in_a_process(motions_behind, tasks, jobs, "curve", progress)]
+
+
+def creeps(found: Bifurcation, system: System) -> bool:
+    """Whether a bifurcation of the smoothed law is the end of stick: its motion still creeps."""
+    if system.friction.law != "smoothed" or found.kind not in SMOOTH:
+        return False
+    limit = stick_speed_of(terms_of(system))
+    return math.isfinite(limit) and found.point.orbit.seen.largest <= CREEP * limit
+
+
+def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
+    """The periodic orbit at a settled motion, with the names of `continue --json`; None where it has no period."""
+    omega = system.engine.frequency
+    of = DrivelineMap(system, ("engine.frequency",))
+    state = np.array(final.numbers)
+    if not period:
+        return None
+    point = point_of(of, ParameterRange(0.5 * omega, 1.5 * omega), SettledMotion(omega, state, cycle, period, largest))
+    return None if point is None else {"period": point.orbit.period, **point.orbit.as_json()}

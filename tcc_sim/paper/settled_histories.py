@@ -13,8 +13,8 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper import figure_results as results
 from tcc_sim.paper.catalogue import PaperFigure, paper_system
-from tcc_sim.paper.figure_branches import orbit_behind
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
+from tcc_sim.paper.seen_motions import orbit_behind
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 from tcc_sim.trajectory import Floats, State, Trajectory

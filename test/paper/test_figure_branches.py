@@ -24,7 +24,6 @@ from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, PaperFigure, paper_system, plain
 from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_branches import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figure_results import (
     Actuation,
@@ -37,6 +36,7 @@ from tcc_sim.paper.figure_results import (
     MotionsBehind,
 )
 from tcc_sim.paper.histories import orbit_words
+from tcc_sim.paper.seen_motions import creeps, motions_behind, motions_behind_each
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 
