@@ -83,8 +83,8 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
 LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "draw_grid", "draw_largest"),
          "Scattered": ("scatter", "draw_scatter", "into"), "Motions": ("branch_diagram", "branch_diagram", "into"),
-         "Basins": ("basin_map", "draw", "into"), "Linearisation": ("bode", "bode", "into"),
-         "Identification": ("identification", "identification", "into"),
+         "Basins": ("basin_map", "draw", "into"), "Linearisation": ("estimation", "bode", "draw_gain"),
+         "Identification": ("estimation", "identification", "draw_fit"),
          "Orders": ("order_map", "plot_orders", "into"), "Twin": ("twin", "draw_twin", "into")}
 """By the name of a result's class its module here, and the functions for a whole picture and for an axis. The first
 takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches, and
