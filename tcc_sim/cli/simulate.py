@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     lines, results = simulation_lines(scene.name, found), found.as_json()
     drawn: object = found
     if arguments.inputs is not None:
-        from tcc_sim.replay.twin import twin_of
+        from tcc_sim.replay.given_inputs import twin_of
 
         twin = twin_of(arguments.inputs, found.trajectory)
         if twin is not None:

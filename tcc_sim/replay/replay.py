@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
@@ -12,9 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.periodicity import AFTER_A_GAP, enough_after_a_gap
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Commands, Rows
@@ -22,18 +25,23 @@ from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
+from tcc_sim.replay.recorded import trajectory_of
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog
-from tcc_sim.replay.tail import Tail
 from tcc_sim.replay.timing import Pace, Timing, frequency_changes, scene_of, timing_of
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.replay.window import Window
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.terms import natural_frequency, terms_of
-from tcc_sim.trajectory import Floats, modes_of
+from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats, Trajectory, modes_of
 
 if TYPE_CHECKING:
     from tcc_sim.views.rerun_stream import RerunStream
+
+TAIL_CYCLES = 24
+"""Engine cycles kept as samples, for a picture of the end of the run."""
+TAIL_SAMPLES = 200_000
+"""Most samples kept."""
 
 
 def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
@@ -179,6 +187,52 @@ class _Reading:
             yield f"only the first {MOST_SCENES} scenes are followed"
         if len(self._sources) == MOST_SOURCES:
             yield f"only the first {MOST_SOURCES} changes of the source of an input are followed"
+
+
+class Tail:
+    """The last samples of the longest run so far, bounded."""
+
+    def __init__(self, system: System, clock: EngineClock) -> None:
+        self.stick_speed = stick_speed_of(terms_of(system))
+        self.run_started = False
+        self._system, self._clock, self._cycle = system, clock, clock.cycle
+        self._parts: deque[JointStates] = deque()
+        self._held = 0
+        self._kept: tuple[int, deque[JointStates]] | None = None
+        self._number = -1
+
+    def add(self, batch: JointStates, stream: CycleStream) -> None:
+        """Take the next batch; `stream` has it already."""
+        number = len(stream.runs) - 1
+        self.run_started = number != self._number and self._number >= 0
+        if self.run_started:
+            self._keep_longer(stream)
+            self._parts, self._held = deque(), 0
+        self._number = number
+        self._parts.append(batch)
+        self._held += len(batch)
+        self._stream = stream
+        start = int(batch.stamp_ns[-1]) - round(TAIL_CYCLES * self._cycle * 1e9)
+        while len(self._parts) > 1 and (self._parts[0].stamp_ns[-1] < start or self._held > 2 * TAIL_SAMPLES):
+            self._held -= len(self._parts.popleft())
+
+    def trajectory(self, solver: str) -> Trajectory:
+        """The samples of the longest run's end."""
+        self._keep_longer(self._stream)
+        assert self._kept is not None
+        parts, left = self._kept[1], TAIL_SAMPLES
+        start = int(parts[-1].stamp_ns[-1]) - round(TAIL_CYCLES * self._cycle * 1e9)
+        late = []
+        for part in reversed(parts):
+            first = max(int(np.searchsorted(part.stamp_ns, start)), len(part) - left)
+            left -= len(part) - first
+            late.append(part[first:])
+        return trajectory_of(late[::-1], self._system, self._clock, solver)
+
+    def _keep_longer(self, stream: CycleStream) -> None:
+        """Keep the end of the run at hand unless the one kept has more whole cycles."""
+        if self._kept is None or stream.runs[self._number].observed() >= stream.runs[self._kept[0]].observed():
+            self._kept = self._number, self._parts
 
 
 def _check_damping(scene: Scene) -> None:

@@ -14,8 +14,8 @@ import rclpy
 from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import qos
-from tcc_sim.nodes.control_watch import PROFILES, ControlWatch
 from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.watcher import PROFILES, ControlWatch
 from tcc_sim.topics import JOINT_STATE, topic
 
 MS = 1_000_000

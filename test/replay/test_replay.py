@@ -10,8 +10,7 @@ import pytest
 from driveline_bags import TICK, bag, by_hand, ticked
 
 from tcc_sim.errors import InputError
-from tcc_sim.replay.replay import replay
-from tcc_sim.replay.tail import TAIL_CYCLES
+from tcc_sim.replay.replay import TAIL_CYCLES, replay
 from tcc_sim.scene import load_scene
 
 OMEGA, SPEED, LOAD = 150.0, 150.0, 300.0

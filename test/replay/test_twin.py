@@ -10,7 +10,7 @@ import pytest
 from driveline_bags import bag, ticked
 
 from tcc_sim import cli
-from tcc_sim.replay.twin import twin_of
+from tcc_sim.replay.given_inputs import twin_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
