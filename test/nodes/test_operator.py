@@ -24,8 +24,10 @@ Control = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def control(domain: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Control:
+def control(domain: str, discovery: Callable[[str], str], monkeypatch: pytest.MonkeyPatch,
+            capsys: pytest.CaptureFixture[str]) -> Control:
     """Runs `tcc-sim control`; gives status and what was printed and said."""
+    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", discovery(""))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
 
@@ -78,7 +80,9 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
 
 
 def test_single_commands_are_in_the_recording(control: Control, driveline: Callable[..., NodeProcess],
-                                              tmp_path: Path) -> None:
+                                              tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the recorder is found as late as Fast DDS finds it by itself."""
+    monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE")
     recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
     try:
         driveline(scene="commands", rate=50.0, wait_for_subscribers=1)
