@@ -45,7 +45,9 @@ _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 
 @dataclass(frozen=True)
 class Definition:
-    """What an MCAP schema says of a message type: its text with every type it needs (ros2msg), and its RIHS01 hash."""
+    """What an MCAP schema says of a message type: its text with every type it needs (ros2msg), and its RIHS01 hash,
+    empty where nothing says it.
+    """
 
     text: str
     type_hash: str
@@ -70,7 +72,10 @@ def definition(type_name: str) -> Definition:
         package, _, short = name.split("/")
         parts.append(f"\n{'=' * 80}\nMSG: {package}/{short}\n{text}")
         needed.extend(_dependencies(name, text))
-    return Definition("".join(parts), _hash(type_name))
+    for entry in json.loads(installed(type_name, ".json") or "{}").get("type_hashes", []):
+        if entry.get("type_name") == type_name:
+            return Definition("".join(parts), str(entry["hash_string"]))
+    return Definition("".join(parts), CARRIED.get(type_name, ("", ""))[1])
 
 
 def type_parts(type_name: str) -> tuple[str, str]:
@@ -112,16 +117,6 @@ def _text(type_name: str) -> str:
             raise InputError(f"the definition of {type_name} is not installed")
         text = CARRIED[type_name][0]
     return text
-
-
-def _hash(type_name: str) -> str:
-    """The RIHS01 hash of one type; empty where nothing says."""
-    found = installed(type_name, ".json")
-    if found is not None:
-        for entry in json.loads(found).get("type_hashes", []):
-            if entry.get("type_name") == type_name:
-                return str(entry["hash_string"])
-    return CARRIED.get(type_name, ("", ""))[1]
 
 
 def _dependencies(type_name: str, text: str) -> Iterator[str]:

@@ -97,11 +97,11 @@ class Operator:
         unit = QUANTITIES[row.key].unit
         group = row.key.partition(".")[0]
         heard: list[str] = []
-        began = time.time_ns()
+        began, logger = time.time_ns(), self._driveline.strip("/").replace("/", ".")
 
         def listen(message: Log) -> None:
             said = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
-            if said >= began and message.msg.startswith(f"{row.name} command") and self._is_the_driveline(message.name):
+            if said >= began and message.msg.startswith(f"{row.name} command") and message.name == logger:
                 heard.append(message.msg)
 
         self._node.create_subscription(Log, "/rosout", listen,
@@ -161,10 +161,6 @@ class Operator:
         if self._value("publish_diagnostics"):
             self._until(lambda: said, FOUND_WITHIN)
         return lambda: max([self._node.count_subscribers(name), *said[-1:]])
-
-    def _is_the_driveline(self, logger: str) -> bool:
-        """Whether a logger's name is that of the driveline talked to."""
-        return bool(logger == self._driveline.strip("/").replace("/", "."))
 
     def _value(self, key: str) -> Any:
         """The value of a parameter of the driveline."""

@@ -14,7 +14,7 @@ from tcc_sim.output.closed_forms import closed_forms
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
 from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, substeps, terms_of
-from tcc_sim.topics import TOPICS, Topic
+from tcc_sim.topics import TOPICS
 
 OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distributed")
 """Packages that only some scenes and verbs need."""
@@ -45,7 +45,7 @@ def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
     """
     terms = terms_of(scene.system)
     held, left_out = held_and_left_out(terms)
-    needed = [row.name for row in TOPICS if needs(scene, row)]
+    needed = [row.name for row in TOPICS if row.wanted(scene.value)]
     real_time = terms.smoothing is not None
     return {
         "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
@@ -58,11 +58,6 @@ def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
                  **count_calls(scene.system)} if real_time else None,
         "closed_forms": closed_forms(scene.system),
     }
-
-
-def needs(scene: Scene, row: Topic) -> bool:
-    """Whether the driveline node creates this topic for `scene`."""
-    return row.wanted(scene.value)
 
 
 def _kind(value: object) -> str:

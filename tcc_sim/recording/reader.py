@@ -122,7 +122,7 @@ class Run:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
         self._began = Break.START
-        pressure = _beside(self.joint_states_topic, "applied_pressure")
+        pressure = self.joint_states_topic.rpartition("/")[0] + "/applied_pressure"
         join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
         refused: Counter[str] = Counter()
         for path in self.paths:
@@ -184,7 +184,7 @@ class Run:
                 except DamagedChunk as error:
                     self.warnings.place(f"the chunk at byte {chunk.offset} is left out: {error}")
                     continue
-                unchecked = unchecked or chunk.opcode == records.MESSAGE or not records.has_checksum(chunk.body)
+                unchecked = unchecked or chunk.opcode == records.MESSAGE or chunk.body[24:28] == bytes(4)
                 if len(messages.channel):
                     counts = np.bincount(messages.channel)
                     seen.update({channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()})
@@ -310,8 +310,3 @@ def _choose(topics: dict[str, str]) -> str:
     found = [name for name, type_name in topics.items() if type_name == JOINT_STATE]
     named_so = [name for name in found if name.rpartition("/")[2] == "joint_states"]
     return min(named_so or found or ["/joint_states"], key=lambda name: (len(name), name))
-
-
-def _beside(joint_states_topic: str, name: str) -> str:
-    """Another topic beside this joint_states topic."""
-    return f"{joint_states_topic.rpartition('/')[0]}/{name}"

@@ -192,11 +192,6 @@ def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
     return data
 
 
-def has_checksum(body: bytes) -> bool:
-    """Whether a chunk carries a checksum at all."""
-    return len(body) >= 28 and body[24:28] != b"\0\0\0\0"
-
-
 def _unpack(compression: bytes, packed: memoryview, size: int) -> bytes:
     """Decompress without ever holding more than `size` bytes."""
     if compression == b"zstd":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,11 @@ AT_A_RESET = 0.01
 Signal = tuple[NDArray[np.int64], Floats]
 
 
-class Fresh:
+class Fresh(NamedTuple):
     """What one batch brought: signals by name, (stamps in ns, values), and events at simulation time."""
 
-    def __init__(self) -> None:
-        self.signals: dict[str, Signal] = {}
-        self.events: list[Event] = []
+    signals: dict[str, Signal]
+    events: list[Event]
 
 
 class ControlLog:
@@ -77,7 +77,7 @@ class ControlLog:
         """Take the next batch, which `stream` has already, and the commands that came with it, by the row of the first
         state after each.
         """
-        number, fresh = len(stream.runs) - 1, Fresh()
+        number, fresh = len(stream.runs) - 1, Fresh({}, [])
         if number != self._run:
             if self._run >= 0:
                 if self._end - self._fell_back < AT_A_RESET:
@@ -121,8 +121,7 @@ class ControlLog:
         held = self._steps.setdefault(name, [])
         held.append((signal[0][last], signal[1][last]))
         if len(held) > MOST_PARTS:
-            held[:] = [(np.concatenate([part[0] for part in held])[-MOST_STEPS:],
-                        np.concatenate([part[1] for part in held])[-MOST_STEPS:])]
+            held[:] = [_joined(held)]
 
     def _changes(self, batch: JointStates, fresh: Fresh) -> None:
         """Parameters that were changed up to the end of a batch; what a new run begins with is no event of it."""
@@ -174,7 +173,7 @@ class ControlLog:
             late = np.flatnonzero(np.diff(times) > limit + 1e-9)
             found = [Event(float(times[k]) + limit, f"{what} falls back: no command for {limit:g} s") for k in late]
             said = {event.t for event in self._events}
-            fresh.events += [event for event in found if event.t not in said]
+            fresh.events.extend(event for event in found if event.t not in said)
             self._last[name] = float(times[-2])
 
     def _keep(self, stream: CycleStream) -> None:
@@ -183,7 +182,8 @@ class ControlLog:
             return
         if self._kept is not None and stream.runs[self._run].observed() < stream.runs[self._kept[0]].observed():
             return
-        steps = {name: _joined(parts) for name, parts in self._steps.items()}
+        joined = {name: _joined(parts) for name, parts in self._steps.items()}
+        steps = {name: Steps(stamps.astype(np.float64) * 1e-9, values) for name, (stamps, values) in joined.items()}
         means = steps.get("mean_slip", Steps.none())
         self._kept = self._run, Control(
             means.t, means.values, steps.get("target_slip_speed", Steps.none()),
@@ -191,7 +191,7 @@ class ControlLog:
             tuple(sorted(self._events, key=lambda event: event.t)))
 
 
-def _joined(parts: list[Signal]) -> Steps:
+def _joined(parts: list[Signal]) -> Signal:
     """Parts one after the other, the last MOST_STEPS values of them."""
-    return Steps(np.concatenate([part[0] for part in parts])[-MOST_STEPS:] * 1e-9,
-                 np.concatenate([part[1] for part in parts])[-MOST_STEPS:])
+    stamps, values = zip(*parts)
+    return np.concatenate(stamps)[-MOST_STEPS:], np.concatenate(values)[-MOST_STEPS:]

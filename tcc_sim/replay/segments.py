@@ -146,7 +146,9 @@ class SegmentLog:
         """Begin a segment where there is a reason to at this state."""
         before, target = dict(values_of(self._scene.system)), self._target
         while self._places and self._places[0].index <= batch.index + row:
-            self._use(self._scenes[self._places.popleft().number])
+            record = self._scenes[self._places.popleft().number]
+            with suppress(InputError):  # Whoever solves it again says what is wrong with it.
+                self._scene = parse_scene(record.parameters, self._scene.name)
         while self._targets and self._targets[0][0] <= row:
             self._target = self._targets.popleft()[1]
         changes: dict[str, object] = {key: value for key, value in values_of(self._scene.system)
@@ -160,13 +162,6 @@ class SegmentLog:
             self._open = self._opened(batch.began.value if fresh else "parameters", changes, int(batch.stamp_ns[row]))
         if self._target is not None and self._open is not None and self._open.means is None:
             self._open.means, self._open.target = MeansOfCycles(self._open.stream.clock), self._target
-
-    def _use(self, record: SceneRecord) -> None:
-        """Go on with another scene."""
-        try:
-            self._scene = parse_scene(record.parameters, self._scene.name)
-        except InputError:
-            return  # Whoever solves it again says what is wrong with it.
 
     def _opened(self, began_by: str, changes: dict[str, object], stamp_ns: int) -> _Open | None:
         """A new segment, or None where there are too many."""

@@ -9,7 +9,7 @@ import pytest
 from documents import valid
 
 from tcc_sim.cli import main
-from tcc_sim.output.explanation import explain, needs
+from tcc_sim.output.explanation import explain
 from tcc_sim.scene import load_scene
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.topics import topic
@@ -66,7 +66,7 @@ def test_the_set_valued_law_has_no_smoothing_and_no_real_time_step() -> None:
     ("engine_torque", {"engine.source": "topic"}, True), ("applied_pressure", {"pressure.source": "topic"}, True),
     ("/diagnostics", {"publish_diagnostics": False}, False)])
 def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, object], created: bool) -> None:
-    assert needs(load_scene("fig02").with_values(values), topic(name)) is created
+    assert topic(name).wanted(load_scene("fig02").with_values(values).value) is created
 
 
 def test_cost_is_measured_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
