@@ -69,7 +69,7 @@ def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_p
     from tcc_sim.views import basin_map
 
     files = [tmp_path / name for name in ("b.npz", "b.json", "b.png")]
-    words = ["basins", "minimal", "--plane", "initial.slip_speed=0:60:2", "--plane", "initial.plate_angle=0:0.1:2",
+    words = ["basins", *SCENE, "--plane", "initial.slip_speed=0:60:2", "--plane", "initial.plate_angle=0:0.1:2",
              "--out", str(files[0]), "--json", str(files[1]), "--plot", str(files[2])]
 
     def interrupted(*_: object, **__: object) -> None:

@@ -57,8 +57,8 @@ def workers(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
 def test_a_killed_worker_loses_nothing(workers, tmp_path, on_point) -> None:  # type: ignore[no-untyped-def]
     address, processes = workers
     system = replace(System(),
-                     {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
-                                "pressure.amplitude": 0.0})
+                     {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285, "pressure.mean": 225e3,
+                      "pressure.amplitude": 0.0})
     values = [float(x) for x in np.linspace(40.0, 160.0, 96)]
     on_point(lambda count: processes[0].kill() if count == 24 else None)
     far = sweep(system, "engine.frequency", values, Plan(cycles=400), dask=address, out=tmp_path / "far.jsonl")

@@ -35,13 +35,13 @@ def test_the_examples_of_the_docstrings_run(name: str) -> None:
 
 
 def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.3:3", "--over", "pressure.mean=2e5:3e5:2", "--cycles", "20",
-             "--rtol", "1e-8"]
+    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.28:3", "--over", "pressure.mean=2e5:3e5:2", "--cycles",
+             "20", "--rtol", "1e-8"]
     assert main([*words, "--json", str(tmp_path / "grid.json"), "--out", str(tmp_path / "grid.jsonl")]) == 0
     assert "6 of 6 values" in capsys.readouterr().out
     found = json.loads((tmp_path / "grid.json").read_text())
     assert (found["over"], found["second_over"]) == (KINETIC, "pressure.mean")
-    assert found["values"] == pytest.approx([0.24, 0.27, 0.3])
+    assert found["values"] == pytest.approx([0.24, 0.26, 0.28])
     assert found["second_values"] == [2e5, 3e5]
     assert found["complete"]
     for r, pressure in enumerate(found["second_values"]):
@@ -56,8 +56,8 @@ def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type:
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
     body = [line for line in lines if line[:12].strip() in ("200000", "300000")]
-    assert [line.split()[:2] for line in body] == [[p, k] for p in ("200000", "300000") for k in ("0.24", "0.27",
-                                                                                                  "0.3")]
+    assert [line.split()[:2] for line in body] == [[p, k] for p in ("200000", "300000")
+                                                   for k in ("0.24", "0.26", "0.28")]
 
 
 @pytest.mark.parametrize(("over", "words"), [
@@ -73,7 +73,7 @@ def test_a_wrong_grid_is_one_line(over: list[str], words: str, capsys) -> None: 
 
 
 def test_every_extra_asked_for_has_its_columns(capsys) -> None:  # type: ignore[no-untyped-def]
-    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.3:2", "--cycles", "30"]
+    words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.28:2", "--cycles", "30"]
     assert main(words) == 0
     plain = capsys.readouterr().out
     assert main([*words, "--damping", "--lyapunov"]) == 0
