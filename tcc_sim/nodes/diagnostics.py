@@ -24,8 +24,8 @@ class Diagnostics:
         self._node, self._loop = node, loop
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._due = time.monotonic() + PERIOD
-        self._since, self._ticks, self._late = time.monotonic(), 0, 0
-        self._stick = self._slip = 0
+        self._since = time.monotonic()
+        self._late = self._stick = self._slip = 0
 
     def publish_when_due(self) -> None:
         """Publish if a second has passed; one that the middleware does not take is followed by the next."""
@@ -42,9 +42,8 @@ class Diagnostics:
         """The status over the time since the last message."""
         loop, pacer, operation = self._loop, self._loop.pacer, self._loop.scene.operation
         stepper = loop.plant.stepper
-        done = loop.stick_ticks + loop.slip_ticks
-        rate = (done - self._ticks) / (now - self._since)
         stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip
+        rate = (stick + slip) / (now - self._since)
         regime = "paused" if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
         middle, high = pacer.lateness()
         values = {
@@ -71,8 +70,8 @@ class Diagnostics:
             wrong.append(f"{counted(pacer.missed_ticks - self._late, 'tick')} missed in real time")
         if waiting:
             wrong.append(f"no command on {' and '.join(waiting)}; the scene's fallback applies")
-        self._since, self._ticks, self._late = now, done, pacer.missed_ticks
-        self._stick, self._slip = loop.stick_ticks, loop.slip_ticks
+        self._since, self._late = now, pacer.missed_ticks
+        self._stick, self._slip = self._stick + stick, self._slip + slip
         return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,
                                 name=f"{self._node.get_fully_qualified_name()}: driveline", hardware_id="simulation",
                                 message="; ".join(wrong) or regime,

@@ -46,7 +46,7 @@ class Track:
         self.type = type_name
         self.latched = latched
         self._node = node
-        self.subscription: Subscription[Any] | None = None
+        self.subscription = self._subscription(latched=latched)
         self._best_effort: Subscription[Any] | None = None
         self._heard_reliably: set[bytes] = set()
         self.publishers: set[bytes] = set()
@@ -59,27 +59,24 @@ class Track:
         self._next: dict[bytes, int] = {}
         self._asked: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
-        self.subscribe(latched)
 
     def subscribe(self, latched: bool) -> Taken:
         """Have a new reliable subscription; gives what waited in the one before."""
         before = self.take()
-        if self.subscription is not None:
-            self._node.destroy_subscription(self.subscription)
-        self.latched = latched
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        self.subscription = self._subscription(ReliabilityPolicy.RELIABLE, durability)
+        self._node.destroy_subscription(self.subscription)
+        self.latched, self.subscription = latched, self._subscription(latched=latched)
         return before
 
-    def _subscription(self, reliability: ReliabilityPolicy,
-                      durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> Subscription[Any]:
+    def _subscription(self, reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
+                      latched: bool = False) -> Subscription[Any]:
         """A subscription that is polled."""
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         return subscribe(self._node, message_class(self.type), self.topic,
                          QoSProfile(depth=DEPTH, reliability=reliability, durability=durability))
 
     def take(self) -> Taken:
         """What waits, every message once. It needs no valid context."""
-        taken = [] if self.subscription is None else poll(self.subscription)
+        taken = poll(self.subscription)
         if len(self._heard_reliably) > MOST_PUBLISHERS:
             self._heard_reliably.clear()
         self._heard_reliably.update(who for _, info in taken if (who := publisher_of(info)))

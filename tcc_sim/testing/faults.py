@@ -67,12 +67,7 @@ class Schedule:
 
 
 class Line:
-    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it.
-
-    Attributes
-    ----------
-    sent, delivered : commands so far
-    """
+    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it."""
 
     def __init__(self, name: str, faults: Faults) -> None:
         self._delay_ticks = faults.delay_ticks
@@ -80,11 +75,9 @@ class Line:
                            for kind in ("drop", "delay", "duplicate", "corrupt")}
         self._draw = random.Random(f"{faults.seed} {name}")
         self._waiting: list[tuple[int, bool, bytes]] = []
-        self.sent = self.delivered = 0
 
     def send(self, data: bytes, tick: int) -> None:
         """A serialised command that was sent in answer to the state of `tick`."""
-        self.sent += 1
         hit = {kind: schedule.hits() for kind, schedule in self._schedules.items()}
         if hit["drop"]:
             return
@@ -98,7 +91,6 @@ class Line:
         due = [data for late in (False, True) for when, delayed, data in self._waiting
                if when <= tick and delayed == late]
         self._waiting = [row for row in self._waiting if row[0] > tick]
-        self.delivered += len(due)
         return due
 
     def _corrupted(self, data: bytes) -> bytes:

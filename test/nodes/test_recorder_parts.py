@@ -119,7 +119,7 @@ def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
         if len(synced) == 4:
             raise Enough
 
-    monkeypatch.setattr(found.bag, "sync", sync)
+    monkeypatch.setattr(found.bag.file, "sync", sync)
     with pytest.raises(Enough):
         found.spin()
     found.close()
