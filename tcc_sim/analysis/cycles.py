@@ -79,18 +79,19 @@ def default_discard(cycles: int) -> int:
     return min(DISCARD, cycles // 2)
 
 
-def kept(cycles: Cycles, discard: int) -> Cycles:
-    """The cycles after the first `discard`.
+def dropped_of(cycles: int, discard: int | None) -> int:
+    """Cycles to drop of so many: `discard`, or by default.
 
     Raises
     ------
     InputError
         A negative number, or one that leaves no cycle.
     """
-    if discard < 0:
-        raise InputError(f"--discard is {discard}; it must be 0 or more cycles")
-    if discard >= len(cycles):
-        whole = f"the {len(cycles)} cycles" if len(cycles) != 1 else "the only cycle"
-        raise InputError(f"--discard {discard} leaves none of {whole}" if len(cycles) else
+    dropped = default_discard(cycles) if discard is None else discard
+    if dropped < 0:
+        raise InputError(f"--discard is {dropped}; it must be 0 or more cycles")
+    if dropped >= cycles:
+        whole = f"the {cycles} cycles" if cycles != 1 else "the only cycle"
+        raise InputError(f"--discard {dropped} leaves none of {whole}" if cycles else
                          "there is no whole engine cycle to summarise")
-    return cycles[discard:]
+    return dropped

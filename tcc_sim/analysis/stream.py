@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import accelerations_of, default_discard
+from tcc_sim.analysis.cycles import accelerations_of, dropped_of
 from tcc_sim.analysis.engine_clock import SLACK, EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.errors import InputError
@@ -77,14 +77,9 @@ class RunCycles:
             raise InputError("the recording holds no whole engine cycle")
         self._join_all()
         first, last = self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
-        dropped = default_discard(last - first) if discard is None else discard
-        if dropped < 0:
-            raise InputError(f"--discard is {dropped}; it must be 0 or more cycles")
-        parts = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
-                 if p.first + len(p.cycles) > first + dropped]
-        if not parts:
-            raise InputError(f"--discard {dropped} leaves none of the {last - first} cycles")
-        joined = _with_gaps(parts)
+        dropped = dropped_of(last - first, discard)
+        joined = _with_gaps([p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
+                             if p.first + len(p.cycles) > first + dropped])
         return joined, last - len(joined), dropped
 
 

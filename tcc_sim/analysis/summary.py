@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import cycles_of, default_discard, first_cycle_of, kept, spans_of, varying
+from tcc_sim.analysis.cycles import cycles_of, dropped_of, first_cycle_of, spans_of, varying
 from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
@@ -104,9 +104,9 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
         A discard that leaves no cycle, or a trajectory without cycles.
     """
     cycles = cycles_of(trajectory)
-    dropped = default_discard(len(cycles)) if discard is None else discard
+    dropped = dropped_of(len(cycles), discard)
     first = first_cycle_of(trajectory) + dropped
-    found = summarise_cycles(kept(cycles, dropped), first=first, tolerance=tolerance,
+    found = summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance,
                              **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
     return replace(found, cycles=len(cycles), discarded=dropped, solver=trajectory.solver,
                    elapsed_s=trajectory.statistics.seconds)

@@ -76,21 +76,17 @@ class Fit:
     values : (P,) of the parameters
     covariance : (P, P), for the noise that was given
     starts : (m, 3) of the windows
-    width : samples of a window
     residuals : by channel (n,), in its unit
     chi2 : sum of squared residuals over the noise, a degree of freedom
     gap : largest gap between windows, by the root of its weight: above some units the windows are not one motion
-    iterations : in all
     """
 
     values: Floats
     covariance: Floats
     starts: Floats
-    width: int
     residuals: dict[str, Floats]
     chi2: float
     gap: float
-    iterations: int
 
 
 def fit(model: Model, noise: dict[str, float], values: Floats, settings: Settings, stages: tuple[Stage, ...] = (),
@@ -110,7 +106,7 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: Setting
     NumericalFailure
         The solution cannot be computed at the start.
     """
-    iterations, width = 0, 0
+    width = 0
     for stage in stages or settings.stages:
         problem = Shooting(model, noise, settings, stage.window)
         if starts is None:
@@ -118,10 +114,9 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: Setting
         elif width and width != problem.width:
             starts = problem.regrouped(starts, width, values)
         width = problem.width
-        values, starts, count = problem.descend(values, starts, stage, tick)
-        iterations += count
+        values, starts = problem.descend(values, starts, stage, tick)
     assert starts is not None
-    return problem.result(values, starts, stage.weight, iterations)
+    return problem.result(values, starts, stage.weight)
 
 
 class Shooting:
@@ -170,12 +165,11 @@ class Shooting:
         return np.array([states[min(k * self.width, len(states) - 1)] for k in range(self.count)])
 
     def descend(self, values: Floats, starts: Floats, stage: Stage,
-                tick: Callable[[], None] | None) -> tuple[Floats, Floats, int]:
-        """One stage: parameters, starts, and how many iterations it took."""
+                tick: Callable[[], None] | None) -> tuple[Floats, Floats]:
+        """One stage: parameters and starts."""
         damping, n = 1e-3, self.model.substeps(values)
-        found, count = sweep(self.model, starts, self.width, values, n), 0
-        while count < stage.iterations:
-            count += 1
+        found = sweep(self.model, starts, self.width, values, n)
+        for _ in range(stage.iterations):
             rows = self._rows(found.states, starts, stage.weight)
             limit = stage.robust * max(1.0, float(np.median(np.mean(rows**2, axis=1))))
             cost, gain = self._cost(rows, limit), 0.0
@@ -199,7 +193,7 @@ class Shooting:
                 break
         if math.isfinite(stage.robust):
             starts = self._mended(values, starts, found.states, stage.weight, n)
-        return values, starts, count
+        return values, starts
 
     def _mended(self, values: Floats, starts: Floats, states: Floats, weight: float, n: int) -> Floats:
         """Starts, where it costs less to begin where the window before ends: from there."""
@@ -271,14 +265,14 @@ class Shooting:
         return Normal(own, -root * gap[:, :, :3].transpose(0, 2, 1), border, squares[:, 3:, 3:].sum(axis=0), slope,
                       slopes[:, 3:].sum(axis=0))
 
-    def result(self, values: Floats, starts: Floats, weight: float, iterations: int) -> Fit:
+    def result(self, values: Floats, starts: Floats, weight: float) -> Fit:
         """The fit with its covariance."""
         found = sweep(self.model, starts, self.width, values, self.model.substeps(values))
         rows = self._rows(found.states, starts, weight)
         scale = np.where(self.logarithmic, values, 1.0)
         covariance = self._normal(rows, found, values, weight, math.inf).covariance() * np.outer(scale, scale)
         fitted = self._fitted(found.states).reshape(-1, len(self.channels))
-        return Fit(values, covariance, starts, self.width,
+        return Fit(values, covariance, starts,
                    {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
                    float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1),
-                   float(np.abs(rows[:, -4:-1]).max()), iterations)
+                   float(np.abs(rows[:, -4:-1]).max()))

@@ -74,7 +74,6 @@ class Periodic:
     parts : in order, over the whole period
     carried : derivatives of the states between them
     mean_slip : rad/s
-    stick : whether some part of it is in stick
     """
 
     system: System
@@ -82,7 +81,6 @@ class Periodic:
     parts: list[Part]
     carried: Carried
     mean_slip: float
-    stick: bool
 
     @property
     def seconds(self) -> float:
@@ -207,9 +205,7 @@ def _closed(system: System, period: int, state: Floats, slip: float | None) -> P
         except NumericalFailure:
             norm = math.inf
         if norm < DEFAULTS.closed:
-            stuck = stick_speed_of(terms_of(system))
-            stick = any(abs(p.state[0]) <= stuck for p in parts)
-            return Periodic(replace(system, {PRESSURE: load}), period, parts, carried, mean, stick)
+            return Periodic(replace(system, {PRESSURE: load}), period, parts, carried, mean)
         if norm >= least:
             damping *= 0.5
             if damping < 1e-4:

@@ -150,12 +150,10 @@ class StickLimits:
     lower : where an upward sweep leaves the pure stick it starts in; None where there is none at the low end, or no
         limit
     higher : where a downward sweep leaves the pure stick it starts in; None likewise
-    bands : every band of pure stick within the range, in order
     """
 
     lower: float | None
     higher: float | None
-    bands: tuple[tuple[float, float], ...]
 
 
 def stick_limits(system: System, low: float, high: float, count: int = 400) -> StickLimits:
@@ -179,9 +177,7 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
     sticks = [margin(float(w)) >= 0.0 for w in grid]
     edges = [_bisect(margin, float(grid[i]), float(grid[i + 1])) for i in range(len(grid) - 1)
              if sticks[i] != sticks[i + 1]]
-    marks = ([low] if sticks[0] else []) + edges + ([high] if sticks[-1] else [])
-    bands = tuple(zip(marks[::2], marks[1::2]))
-    return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None, bands)
+    return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None)
 
 
 def _bisect(margin: Callable[[float], float], a: float, b: float) -> float:

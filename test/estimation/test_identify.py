@@ -218,7 +218,7 @@ def test_verdicts() -> None:
     """At a bound, told, and not told because of another parameter, by the numbers of a fit."""
     keys, none = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"), np.zeros(3)
     values, errors = np.array([0.24 * NEAR_ONE, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
-    fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), 1, {}, 1.0, 0.0, 1)
+    fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), {}, 1.0, 0.0)
     alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
     told = [judged(keys, i, none[i], fitted, errors, alone, True, Gates()) for i in range(3)]
     assert [p.verdict for p in told] == ["at its bound", "at its bound", "identified"]
