@@ -65,7 +65,7 @@ def _kind(value: object) -> str:
     if value is None:
         return "left out"
     if isinstance(value, np.ndarray):
-        return f"array of {value.shape[0]} sines"
+        return f"array of {' by '.join(map(str, value.shape))} numbers"
     return f"{len(value)} numbers" if isinstance(value, tuple) else "number"
 
 

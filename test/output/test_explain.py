@@ -29,6 +29,14 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     assert found["step"]["sub_steps"] == 10
 
 
+def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
+    """A course has a row of eight numbers for each of its two pieces; it was called an array of sines."""
+    scene = load_scene("runup")
+    pieces = scene.system.course
+    assert pieces is not None and pieces.shape == (2, 8)
+    assert explain(scene)["kernel"]["course"] == "array of 2 by 8 numbers"
+
+
 @pytest.mark.parametrize(("name", "sines"), [("minimal", 3.0), ("stick", 3.0), ("fig02", 6.0)])
 def test_a_kernel_calls_nothing_for_terms_that_its_scene_does_not_have(name: str, sines: float) -> None:
     """SDIRK3 has three stages, each with one engine torque and one load; one sine more a stage for every harmonic."""
