@@ -15,8 +15,7 @@ from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.continuation.sliding import differ
-from tcc_sim.continuation.sliding_location import sliding_bifurcation
+from tcc_sim.continuation.sliding import differ, sliding_bifurcation
 from tcc_sim.continuation.special_points import (
     Bifurcation,
     Bracket,

@@ -24,8 +24,7 @@ from tcc_sim.continuation.palc import (
     solution_at,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.sliding import differ, kind_of_change
-from tcc_sim.continuation.sliding_location import nearest
+from tcc_sim.continuation.sliding import differ, kind_of_change, nearest
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
 from tcc_sim.continuation.stopping import StopReason
 

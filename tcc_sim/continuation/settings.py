@@ -117,7 +117,7 @@ class Settings:
     halves_reach: float = quantity(0.1, "how far a doubling in which such a branch ends may be from where its halves "
                                    "look the same")
 
-    # Sliding bifurcations, where the event sequence changes (`sliding_location.py`, `follow.py`).
+    # Sliding bifurcations, where the event sequence changes (`sliding.py`, `follow.py`).
     most_borders: int = quantity(6, "changes of the event sequence that are looked for in one step")
     corner_step: float = quantity(1e-10, "smallest step beyond a corner")
     beside: tuple[float, ...] = quantity((1e-8, 1e-7, 1e-6, 1e-5), "how far beyond a change of the event sequence its "
