@@ -163,15 +163,7 @@ subroutine stpnt(ndim, u, par, t)
   double precision, intent(inout) :: u(ndim), par(*)
   double precision, intent(in) :: t
 end subroutine
-subroutine bcnd
-end subroutine
-subroutine icnd
-end subroutine
-subroutine fopt
-end subroutine
-subroutine pvls
-end subroutine
-"""
+""" + "".join(f"subroutine {name}\nend subroutine\n" for name in ("bcnd", "icnd", "fopt", "pvls"))
 
 
 def constants(system: System, period: int, low: float, high: float) -> str:

@@ -17,7 +17,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.terms import substeps, terms_of
-from tcc_sim.trajectory import Trajectory
+from tcc_sim.trajectory import Trajectory, integral
 
 Keys = dict[str, Any]
 Record = dict[str, Any]
@@ -132,8 +132,7 @@ def grazing() -> list[Keys]:
     gain = 3000.0 - 0.02 * 60.0**2, 3000.0 - 0.22 * 60.0**2
     reach = 300.0 + 100.0 * gain[0] / gain[1]
     start = {"initial.slip_speed": 0.0, "initial.plate_angle": 0.1, "initial.plate_speed": 6000.0 / gain[1],
-             "share": 0.0,
-             "driveline.damping": 0.0, "engine.torque_amplitude": 100.0, "engine.frequency": 60.0}
+             "share": 0.0, "driveline.damping": 0.0, "engine.torque_amplitude": 100.0, "engine.frequency": 60.0}
     return [{**start, "friction.kinetic_coefficient": 0.3 / ratio, "pressure.mean": reach * (1.0 - share) / 0.0024}
             for ratio in (1.0, 1.25) for share in (-1e-3, -1e-6, 1e-9, 1e-6, 1e-3, 1e-2)]
 
@@ -155,8 +154,7 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
         if step is not None:
             step = record["step"] = system.cycle / math.ceil(system.cycle / step)
         cycles = record["cycles"] = max(cycles, math.ceil(RADIANS / radians))
-        run = solve(system, cycles=cycles, solver=engine, step=step,
-                    samples_per_cycle=int(min(samples, 200_000.0)))
+        run = solve(system, cycles=cycles, solver=engine, step=step, samples_per_cycle=int(min(samples, 200_000.0)))
         if truth.why == "":
             short = solve(system, duration=truth.duration, solver=engine, step=step)
     except InputError as error:
@@ -220,16 +218,14 @@ def power_residual(run: Trajectory) -> float | None:
     flywheel = run.slip_speed + run.plate_speed
     supply = run.engine_torque * flywheel
     losses = run.friction_torque * run.slip_speed + system.driveline.damping * run.plate_speed**2
-    width = np.diff(run.t)
     stored = energy(run)
-    per_cycle = max(round(system.cycle / float(width[0])), 1)
+    per_cycle = max(round(system.cycle / float(run.t[1] - run.t[0])), 1)
     marks = np.arange(0, len(run.t), per_cycle)
     if len(marks) < 2:
         return None
 
     def work(power: Floats) -> Floats:
-        total = np.concatenate([[0.0], np.cumsum(0.5 * width * (power[1:] + power[:-1]))])
-        return np.diff(total[marks])
+        return np.diff(integral(power, run.t)[marks])
 
     residual = np.abs(work(supply - losses) - np.diff(stored[marks]))
     scale = max(float(stored.max()), float(work(np.abs(supply)).max()), 1e-300)

@@ -223,8 +223,7 @@ def _basins(found: Basins) -> list[str]:
         size = "none" if attractor.multipliers is None else f"{abs(attractor.multipliers[0]):.6f}"
         lines.append(f"| {attractor.period or 'none'} | {attractor.largest:.4f} | {size} | {attractor.radius:g} | "
                      f"{100.0 * found.fraction(k):.3f} % |")
-    lines += ["",
-              f"Undecided: {100.0 * found.fraction(UNDECIDED):.3g} %; runaway slip: "
+    lines += ["", f"Undecided: {100.0 * found.fraction(UNDECIDED):.3g} %; runaway slip: "
               f"{100.0 * found.fraction(RUNAWAY):.3g} %."]
     edge = found.boundary()
     if edge is not None:

@@ -199,8 +199,7 @@ def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> 
     d, e = system.driveline, system.engine
     job = {"linear": [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness], "limit": system.saturation_mean,
            "mean": e.mean_torque, "amplitude": e.torque_amplitude, "frequency": e.frequency, "cycles": cycles,
-           "steps_per_cycle": steps_per_cycle, "theta": theta,
-           "initial": list(State.at_start(system).numbers)}
+           "steps_per_cycle": steps_per_cycle, "theta": theta, "initial": list(State.at_start(system).numbers)}
     try:
         ended = subprocess.run([interpreter, str(Path(__file__).with_name("siconos_relay.py"))], input=json.dumps(job),
                                capture_output=True, text=True, timeout=TIMEOUT, check=False, env=_plain_environment())

@@ -219,8 +219,7 @@ def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Float
     if high == low:
         return abs(float(y[0, k]))
     run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t[low], t[high]), y[:, low], method="DOP853",
-                    rtol=max(rtol, 3e-14),
-                    atol=atol, dense_output=True, max_step=(t[high] - t[low]) / 2)
+                    rtol=max(rtol, 3e-14), atol=atol, dense_output=True, max_step=(t[high] - t[low]) / 2)
     times = np.linspace(t[low], t[high], POINTS)
     values = np.abs(run.sol(times)[0])
     i = int(np.argmax(values))

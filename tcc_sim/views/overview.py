@@ -156,11 +156,9 @@ def draw_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -
         if chosen.any():
             above = int(np.count_nonzero(largest[chosen] > top))
             axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size,
-                      markeredgewidth=0.0,
-                      color=colour, label=f"{name} ({above} off scale)" if above else name)
+                      markeredgewidth=0.0, color=colour, label=f"{name} ({above} off scale)" if above else name)
     axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1.5)
     axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
-                  ha="right",
-                  xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
+                  ha="right", xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
     axis.set(xlabel="time (s)" if over_time else "engine cycle", ylabel="max |slip speed| (rad/s)", ylim=(0.0, top))
     style.legend_above(axis)
