@@ -25,6 +25,8 @@ UNSEEN = ("steep",)
 """Causes that nothing shows: one motion goes on."""
 NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
+AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$",
+        "psi/pi": r"phase $\psi/\pi$"}
 COLOURS = {("period_doubling", 1): style.BLUE, ("period_doubling", 2): style.SKY, ("fold", 1): style.RED,
            ("fold", 2): style.ORANGE, ("stick_border", 1): style.INK}
 TINTS = ("#EDEDED", "#FFFFFF", "#DCEBF7", "#FBE6C6", "#DDF0E6", style.RUNAWAY, "#F0D3DF")
@@ -209,8 +211,7 @@ def paint_chart(drawn: Any, data: Chart) -> None:
                                    linestyle="none", marker=mark[0], color=style.INK, markersize=3.0,
                                    markeredgewidth=0.7, zorder=4)
                 named.setdefault(mark[1], point)
-    axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=r"frequency ratio $\omega/\omega_n$",
-             ylabel={"mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$", "psi/pi": r"phase $\psi/\pi$"}[data.second_axis])
+    axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=AXES[data.axis], ylabel=AXES[data.second_axis])
     met = sorted(set(shades.ravel().tolist()))
     handles = [Patch(facecolor=TINTS[k], edgecolor=style.GREY, linewidth=0.4, label=GRID[k]) for k in met]
     lines = dict(sorted(named.items()))

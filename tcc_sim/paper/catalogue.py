@@ -81,6 +81,10 @@ OMEGA_N = math.sqrt(3000.0 / 0.02)
 """omega_n of Table 1, rad/s."""
 STUCK_RATIO = math.sqrt(0.02 / 0.22)
 """omega_sn/omega_n of (28)."""
+NORMALISED: dict[str, tuple[str, float]] = {
+    "engine.frequency": ("omega/omega_n", OMEGA_N), "friction.kinetic_coefficient": ("mu_k/mu_s", STATIC),
+    "pressure.phase": ("psi/pi", math.pi), "friction.smoothing": ("sigma", 1.0)}
+"""By key the name of its normalised axis, and the key's value at 1 of it."""
 
 
 def plain(label: str) -> str:

@@ -21,7 +21,7 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
-from tcc_sim.paper.catalogue import OMEGA_N, STATIC, PaperFigure
+from tcc_sim.paper.catalogue import NORMALISED, PaperFigure
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
 from tcc_sim.paper.figure_results import Chart, ChartCurve
 from tcc_sim.paper.seen_motions import creeps, seen_in, surveyed
@@ -36,8 +36,6 @@ ENDING = 1.001
 """Largest multiplier of a bifurcation at which stable motions begin or end; others are of unstable ones alone."""
 PASSED = 4e-3
 """Distance from a curve, in parts of the axes, within which a bifurcation of its kind and period lies on it."""
-UNITS = {"engine.frequency": OMEGA_N, "friction.kinetic_coefficient": STATIC, "pressure.phase": math.pi}
-NAMES = {"engine.frequency": "omega/omega_n", "friction.kinetic_coefficient": "mu_k/mu_s", "pressure.phase": "psi/pi"}
 
 
 def chart(row: PaperFigure, options: FigureOptions) -> Chart:
@@ -48,23 +46,23 @@ def chart(row: PaperFigure, options: FigureOptions) -> Chart:
             for span, count in ((row.span, row.count), (row.second_span, row.second_count)))
     cuts = np.array(row.cuts[::2] if options.quick else row.cuts)
     y = np.unique(np.concatenate([y, cuts]))
-    units = UNITS[row.over], UNITS[row.second]
+    (x_name, x_unit), (y_name, y_unit) = NORMALISED[row.over], NORMALISED[row.second]
     plan = Plan(cycles=100 if options.quick else 150, discard=50)
-    grid = sweep_grid(system, row.over, (x * units[0]).tolist(), row.second, (y * units[1]).tolist(), plan,
+    grid = sweep_grid(system, row.over, (x * x_unit).tolist(), row.second, (y * y_unit).tolist(), plan,
                       jobs=options.jobs, progress=options.progress)
-    ranges = (ParameterRange(row.span[0] * units[0], row.span[1] * units[0], name=row.over),
-               ParameterRange(row.second_span[0] * units[1], row.second_span[1] * units[1], name=row.second))
+    ranges = (ParameterRange(row.span[0] * x_unit, row.span[1] * x_unit, name=row.over),
+               ParameterRange(row.second_span[0] * y_unit, row.second_span[1] * y_unit, name=row.second))
     curves = stick_borders(system, (row.over, row.second), ranges)
     both = DrivelineMap(system, (row.over, row.second))
     for cut in cuts:
         sweep = grid.sweeps[int(np.argmin(np.abs(y - cut)))]
         for branch in surveyed(sweep.curve, seen_in(sweep), options.progress, FEW):
             for found in branch.bifurcations:
-                curve = followed(found, both, ranges, float(cut) * units[1], curves)
+                curve = followed(found, both, ranges, float(cut) * y_unit, curves)
                 if curve is not None:
                     curves.append(_charted(curve, found.point.orbit.period, creeps(found, sweep.curve.system)))
     summaries = [[None if p is None else p.summary for p in sweep.points] for sweep in grid.sweeps]
-    return Chart(NAMES[row.over], x.tolist(), units[0], row.over, NAMES[row.second], y.tolist(), units[1], row.second,
+    return Chart(x_name, x.tolist(), x_unit, row.over, y_name, y.tolist(), y_unit, row.second,
                  plan.cycles, 50, curves,
                  period=[[None if s is None else s.period for s in line] for line in summaries],
                  regime=[[None if s is None else "runaway" if s.runaway else s.regime for s in line]

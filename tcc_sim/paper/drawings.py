@@ -16,12 +16,12 @@ from tcc_sim.paper.figure_results import Curves, Figure, MapCurve
 from tcc_sim.views import style
 from tcc_sim.views.sweeps import numbers
 
-AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
 SECTION = r"$\delta_2$ (rad)"
 WIDEST = 125
 """Characters of a caption's line."""
-DIRECTIONS = {"cold": "from the initial state (13)", "up": "continued upward", "down": "continued downward"}
+DIRECTIONS = {"cold": ("from the initial state (13)", style.BLUE), "up": ("continued upward", style.RED),
+              "down": ("continued downward", style.GREEN)}
 
 
 def draw(data: Figure[Any], stem: Path) -> None:
@@ -31,7 +31,7 @@ def draw(data: Figure[Any], stem: Path) -> None:
         extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
         if data.kind in ("map", "damping") and isinstance(data.numbers, Curves):
             directions = {curve.direction for curve in data.numbers.curves}
-            extra += [DIRECTIONS[d] for d in sorted(directions)] if directions != {"cold"} else []
+            extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
         what = "Chart" if data.kind == "chart" else "Fig."
         drawn.suptitle(f"{what} {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
@@ -146,7 +146,7 @@ def _paint_map(drawn: Any, data: Figure[Curves]) -> None:
             axis.tick_params(labelbottom=k == count - 1 or (not stacked and axis is left))
             _marks(axis, data)
     for axis in (maxima[-1], orbits[-1]):
-        axis.set_xlabel(AXES[data.numbers.axis])
+        axis.set_xlabel(panels.AXES[data.numbers.axis])
     room = panels.room_above(curves[:1]) if branched else 6.0
     for axis, title in ((maxima[0], "(a) maximum slip speed"), (orbits[0], "(b) orbit diagrams")):
         axis.annotate(title, (0.0, 1.0), (0.0, room), xycoords="axes fraction", textcoords="offset points",
@@ -221,7 +221,7 @@ def _paint_damping(drawn: Any, data: Figure[Curves]) -> None:
     maxima.set_ylabel(MAXIMUM)
     maxima.set_ylim(bottom=0.0)
     draw_orbit(orbit, data.numbers.x, curve, style.BLUE)
-    orbit.set(ylabel=SECTION, xlabel=AXES[data.numbers.axis], xlim=(x[0], x[-1]))
+    orbit.set(ylabel=SECTION, xlabel=panels.AXES[data.numbers.axis], xlim=(x[0], x[-1]))
     style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
 
 
@@ -236,10 +236,9 @@ def _paint_orbit(drawn: Any, data: Figure[Curves]) -> None:
     axes = [drawn.add_subplot(grid[k]) for k in range(len(shown) + branched)]
     for axis, panel in zip(axes, shown):
         for curve in panel:
-            colour = {"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[curve.direction]
+            words, colour = DIRECTIONS[curve.direction]
             draw_orbit(axis, x, curve, colour)
-            axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour,
-                      label=DIRECTIONS[curve.direction])
+            axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour, label=words)
         if panels.AWAY in panels.marks_met(panel):
             axis.plot([], [], label=panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)
@@ -253,10 +252,10 @@ def _paint_orbit(drawn: Any, data: Figure[Curves]) -> None:
     for axis in axes[:-1]:
         axis.tick_params(labelbottom=False)
     titles = ["every value by itself" if p[0].direction == "cold" else "continued" for p in shown]
-    axes[-1].set_xlabel(AXES[data.numbers.axis])
+    axes[-1].set_xlabel(panels.AXES[data.numbers.axis])
     axes[-1].set_xlim(x[0], x[-1])
     if branched:
-        colours = [{"cold": style.BLUE, "up": style.RED, "down": style.GREEN}[c.direction] for c in curves]
+        colours = [DIRECTIONS[c.direction][1] for c in curves]
         for curve, colour in zip(curves, colours):
             _points(axes[-1], x, curve, colour)
         panels.draw_branches(axes[-1], curves[0], data.numbers.unit, style.INK)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
-from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.paper.catalogue import NORMALISED, OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.point import Point, solve_point
@@ -23,8 +23,6 @@ from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
 from tcc_sim.trajectory import Floats, State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
-UNITS = {FREQUENCY: OMEGA_N, KINETIC: STATIC}
-"""Values of the keys at 1 on their normalised axes; the other keys have none."""
 JUMP = 0.08
 """Least size of a jump, as a part of the largest value of its curve."""
 BISECTIONS = 8
@@ -73,7 +71,7 @@ class Evidence:
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                damping: bool = False) -> list[Sweep]:
         """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
-        scaled = axis * UNITS.get(over, 1.0)
+        scaled = axis * NORMALISED[over][1]
         values = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
         wanted = [Curve(paper_system(row), over, values) for row in rows]
         return swept(wanted, self.plan(rows[0], direction=direction, damping=damping), self._sweeps, self.jobs,

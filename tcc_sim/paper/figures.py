@@ -15,7 +15,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, values_of
 from tcc_sim.paper import settled_histories
-from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, STATIC, PaperFigure, Series, figure_row, paper_system
+from tcc_sim.paper.catalogue import CHARTS, FIGURES, NORMALISED, STATIC, PaperFigure, Series, figure_row, paper_system
 from tcc_sim.paper.charts import chart
 from tcc_sim.paper.evidence import JUMP, steep, swept
 from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
@@ -62,10 +62,8 @@ def _varied(row: PaperFigure) -> set[str]:
 def _axis(row: PaperFigure, options: FigureOptions) -> tuple[str, np.ndarray, float]:
     """Name and values of the normalised axis, and the value of the key at 1."""
     count = (row.count - 1) // QUICK_SHARE + 1 if options.quick else row.count
-    ratios = np.linspace(*row.span, count)
-    if row.over == "engine.frequency":
-        return "omega/omega_n", ratios, OMEGA_N
-    return "mu_k/mu_s", ratios, STATIC
+    name, unit = NORMALISED[row.over]
+    return name, np.linspace(*row.span, count), unit
 
 
 def plan_of(options: FigureOptions, direction: str = "cold", *, damping: bool = False) -> Plan:

@@ -25,8 +25,8 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
-from tcc_sim.paper.catalogue import paper_system
-from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, LATER, UNITS, Evidence, Values, share_where
+from tcc_sim.paper.catalogue import NORMALISED, paper_system
+from tcc_sim.paper.evidence import CYCLES, FREQUENCY, LATER, Evidence, Values, share_where
 from tcc_sim.paper.seen_motions import RUNS, seen_in, surveyed
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.sweep import Sweep
@@ -34,8 +34,6 @@ from tcc_sim.sweeps.workers import workers
 from tcc_sim.trajectory import Floats, State
 
 SMOOTHING = "friction.smoothing"
-NAMES = {FREQUENCY: "omega/omega_n", KINETIC: "mu_k/mu_s", SMOOTHING: "sigma"}
-"""What the parameter of a claim is called."""
 FEW = dataclasses.replace(SWEPT, longest_period=2, max_points=60, max_branches=5)
 """Branches over one part of an axis."""
 SEEDS = 24
@@ -71,7 +69,7 @@ class StableMotions(Evidence):
         """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
         among = self.stretches([row], axis, over=over)[0]
         sweep = self.curves([row], axis, over=over)[0]
-        unit, seen = UNITS.get(over, 1.0), seen_in(sweep)
+        unit, seen = NORMALISED[over][1], seen_in(sweep)
         base, size = common_cycles(sweep.curve.system), amplitude_of(seen)
         at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
@@ -80,7 +78,7 @@ class StableMotions(Evidence):
         """Every stretch of a curve with its ends, and where (13) leads to it."""
         among = self.stretches([row], axis, over=over)[0]
         on = self.reached(row, axis, over=over)
-        return [Motion(curve, NAMES[over], s, tuple(float(x) for x, found in zip(axis, on) if found == k))
+        return [Motion(curve, NORMALISED[over][0], s, tuple(float(x) for x, found in zip(axis, on) if found == k))
                 for k, s in enumerate(among)]
 
     def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[SegmentEnd]:
@@ -159,7 +157,7 @@ def _followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
     """The stable stretches of the branches through the motions of sweeps along a curve; what a worker does."""
     curve = sweeps[0].curve
     branches = surveyed(curve, [s for sweep in sweeps for s in seen_in(sweep)], settings=FEW)
-    return stable_segments(branches, min(curve.values), max(curve.values), UNITS.get(curve.key, 1.0))
+    return stable_segments(branches, min(curve.values), max(curve.values), NORMALISED[curve.key][1])
 
 
 def end_as_json(end: SegmentEnd) -> dict[str, Any]:
