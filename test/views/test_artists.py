@@ -12,7 +12,7 @@ import pytest
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.trajectory import Cycles
-from tcc_sim.views import control_panels, overview, style, sweeps, twin
+from tcc_sim.views import overview, style, sweeps, twin
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +26,7 @@ def test_texts_of_events_stand_beside_their_lines_and_are_short() -> None:
     with style.figure(style.PAGE, 3.0) as drawn:
         axis = drawn.subplots()
         axis.set_xlim(0.0, 20.0)
-        control_panels.mark_events(axis, events, 10.0, 0.5)
+        overview.mark_events(axis, events, 10.0, 0.5)
         drawn.draw_without_rendering()
         assert [line.get_xdata()[0] for line in axis.lines] == [4.0, 8.0, 16.0, 18.0]
         boxes = [text.get_window_extent() for text in axis.texts]
@@ -41,7 +41,7 @@ def test_texts_of_events_stand_beside_their_lines_and_are_short() -> None:
         assert min(text.get_fontsize() for text in axis.texts) >= 6.0  # Smaller print is not read.
     with style.figure() as drawn:
         axis = drawn.subplots()
-        control_panels.mark_events(axis, events + events[:3], 10.0)
+        overview.mark_events(axis, events + events[:3], 10.0)
         assert not axis.texts
         assert [line.get_label() == "event" for line in axis.lines] == [True] + 6 * [False]
 
