@@ -5,6 +5,7 @@ from dataclasses import replace as with_field
 
 import numpy as np
 import pytest
+from oracle import coefficient_and_slope, equations
 from piecewise import Piecewise
 from scipy.integrate import solve_ivp
 
@@ -55,16 +56,13 @@ def test_the_smoothed_averages_agree_with_quadratures_along_scipys_solution(smoo
     cycle = system.cycle
     begin = np.array([5.0, 0.1, -5.0])
 
+    motion, _ = equations(system)
+
     def rates(t, y):
-        """(2a), (2b) and (20b) written out, with the three integrals as states."""
-        v, angle, speed = y[:3]
+        """The motion with the three integrals of (20b) as further states."""
         load = 0.24 * 0.08 * 0.1 * (260e3 + 52e3 * math.sin(75.0 * t + 0.3))
-        e, th = 0.25 * math.exp(-2.0 * abs(v)), math.tanh(smoothing * v)
-        torque, back = load * (1.0 + e) * th, 0.6 * speed + 3000.0 * angle
-        plate = (torque - back) / 0.02
-        slope = load * (smoothing * (1.0 + e) * (1.0 - th * th) - 2.0 * e * math.copysign(1.0, v) * th)
-        return [(300.0 + 250.0 * math.sin(150.0 * t) - torque) / 0.2 - plate, speed, plate, slope * v * v, v * v,
-                min(slope, 0.0)]
+        v, slope = y[0], load * coefficient_and_slope(y[0], 1.25, 2.0, smoothing)[1]
+        return [*motion(t, [*y[:3], 0.0])[:3], slope * v * v, v * v, min(slope, 0.0)]
 
     section, totals = [], []
     for n in (7, 8):

@@ -4,10 +4,9 @@ precision.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
+from oracle import equations
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import System, replace
@@ -21,19 +20,11 @@ START = (5.0, 0.1, -5.0)
 SIZE = np.array([10.0, 0.3, 20.0])
 
 
-def rates(t: float, y: np.ndarray) -> list[float]:
-    """(2a), (2b), (5b) and (7) written out."""
-    v, angle, speed = y.tolist()
-    load = 0.24 * 0.08 * 0.1 * (225e3 + 45e3 * math.sin(0.5 * 142.0 * t))
-    torque = load * (1.0 + 0.25 * math.exp(-2.0 * abs(v))) * math.tanh(8.0 * v)
-    plate = (torque - 0.6 * speed - 3000.0 * angle) / 0.02
-    return [(300.0 + 250.0 * math.sin(142.0 * t) - torque) / 0.2 - plate, speed, plate]
-
-
 @pytest.fixture(scope="module")
 def truth() -> np.ndarray:
-    found = solve_ivp(rates, (0.0, SYSTEM.cycle), START, "DOP853", rtol=3e-14, atol=1e-15)
-    return np.array(found.y[:, -1])
+    rates, _ = equations(SYSTEM)
+    found = solve_ivp(rates, (0.0, SYSTEM.cycle), [*START, 0.0], "DOP853", rtol=3e-14, atol=1e-15)
+    return np.array(found.y[:3, -1])
 
 
 @pytest.mark.parametrize("digits", range(3, 14))
