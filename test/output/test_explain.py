@@ -33,7 +33,8 @@ def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
     """A course has a row of eight numbers for each of its two pieces; it was called an array of sines."""
     scene = load_scene("runup")
     pieces = scene.system.course
-    assert pieces is not None and pieces.shape == (2, 8)
+    assert pieces is not None
+    assert pieces.shape == (2, 8)
     assert explain(scene)["kernel"]["course"] == "array of 2 by 8 numbers"
 
 
