@@ -60,7 +60,7 @@ class Orbit:
 
 
 def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
-    """Floquet multipliers, largest modulus first; the positive imaginary part first in a pair.
+    """Floquet multipliers, in the order of `largest_first`.
 
     Of several segments, given in order, they are the finite eigenvalues of the pencil whose rows are x_(k+1) = M_k x_k
     and M_m x_m = lambda x_1: the product of the M_k, which may grow and shrink by many orders, is never formed.
@@ -83,7 +83,12 @@ def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
         if large.any():
             whole = np.linalg.eigvals(product_of(np.array(blocks)))
             values[large] = whole[np.argsort(-np.abs(whole))][:int(large.sum())]
-    out: NDArray[np.complex128] = values.astype(np.complex128)
+    return largest_first(values)
+
+
+def largest_first(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
+    """Multipliers, largest modulus first; the positive imaginary part first in a pair."""
+    out: NDArray[np.complex128] = multipliers.astype(np.complex128)
     return out[np.lexsort((-out.imag, -np.abs(out)))]
 
 

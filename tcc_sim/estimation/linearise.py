@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.continuation.newton import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, settle
 from tcc_sim.estimation.settings import DEFAULTS
@@ -56,7 +57,7 @@ class Linearisation(Result):
     mean_slip : rad/s
     pressure, engine_torque : means, Pa and N m
     period : engine cycles, 1 for a constant motion
-    multipliers : (n,) of the motion over its period
+    multipliers : (n,) of the motion over its period, largest modulus first
     a, b, c, d : (n, n), (n, 1), (1, n), (1, 1) matrices; continuous where `dt` is 0, else those of the cycle-rate model
     states : names of the states
     dt : s
@@ -212,8 +213,8 @@ def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) 
     # The smoothed law sticks where it creeps in its layer.
     stick = math.isinf(motion.slope) or abs(motion.slip_speed) <= stick_speed_of(terms_of(s))
     return Linearisation(inputs, output, "stick" if stick else "slip", motion.slip_speed, s.pressure.mean,
-                         s.engine.mean_torque, 1, np.exp(np.linalg.eigvals(a) * s.cycle).astype(np.complex128), a, b, c,
-                         feed, states, 0.0, omegas, response)
+                         s.engine.mean_torque, 1, largest_first(np.exp(np.linalg.eigvals(a) * s.cycle)), a, b, c, feed,
+                         states, 0.0, omegas, response)
 
 
 def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Linearisation:
@@ -222,7 +223,7 @@ def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) 
     a, b = motion.carried.by_state[-1], motion.carried.by_input[-1]
     c, d = _cycle_rows(motion, output)
     return Linearisation(inputs, output, "periodic", motion.mean_slip, s.pressure.mean, s.engine.mean_torque,
-                         motion.period, np.linalg.eigvals(a).astype(np.complex128), a, b[:, [column]], c,
+                         motion.period, multipliers_of(a), a, b[:, [column]], c,
                          d[:, [column]], ("slip_speed", "plate_angle", "plate_speed"), motion.seconds, omegas,
                          harmonic_transfer(motion, inputs, output, omegas))
 

@@ -63,6 +63,7 @@ def test_constant_slip_is_the_linear_model_of_the_equations(inputs: str, output:
     s = 1j * found.frequencies[:, None, None]
     bode = (found.c @ np.linalg.solve(s * np.eye(3) - found.a, found.b) + found.d)[:, 0, 0]
     assert found.response == pytest.approx(bode, rel=1e-9, abs=1e-12 * np.abs(bode).max())
+    assert (np.diff(np.abs(found.multipliers)) <= 0.0).all()
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
@@ -91,6 +92,7 @@ def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
 def test_periodic_motions_answer_as_simulated_ones(slip: float) -> None:
     """In slip, and with stick in every cycle, where a linear model about the mean is 20 dB and 80 degrees off."""
     found = linearise(CONTROLLED, slip=slip, frequencies=[4.0, 25.0, 60.0, 110.0, 387.0], check=5)
+    assert (np.diff(np.abs(found.multipliers)) <= 0.0).all()
     for point, response in zip(found.checked, found.response):
         assert np.all(apart(response, point.gain * np.exp(1j * point.phase)) < (0.3, 2.0)), point
 
