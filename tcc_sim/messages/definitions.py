@@ -92,18 +92,11 @@ def type_parts(type_name: str) -> tuple[str, str]:
     return match[1], match[2]
 
 
-def _shares() -> Iterator[Path]:
-    """Share directories of ROS 2: of the sourced workspaces, then of the PyPI wheels."""
-    for prefix in [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]:
-        if prefix:
-            yield Path(prefix, "share")
-
-
 def installed(type_name: str, suffix: str) -> str | None:
-    """Content of the installed file that defines the type, or None."""
+    """Content of the installed file that defines the type, or None; a sourced workspace's before the PyPI wheels'."""
     package, short = type_parts(type_name)
-    for share in _shares():
-        path = share / package / "msg" / f"{short}{suffix}"
+    for prefix in filter(None, [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]):
+        path = Path(prefix, "share", package, "msg", f"{short}{suffix}")
         if path.is_file():
             return path.read_text(encoding="utf-8")
     return None
@@ -112,11 +105,9 @@ def installed(type_name: str, suffix: str) -> str | None:
 def _text(type_name: str) -> str:
     """The .msg text of one type."""
     text = installed(type_name, ".msg")
-    if text is None:
-        if type_name not in CARRIED:
-            raise InputError(f"the definition of {type_name} is not installed")
-        text = CARRIED[type_name][0]
-    return text
+    if text is None and type_name not in CARRIED:
+        raise InputError(f"the definition of {type_name} is not installed")
+    return CARRIED[type_name][0] if text is None else text
 
 
 def _dependencies(type_name: str, text: str) -> Iterator[str]:

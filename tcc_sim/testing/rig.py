@@ -158,9 +158,7 @@ class Rig:
         samples = Samples(self._plant)
         samples.add(self._plant, *self._held())
         before = {command.name: command.refused for command in commands}
-        missed, said = 0, (None if target is None else (target, 0))
-        if said is None and self._hear_target() is not None:
-            said = (float(self._target or 0.0), 0)
+        missed, said = 0, self._asked_for(target, None, 0)
         for _ in range(count):
             if self._plant.stepper.tick % SERVED == 0:
                 self._requests.spin_once(timeout_sec=0.0)
@@ -169,8 +167,7 @@ class Rig:
             self._loop.step()
             self._loop.outputs.flush()
             samples.add(self._plant, *self._held())
-            if target is None and self._hear_target() is not None and (said is None or said[0] != self._target):
-                said = (float(self._target or 0.0), len(samples) - 1)
+            said = self._asked_for(target, said, len(samples) - 1)
             self._worker.beat()
         self._settle()
         refused = sum(command.refused - before[command.name] for command in commands)
@@ -249,11 +246,12 @@ class Rig:
         return tuple(None if command is None else command.value  # type: ignore[return-value]
                      for command in (self._loop.engine_command, self._loop.pressure_command))
 
-    def _hear_target(self) -> float | None:
-        """The slip speed that was last asked for, rad/s."""
+    def _asked_for(self, given: float | None, said: tuple[float, int] | None, sample: int) -> tuple[float, int] | None:
+        """The target, as given or as last published, rad/s, and the sample from which on it is another than `said`."""
         for data, _ in poll(self._target_topic):
             self._target = cdr.read_float64(data)
-        return self._target
+        target = self._target if given is None else given
+        return said if target is None or (said is not None and said[0] == target) else (target, sample)
 
     def _now(self) -> str:
         """Simulation time in words."""
