@@ -161,7 +161,10 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
         return {**record, "why": str(error)}
     if run.status is Status.REFUSED:
         return {**record, "why": run.detail}
-    own = run if step is None else states_of_steps(system, step)
+    own = run
+    if step is not None:  # What fixed_step computes, sub-step for sub-step; other samples of it are interpolated.
+        own = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
+            round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
     record.update(status=run.status.name, why=run.detail if run.status is not Status.DONE else "",
                   finite=finite(run) and finite(own), iterations_max=run.statistics.iterations_max,
                   iterations_bound=run.statistics.iterations_bound, seconds=run.statistics.seconds)
@@ -173,12 +176,6 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
     elif truth.why:
         record["why"] = record["why"] or truth.why
     return record
-
-
-def states_of_steps(system: System, step: float) -> Trajectory:
-    """The states that fixed_step itself computes, sub-step for sub-step; other samples of it are interpolated."""
-    per_cycle = round(system.cycle / step) * substeps(terms_of(system), step)
-    return solve(system, cycles=CYCLES, solver="fixed_step", step=step, samples_per_cycle=min(per_cycle, 1_000_000))
 
 
 def finite(run: Trajectory) -> bool:

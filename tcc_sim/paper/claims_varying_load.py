@@ -85,8 +85,6 @@ def phase_jumps(evidence: Evidence) -> Measured:
 WITHIN_STICK = (f"from the lowest ratio that slips from (13) to the highest of 0.05 to 0.25 that sticks, widened by "
                 f"{NEAR:g} either way, with the smoothed law and with the set-valued one")
 """What a printed end of pure stick is held against: between the two ratios motions of both kinds are met."""
-
-
 STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
 """Ratios among which pure stick ends for psi = 0."""
 

@@ -98,8 +98,6 @@ SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
     "event_driven": ("discontinuous solution", "set_valued", {}),
     "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5}),
 }
-
-
 STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
     (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
     ("(6)", {"friction.law": "set_valued"}))
