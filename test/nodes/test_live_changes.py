@@ -131,7 +131,7 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     chain.change(pressure__mean=2e5)
     assert chain.loop.pressure_command is not None
     assert chain.loop.pressure_command.fallen_back
-    assert chain.loop.plant.reading().applied_pressure == 2e5
+    assert chain.loop.request(lambda: chain.loop.plant.reading().applied_pressure == 2e5)
     chain.run(60)
     torques = bench.add(rclpy.create_node("commander", context=bench.context)).create_publisher(
         Float64, "engine_torque", COMMANDS)
@@ -145,7 +145,7 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     chain.reset()
     chain.run(60)
     assert chain.loop.engine_command.fallen_back
-    assert chain.loop.plant.reading().engine_torque == 400.0
+    assert chain.loop.request(lambda: chain.loop.plant.reading().engine_torque == 400.0)
     exactly(chain.close(), runs=2)
 
 
