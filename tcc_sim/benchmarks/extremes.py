@@ -138,8 +138,12 @@ def grazing() -> list[Keys]:
 
 
 def examine(keys: Keys, engine: str, truth: Truth) -> Record:
-    """Solve one case with one engine; the record of stability.json. `truth` is the reference for the same keys and the
-    law of the engine.
+    """Solve one case with one engine; the record of stability.json.
+
+    Parameters
+    ----------
+    keys : scene keys that differ from the defaults, and those of RUN
+    truth : the reference for these keys and the law of the engine
     """
     law, step = ENGINES[engine]
     step = keys.get("tick", step) if step is not None else None

@@ -18,8 +18,11 @@ COUNT, QUICK_COUNT = 420, 36
 
 
 def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Record]:
-    """Every extreme case with every engine, one record each, as stability.json holds them; `done` is called with cases
-    done, cases in all, and what comes next.
+    """Every extreme case with every engine, one record each, as stability.json holds them.
+
+    Parameters
+    ----------
+    done : called with cases done, cases in all, and what comes next
     """
     chosen = cases(QUICK_COUNT if quick else COUNT)
     for count, keys in enumerate(chosen):

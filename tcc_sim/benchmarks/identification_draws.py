@@ -38,8 +38,12 @@ OUTSIDE = 4.0
 
 
 def draw(scene: str, seed: int, seconds: float = 1.0) -> dict[str, Any]:
-    """One draw of so many seconds: `scene`, `seed`, what `identify` said (`accepted`, `chi2_per_dof`, `starts`),
-    `seconds` of CPU time, and by key its `verdicts` and by how many of its standard errors it `missed` the truth.
+    """One draw: what `identify` said of so many seconds, and by how many of its standard errors it missed the truth.
+
+    Returns
+    -------
+    dict : `scene`, `seed`, `accepted`, `chi2_per_dof`, `starts`, `seconds` (CPU time), and by key `missed` and
+        `verdicts`
     """
     rng, loaded = np.random.default_rng(seed), load_scene(scene)
     values = dict(values_of(loaded.system))

@@ -112,7 +112,13 @@ def _write(folder: Any, branches: Figure[Curves], charts: dict[int, Figure[Chart
 def motions_page(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], basins: Basins,
                  beside: Sequence[str] = ()) -> str:
     """The page: what was found, in counts and tables; every branch and curve by its points is in the JSON beside it.
-    `beside` are the lines of the comparison with AUTO-07p.
+
+    Parameters
+    ----------
+    branches : the numbers of Fig. 6 with its branches
+    charts : the numbers of the charts
+    basins : the coexistence at omega/omega_n = 0.36 and mu_k/mu_s = 0.85
+    beside : lines of the comparison with AUTO-07p
     """
     lines = ["# Periodic motions", "", *_summary(branches, charts, basins), "",
              "This page is generated: `python -m tcc_sim.benchmarks.motions` writes it, its pictures, and all branches "

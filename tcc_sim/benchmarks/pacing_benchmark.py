@@ -92,11 +92,22 @@ class Stretches:
 
 def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False,
             settings: Settings = Settings()) -> dict[str, Any]:
-    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each at `rate` Hz, with the same
-    settings; with `recorder` to a recorder in a process of its own, which rests beside the bare loop. `progress` is
-    called with the part done so far. What is found are the figures of `tcc-sim realtime --json`. The drift is that of
-    the node's clock against real time, the largest of the stretches; missed ticks are those given up beyond the
-    catch-up bound. `settings` has the bare loop's figures with each setting by itself, and what was refused.
+    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each, with the same settings.
+
+    Parameters
+    ----------
+    rate : Hz
+    duration : s of each loop
+    progress : called with the part done so far, 0 to 1
+    recorder : publish to a recorder in a process of its own, which works while the node runs and rests beside the bare
+        loop
+    settings : of both loops
+
+    Returns
+    -------
+    The figures of `tcc-sim realtime --json`. The drift is that of the node's clock against real time, the largest of
+    the stretches; missed ticks are those given up beyond the catch-up bound. `settings` has the bare loop's figures
+    with each setting by itself, and what was refused.
     """
     own = OwnEnvironment()
     os.environ.update(own.values)

@@ -81,7 +81,11 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
 def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
     """CVODE's BDF of SUNDIALS in double precision through scikit-sundae, which calls compiled functions from Python.
-    Failed where it is not installed (`pip install 'tcc_sim[peers]'`), or CVODE gave up.
+
+    Raises
+    ------
+    Failed
+        scikit-sundae is not installed (`pip install 'tcc_sim[peers]'`), or CVODE gave up.
     """
     try:
         from sksundae.cvode import CVODE
@@ -156,9 +160,15 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
 
 
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
-    """One of XPPAUT's methods; `seconds` is the CPU time of TIMED cycles or more less that of one, for these cycles,
-    which leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends only;
-    without repeats it is not timed. Failed where XPPAUT is not installed, stopped early or took too long.
+    """One of XPPAUT's methods; `seconds` is the CPU time of TIMED cycles or more less that of one, for these cycles.
+
+    The difference leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends
+    only. Without repeats it is not timed.
+
+    Raises
+    ------
+    Failed
+        XPPAUT is not installed, stopped early or took too long.
     """
     if shutil.which("xppaut") is None:
         raise Failed("not installed")
@@ -190,8 +200,12 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
 
 
 def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> PeerRun:
-    """Siconos's Moreau-Jean time stepping of the relay, timed inside its own process; Failed where Siconos is not
-    installed, or cannot do this system.
+    """Siconos's Moreau-Jean time stepping of the relay, timed inside its own process.
+
+    Raises
+    ------
+    Failed
+        Siconos is not installed, or it cannot do this system.
     """
     interpreter = siconos_interpreter()
     if interpreter is None:

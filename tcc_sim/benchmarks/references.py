@@ -119,7 +119,13 @@ class Law:
 
 
 def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
-    """Solve `system` from its initial state with SciPy's `method` at this tolerance; Unfinished where SciPy gave up."""
+    """Solve `system` from its initial state with SciPy's `method` at this tolerance.
+
+    Raises
+    ------
+    Unfinished
+        SciPy gave up.
+    """
     law, y = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.empty(cycles), np.zeros(3)
     section[0] = y
@@ -142,8 +148,12 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
 
 
 def final_state(system: System, duration: float, method: str, rtol: float) -> tuple[Floats, Floats]:
-    """The state after `duration` seconds, and the largest magnitude of each component on the way, both (3,); Unfinished
-    where SciPy gave up, or took more than EVALUATIONS.
+    """The state after `duration` seconds, and the largest magnitude of each component on the way, both (3,).
+
+    Raises
+    ------
+    Unfinished
+        SciPy gave up, or took more than EVALUATIONS.
     """
     law, y = Law(system, EVALUATIONS), np.array(State.at_start(system).numbers)
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
@@ -163,8 +173,12 @@ def disagreement(first: Reference, second: Reference) -> float:
 
 
 def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, float, float]:
-    """Final, section and maximum-slip error, relative to each signal's maximum in the second half of the horizon: of a
-    section (N + 1, 3) its last row and the largest of any, and of each cycle's largest |slip speed|, (N,), rad/s.
+    """Final, section and maximum-slip error, relative to each signal's maximum in the second half of the horizon.
+
+    Parameters
+    ----------
+    section : (N + 1, 3) array; the first error is that of its last row, the second the largest of any row
+    largest : (N,) array, largest |slip speed| of each cycle, rad/s
     """
     size = np.maximum(truth.size, 1e-300)
     off = np.abs(section - truth.section) / size

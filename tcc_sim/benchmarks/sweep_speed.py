@@ -52,11 +52,20 @@ class SpeedEffort(NamedTuple):
 
 
 def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> Record:
-    """Measure; `done` is called with points done, points in all, and what comes next. What is found: `error` (the
-    largest that was allowed), `horizon` and `cycles`, `rows` (a list of `kinetic_ratio`, `frequency_ratio`, `stretch`
-    (one of STRETCHES), `solver`, `setting`, `error`, `cycles_per_second`, for the engine at its default tolerance too),
-    `omitted` (the same with `why`), and `sweep`: `points`, `cycles`, `cores`, `seconds`, `busy` (CPU time over that of
-    all cores) and `cycles_per_second_and_core` of a sweep over Fig. 4 at the default tolerance.
+    """Measure.
+
+    Parameters
+    ----------
+    effort : how much
+    done : called with points done, points in all, and what comes next
+
+    Returns
+    -------
+    dict : `error` (the largest that was allowed), `horizon` and `cycles`, `rows` (a list of `kinetic_ratio`,
+        `frequency_ratio`, `stretch` (one of STRETCHES), `solver`, `setting`, `error`, `cycles_per_second`, for the
+        engine at its default tolerance too), `omitted` (the same with `why`), and `sweep`: `points`, `cycles`,
+        `cores`, `seconds`, `busy` (CPU time over that of all cores) and `cycles_per_second_and_core` of a sweep over
+        Fig. 4 at the default tolerance
     """
     points = [(series, ratio, stretch) for series in FIGURES[4].series
               for ratio in effort.frequencies for stretch in STRETCHES]
@@ -88,8 +97,12 @@ def settled(system: System) -> System:
 
 
 def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:
-    """The first tolerance of the ladder whose section error stays below ERROR, and that error; Failed where there is
-    none.
+    """The first tolerance of the ladder whose section error stays below ERROR, and that error.
+
+    Raises
+    ------
+    Failed
+        There is none.
     """
     least = math.inf
     for setting in ladder:

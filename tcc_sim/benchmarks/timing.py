@@ -13,9 +13,13 @@ Result = TypeVar("Result")
 
 def least_seconds(run: Callable[[], Result], repeats: int, patience: float = math.inf,
                   clock: Callable[[], float] = time.process_time) -> tuple[float, Result]:
-    """The least CPU time of `run`, s, and its last result, of `repeats` calls at most, and no further one once they
-    have taken `patience` s. `clock` gives the CPU seconds so far: those of this process, or `of_children` for other
-    programs.
+    """The least CPU time of `run`, s, and its last result.
+
+    Parameters
+    ----------
+    repeats : most calls; there is one at least
+    patience : s; no further call once the calls have taken as long
+    clock : CPU seconds so far; those of this process, or `of_children` for other programs
     """
     best, spent, count = math.inf, 0.0, 0
     while not count or (count < repeats and spent < patience):

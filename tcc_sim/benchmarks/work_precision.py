@@ -116,8 +116,12 @@ def cases(effort: Effort) -> list[Case]:
 
 
 def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Record]:
-    """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more. `done` is
-    called with runs done, runs in all, and what comes next.
+    """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more.
+
+    Parameters
+    ----------
+    effort : how much
+    done : called with runs done, runs in all, and what comes next
     """
     chosen = cases(effort)
     total = sum(3 + len(list(settings(case, effort))) for case in chosen)

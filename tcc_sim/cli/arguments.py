@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 
 
 def number(low: float, high: float, unit: str = "", kind: type[float] | type[int] = float) -> Callable[[str], Any]:
-    """An argparse type: a number, or with `kind` int a whole number, from `low` to `high`; the error names the value,
-    the unit and the range.
+    """An argparse type: a number from `low` to `high`; the error names the value, the unit and the range.
+
+    Parameters
+    ----------
+    kind : int takes whole numbers only
     """
     what = "a whole number" if kind is int else "a number"
 
@@ -37,8 +40,13 @@ def number(low: float, high: float, unit: str = "", kind: type[float] | type[int
 
 
 def new_file(path: Path, force: bool = False) -> Path:
-    """`path`, once it is sure that nothing is overwritten and that its directory is there; InputError where the file
-    exists and `force` is off, what is there is no regular file, its name is too long, or it has no directory to be in.
+    """`path`, once it is sure that nothing is overwritten and that its directory is there.
+
+    Raises
+    ------
+    InputError
+        The file exists and `force` is off, what is there is no regular file, its name is too long, or it has no
+        directory to be in.
     """
     check_name(path)
     if path.is_dir():
@@ -106,9 +114,18 @@ def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metav
 
 def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:
     """Raise before anything is computed where one of the files that --json, --out and --plot name, or one of `more`,
-    cannot become a new one: InputError for a suffix of --out that is none of `suffixes` (where there are none, the verb
-    looks after --out itself), a file that exists and is not to be replaced, or one that is asked for twice;
-    MissingPackage where --plot or --dask needs what is not installed.
+    cannot become a new one.
+
+    Parameters
+    ----------
+    suffixes : that --out may have; any where there are none, and then the verb looks after --out itself
+
+    Raises
+    ------
+    InputError
+        Another suffix, a file that exists and is not to be replaced, or one that is asked for twice.
+    MissingPackage
+        matplotlib is not installed, and --plot asks for it, or what --dask needs.
     """
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
     if out is not None and suffixes:
@@ -139,8 +156,11 @@ def draw(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
 
 def present(arguments: argparse.Namespace, scene: Scene | System, values: Callable[[], Mapping[str, Any]],
             lines: Iterable[str] = ()) -> None:
-    """Write what `values` gives as JSON, with the scene that was solved or recorded, where --json asks for it, and
-    print the lines unless that is what is printed.
+    """Write what `values` gives as JSON where --json asks for it, and print the lines unless that is what is printed.
+
+    Parameters
+    ----------
+    scene : what was solved or recorded, which the JSON says
     """
     if arguments.json is not None:
         from tcc_sim.output.provenance import document

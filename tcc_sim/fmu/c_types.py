@@ -111,8 +111,12 @@ def kind_name(kind: Kind) -> str:
 
 
 def record_of(source: type[Any], tables: dict[str, tuple[int, str]]) -> Record:
-    """The structure of a NamedTuple with annotated fields: numbers, tuples of numbers and arrays, each of them possibly
-    None. `tables` has by field the columns of its arrays, and the macro that says how many rows there may be.
+    """The structure of a NamedTuple.
+
+    Parameters
+    ----------
+    source : with annotated fields: numbers, tuples of numbers and arrays, each of them possibly None
+    tables : columns of its arrays, and the macro that has the largest number of rows, by field
     """
     hints = typing.get_type_hints(source)
     return Record(source.__name__, tuple((name, _kind(name, hints[name], tables)) for name in hints))

@@ -39,8 +39,14 @@ def base_units(unit: str) -> dict[str, int]:
 
 def model_description(version: int, scene: Scene, rows: list[Variable], identifier: str, token: str,
                       step: float) -> str:
-    """The text of modelDescription.xml of FMI 2 or 3: `rows` are the variables, in the order of their references,
-    `token` is what an importer instantiates the model `identifier` with, and `step` is a tick, s.
+    """The text of modelDescription.xml.
+
+    Parameters
+    ----------
+    version : of FMI, 2 or 3
+    rows : the variables, in the order of their references
+    identifier, token : of the model, and what an importer instantiates it with
+    step : a tick, s
     """
     text = TEXT.format(name=scene.name, step=step, description=scene.description or scene.name,
                        law=scene.system.friction.law)

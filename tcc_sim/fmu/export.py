@@ -48,7 +48,18 @@ class Fmu:
 
 
 def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
-    """The texts of a scene's FMU; arguments and errors are those of `export`."""
+    """The texts of a scene's FMU.
+
+    Parameters
+    ----------
+    version : of FMI, 2 or 3
+    step : a tick, s; None takes the scene's rate
+
+    Raises
+    ------
+    InputError
+        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
+    """
     if version not in SOURCES:
         raise InputError(f"FMI version {version} is not known; it must be 2 or 3")
     step = 1.0 / scene.operation.rate if step is None else step
@@ -80,7 +91,13 @@ def compiler() -> str | None:
 
 
 def compiled(fmu: Fmu, command: str) -> bytes:
-    """The binary for this machine; TccError with the compiler's own words where it refuses the sources."""
+    """The binary for this machine.
+
+    Raises
+    ------
+    TccError
+        The compiler refuses the sources; its own words are in the message.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for path, text in fmu.files.items():

@@ -36,8 +36,13 @@ TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short",
 
 
 class Expressions:
-    """What the expressions of one function are in C. `library` prints what is called; `kinds` has the types of its
-    parameters, by name, which names that are assigned to join.
+    """What the expressions of one function are in C.
+
+    Parameters
+    ----------
+    library : prints what is called
+    source : the function
+    kinds : the types of its parameters, by name; names that are assigned to join them
     """
 
     def __init__(self, library: Library, source: Callable[..., Any], kinds: dict[str, Kind]) -> None:

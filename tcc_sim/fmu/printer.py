@@ -39,8 +39,12 @@ class Library:
         self._names: set[str] = set()
 
     def function(self, source: Any, kinds: tuple[Kind, ...]) -> tuple[str, Kind]:
-        """Name and result of a function for arguments of these types, which is printed when it is first asked for;
-        Refused where its source holds what has no printed form.
+        """Name and result of a function for arguments of these types; it is printed when it is first asked for.
+
+        Raises
+        ------
+        Refused
+            Its source holds what has no printed form.
         """
         plain = getattr(source, "py_func", source)
         key = plain, kinds
@@ -71,7 +75,13 @@ class Library:
 
 
 class Function(Expressions):
-    """One function for arguments of given types: its `lines` in C, and the type of its `result`."""
+    """One function for arguments of given types.
+
+    Attributes
+    ----------
+    lines : in C
+    result : its type
+    """
 
     def __init__(self, library: Library, source: Callable[..., Any], name: str, kinds: tuple[Kind, ...]) -> None:
         tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]

@@ -114,8 +114,12 @@ def top_of(curves: Sequence[MapCurve]) -> tuple[float, int]:
 
 
 def legend_of(axis: Any, curves: Sequence[MapCurve], swept: Sequence[MapCurve], beyond: int) -> None:
-    """What the lines and marks that are there mean, in axes of its own, for branches of `curves` and points and jumps
-    of `swept`; and how many points lie beyond the panels.
+    """What the lines and marks that are there mean, in axes of its own; and how many points lie beyond the panels.
+
+    Parameters
+    ----------
+    curves : whose branches are shown
+    swept : whose points and jumps are
     """
     axis.set_axis_off()
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}

@@ -28,7 +28,11 @@ TIGHTER = 1e-11
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim judged at two tolerances: its `finding` at the tighter one, and the verdict at the `looser` one."""
+    """A claim judged at two tolerances.
+
+    finding : at the tighter one
+    looser : the verdict at the looser one
+    """
 
     finding: Finding
     looser: str
@@ -56,8 +60,19 @@ class Verdict:
 
 def judge(claims: Sequence[Claim] = (), *, jobs: int | None = None, progress: bool = False,
           each: Callable[[Verdict], None] = lambda verdict: None) -> list[Verdict]:
-    """Judge claims, all where none is given, at both tolerances; `each` is called with every verdict as it is reached.
-    NumericalFailure where a motion that a verdict rests on could not be solved.
+    """Judge claims at both tolerances.
+
+    Parameters
+    ----------
+    claims : which; all where empty
+    jobs : threads; all available cores by default
+    progress : show a bar for every sweep on a terminal
+    each : called with every verdict as it is reached
+
+    Raises
+    ------
+    NumericalFailure
+        A motion that a verdict rests on could not be solved.
     """
     loose = StableMotions(TOLERANCE, jobs, progress)
     tight = StableMotions(TIGHTER, jobs, progress, known=loose.known)

@@ -17,7 +17,11 @@ CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 
 @dataclass(frozen=True)
 class Holds:
-    """A `statement` holds, or in place of it a `weaker` one, for "depends", where there is one."""
+    """A statement holds, or in place of it a weaker one.
+
+    statement : judged first
+    weaker : judged second, for "depends"; empty where there is none
+    """
 
     statement: str
     weaker: str = ""
@@ -34,7 +38,10 @@ class Holds:
 
 @dataclass(frozen=True)
 class Shares:
-    """Parts `of` the cases in which something holds, all at least `least`; where all are at least `partly` it depends.
+    """Parts of the cases in which something holds, all of them at least `least`.
+
+    of : what the parts are of
+    partly : where every part is at least this the verdict depends
     """
 
     of: str
@@ -120,7 +127,11 @@ class Measured:
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim with its verdict: the words of its row, and what was `Measured`."""
+    """A claim with its verdict.
+
+    figure, where, claim, criterion : of the row
+    values, why, motions : of `Measured`
+    """
 
     figure: str
     where: str

@@ -30,8 +30,14 @@ SECTION_POINTS = 40
 
 
 def figure_data(number: int, options: FigureOptions) -> Figure[Any]:
-    """The numbers of one figure; a failed point of a sweep is a status in them. InputError for a figure that the paper
-    does not have, or one without numbers; NumericalFailure where a time history could not be solved.
+    """The numbers of one figure.
+
+    Raises
+    ------
+    InputError
+        A figure that the paper does not have, or one without numbers.
+    NumericalFailure
+        A time history that could not be solved; a failed point of a sweep is a status in the data instead.
     """
     if number not in (*FIGURES, *CHARTS):
         raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(CHARTS)}")

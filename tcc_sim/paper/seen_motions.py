@@ -106,7 +106,12 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
              settings: Settings = SWEPT) -> list[Branch]:
-    """The branches through motions along a curve, over the range of its values."""
+    """The branches through motions along a curve, over the range of its values.
+
+    Parameters
+    ----------
+    progress : show a count of points on a terminal
+    """
     of = DrivelineMap(curve.system, (curve.key,))
     with point_bar(progress) as tick:
         return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,
@@ -114,7 +119,12 @@ def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
-    """Branches, bifurcations and jumps behind sweeps of one system over the same values of one key, for each of them.
+    """Branches, bifurcations and jumps behind sweeps of one system, for each of them.
+
+    Parameters
+    ----------
+    sweeps : over the same values of one key, in different directions
+    progress : show a count of points on a terminal
     """
     found = [seen_in(sweep) for sweep in sweeps]
     branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)

@@ -168,10 +168,16 @@ def end_as_json(end: SegmentEnd) -> dict[str, Any]:
 
 def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any,
                    limits: tuple[float, float] = (0.05, 0.1), *, worst: bool = False) -> tuple[float, float]:
-    """The part of the places at which one curve is the lowest of all (the highest), where any slips: whichever motion
-    there is on every curve, and for some. `found` has per curve and place the largest slip speeds of all stable motions
-    there; `limits` are the difference, rad/s, that does not count, and the largest slip speed above which a curve
-    slips.
+    """The part of the places at which one curve is the lowest of all (the highest), where any slips.
+
+    Parameters
+    ----------
+    found : per curve and place the largest slip speeds of all stable motions there
+    limits : difference, rad/s, that does not count, and largest slip speed above which a curve slips
+
+    Returns
+    -------
+    The part at which it is so whichever motion there is on every curve, and at which it is so for some.
     """
     sign = -1.0 if worst else 1.0
     every, some, moving = [], [], []

@@ -16,8 +16,12 @@ SHARP = 5000
 
 
 def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str = "") -> Path:
-    """Draw torques, slip speed with stick shaded, the shaft's torque and the clutch's heat over all of the time of a
-    run with its system; one that kept few samples is solved again from its first state.
+    """Draw torques, slip speed with stick shaded, the shaft's torque and the clutch's heat over all of the time.
+
+    Parameters
+    ----------
+    run : with its system; one that kept few samples is solved again from its first state
+    width : inch
     """
     run = _sampled(run)
     assert run.system is not None

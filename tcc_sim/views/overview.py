@@ -34,10 +34,27 @@ LONGEST_LABEL = 42
 def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Summary, title: str = "", *,
              control: Control | None = None, width: str = "page") -> Path:
     """Draw a run: torques and slip speed over time with stick shaded, phase portrait with section, maxima per cycle.
+
     Where a pressure or a target was recorded, cycle means beside the target and pressures over the whole run come
-    between. Samples that are too far apart for a curve are solved again in between (`views.dense`). `tail` is the end
-    of the run; `cycles` are all of it from number `first_cycle` on, NaN for one that was not observed; `width` is
-    column or page. MissingPackage where matplotlib is not installed, InputError for another width or suffix.
+    between. Samples that are too far apart for a curve are solved again in between (`views.dense`).
+
+    Parameters
+    ----------
+    path : png, svg or pdf file
+    tail : the end of the run
+    cycles : every cycle of the run, NaN for one that was not observed
+    first_cycle : number of the first of them
+    summary : the figures of the steady state
+    title : name of the scene or recording
+    control : target, pressures and events of the run
+    width : column or page
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    InputError
+        Another width or suffix.
     """
     orbit = max(summary.period, HISTORY_CYCLES) if summary.period else ORBIT_CYCLES
     tail = between(_sliced(tail, _last(tail, orbit)))

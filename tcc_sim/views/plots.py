@@ -20,8 +20,14 @@ from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
 
 
 def check_picture(path: Path, width: str = "page") -> None:
-    """Raise before anything is computed where `path` cannot become a picture: InputError where the suffix is none of
-    png, svg and pdf, or the width neither column nor page; MissingPackage where matplotlib is not installed.
+    """Raise before anything is computed where `path` cannot become a picture.
+
+    Raises
+    ------
+    InputError
+        The suffix is none of png, svg and pdf, or the width neither column nor page.
+    MissingPackage
+        matplotlib is not installed.
     """
     check_suffix(path, style.SUFFIXES, "--plot ")
     style.width_of(width)
@@ -117,7 +123,13 @@ def _run_of(result: Any) -> Trajectory:
 
 
 def draw_into(ax: Any, result: Any, title: str = "") -> Any:
-    """Draw the main curve of a result into an axis; InputError for a result that has none."""
+    """Draw the main curve of a result into an axis.
+
+    Raises
+    ------
+    InputError
+        A result that has none.
+    """
     look = look_of(result)
     if look is not None:
         look[1](ax, result)
@@ -135,8 +147,13 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,
              title: str = "") -> Path:
-    """Draw a solved run with per-cycle results, or shorter than a cycle and with samples; its last cycles are solved
-    again with dense samples. One whose excitation varies in time is drawn from its beginning to its end.
+    """Draw a solved run; its last cycles are solved again with dense samples. One whose excitation varies in time is
+    drawn from its beginning to its end.
+
+    Parameters
+    ----------
+    solved : with per-cycle results, or shorter than a cycle and with samples
+    summary : of its steady state; worked out by default
     """
     if solved.system is not None and solved.system.course is not None:
         return manoeuvre(path, solved, style.width_of(width), title)

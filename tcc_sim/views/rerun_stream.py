@@ -135,9 +135,13 @@ class RerunStream:
         self._send("phase/section", ends_ns, self._rr.Points2D.columns(positions=points))
 
     def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
-        """Send what a controller's test is about, after the samples of the same time: events of the run at hand, and
-        signals by name (mean_slip, target_slip_speed, applied_pressure, actuation_pressure, engine_torque) with stamps
-        (ns) and values (rad/s, Pa, N m), (n,) arrays.
+        """Send what a controller's test is about, after the samples of the same time.
+
+        Parameters
+        ----------
+        signals : by name (mean_slip, target_slip_speed, applied_pressure, actuation_pressure, engine_torque): stamps
+            (ns) and values (rad/s, Pa, N m), (n,) arrays
+        events : of the run at hand
         """
         for name, (stamps, values) in signals.items():
             if len(stamps):
@@ -152,8 +156,16 @@ class RerunStream:
         self._always("summary", self._rr.TextDocument(markdown, media_type="text/markdown"))
 
     def close(self, wait: bool = True) -> None:
-        """Hand over what was sent. InputError where a viewer does not take it within 60 s, OSError where the file takes
-        no more, TccError where it was not written for another reason.
+        """Hand over what was sent.
+
+        Raises
+        ------
+        InputError
+            A viewer does not take it within 60 s.
+        OSError
+            The file takes no more.
+        TccError
+            The file was not written for another reason.
         """
         try:
             if wait:

@@ -52,7 +52,12 @@ _SETTINGS: dict[str, Any] = {
 @contextmanager
 def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterator[Any]:
     """A matplotlib Figure of `width` by `height` inch in the house style, with a title over all of it where one is
-    given; draw and save it inside the `with`. MissingPackage where matplotlib is not installed.
+    given; draw and save it inside the `with`.
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
     """
     require("matplotlib", "a picture")
     import matplotlib
@@ -78,15 +83,25 @@ def values_of(result: Any) -> Mapping[str, Any]:
 
 
 def width_of(name: str) -> float:
-    """The width in inch of a picture that is column or page wide; InputError for another word."""
+    """The width in inch of a picture that is column or page wide.
+
+    Raises
+    ------
+    InputError
+        Another word.
+    """
     if name not in WIDTHS:
         raise InputError(f"width is {name!r}; it must be {' or '.join(WIDTHS)}")
     return WIDTHS[name]
 
 
 def save(drawn: Any, path: Path) -> Path:
-    """Write a picture as the suffix of `path` says, the same bytes every time for the same picture; InputError for
-    another suffix than those of SUFFIXES.
+    """Write a picture as the suffix of `path` says, the same bytes every time for the same picture.
+
+    Raises
+    ------
+    InputError
+        Another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
     _lay_out(drawn)

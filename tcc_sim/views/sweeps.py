@@ -176,8 +176,16 @@ def numbers(values: Sequence[Any]) -> Floats:
 
 
 def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[str]) -> Any:
-    """A map, as a mesh for a colour bar: the cell about every x and y, (n,) and (m,) centres, has the colour of its
-    class, (m, n) numbers into `colours`; NaN leaves a cell as it is.
+    """A map: the cell about every x and y has the colour of its class.
+
+    Parameters
+    ----------
+    x, y : (n,) and (m,) centres of the cells
+    classes : (m, n) numbers into `colours`; NaN leaves a cell as it is
+
+    Returns
+    -------
+    The mesh, for a colour bar.
     """
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
