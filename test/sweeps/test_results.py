@@ -126,7 +126,7 @@ def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:
 
 def test_a_frame_takes_the_columns() -> None:
     pandas = pytest.importorskip("pandas")
-    frame = pandas.DataFrame(sweep(SYSTEM, KINETIC, [0.24, 0.3], Plan(cycles=20)).columns())
+    frame = pandas.DataFrame(sweep(SYSTEM, KINETIC, [0.24, 0.28], Plan(cycles=20)).columns())
     assert frame.shape[0] == 2
 
 
