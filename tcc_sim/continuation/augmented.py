@@ -105,8 +105,8 @@ class MinimallyAugmented:
         # On a canard g passes from one sign to the other within rounding of z: how far z is from there counts.
         size = max(float(np.linalg.norm(gradient)), 1.0)
         orbit = np.pad(found.jacobian, ((0, 0), (0, 1))) if self.turning else found.jacobian
-        return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.monodromy,
-                          found.blocks, found.seen)
+        return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.blocks,
+                          found.seen)
 
     def _along(self, z: Floats, found: Linearised, direction: Floats, w: Vectors) -> Vectors:
         """w . (derivative of the Jacobian along nodes' changes): by the nodes and the parameters."""

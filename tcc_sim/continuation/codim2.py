@@ -73,7 +73,7 @@ class Border:
             except FAILURES:
                 side = -1.0 if z[k] > 0.5 else 1.0
                 gradient[0, k] = side * (at(z + side * away) - at(z)) / step
-        return Linearised(np.array([at(z)]), gradient, np.zeros((0, 0)))
+        return Linearised(np.array([at(z)]), gradient)
 
 
 def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, second: float,

@@ -15,9 +15,9 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic, prepared
-from tcc_sim.trajectory import Cycles, State, Trajectory
+from tcc_sim.trajectory import Cycles
 
-SCALES = (10.0, 0.1, 10.0)
+SCALES = np.array([10.0, 0.1, 10.0])
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 
 
@@ -38,7 +38,7 @@ class DrivelineMap:
         for key in keys:
             _check_key(system, key, keys)
         self.system, self.keys = system, tuple(keys)
-        self.scales = np.array(SCALES)
+        self.scales = SCALES
         self.piecewise = system.friction.law == "set_valued"
         self.forcing_period = common_cycles(system)
         if self.forcing_period == 0:
@@ -104,13 +104,6 @@ class DrivelineMap:
         heights = found.heights.tolist()
         return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
                            tuple(heights))
-
-    def solved(self, x: Floats, values: Values, first: int, cycles: int, samples: int = 0) -> Trajectory:
-        """The trajectory itself."""
-        x = self._settled(x)
-        return solve(self.system_at(values), cycles=cycles, start_cycle=first, rtol=SETTINGS.solver_tolerance,
-                     samples_per_cycle=samples,
-                     state=State.of(x)).raise_for_status()
 
     def cycles_from_start(self, values: Values, count: int) -> Cycles:
         """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map,

@@ -48,10 +48,9 @@ class ParameterRange:
 
 
 class Linearised(NamedTuple):
-    """Equations at a point, all in natural sizes but the monodromy matrix.
+    """Equations at a point, in natural sizes.
 
     residual, jacobian : (d,), (d, d + P)
-    monodromy : (n, n) in the map's units
     blocks : (m, n, n) derivatives of the segments' ends by their starts
     seen : what is seen over the period, where the map knows it at once
     amplitudes, amplitude_gradient : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
@@ -59,7 +58,6 @@ class Linearised(NamedTuple):
 
     residual: Floats
     jacobian: Floats
-    monodromy: Floats
     blocks: Floats = np.empty((0, 0, 0))
     seen: Observation | None = None
     amplitudes: Floats = np.empty(0)
@@ -131,14 +129,11 @@ class Shooting:
         jacobian *= sizes / rows[:, None]
         jacobian[nodes_after(count, n)] -= 1.0
         residual = ((ends - following) / scales).ravel()
-        monodromy = images[0].jacobian
         blocks = blocks * (scales / scales[:, None])
-        if count > 1:
-            monodromy = product_of(blocks) * scales[:, None] / scales
         seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
         if len(seen) < count:
-            return Linearised(residual, jacobian, monodromy, blocks)
-        return Linearised(residual, jacobian, monodromy, blocks, joined(seen, self.segments),
+            return Linearised(residual, jacobian, blocks)
+        return Linearised(residual, jacobian, blocks, joined(seen, self.segments),
                           np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale,
                           self._gradient(images) * (sizes / self.map.amplitude_scale))
 

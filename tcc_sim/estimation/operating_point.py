@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
+from tcc_sim.continuation.driveline import SCALES
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
@@ -27,8 +28,6 @@ from tcc_sim.trajectory import Floats, State
 
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
-SCALES = np.array([10.0, 0.1, 10.0])
-"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 
 
 class Part(NamedTuple):
