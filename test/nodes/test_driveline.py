@@ -144,7 +144,7 @@ def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) ->
     assert command is not None
     bench.until(lambda: command.timeouts == 1)
     assert (command.received, command.value) == (1, None)
-    assert node.loop.plant.reading().engine_torque == 300.0
+    assert node.loop.request(lambda: node.loop.plant.reading().engine_torque == 300.0)
 
     def spoken() -> Any:
         node.housekeeping()
