@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable
-from operator import attrgetter
+from operator import itemgetter
 from typing import Any
 
 from rclpy.node import Node
@@ -44,22 +44,21 @@ class Outputs:
         self._context = node.context
         self._waiting: deque[tuple[Any, bytes]] = deque()
         qos = states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
-        self._every_tick: list[tuple[Any, Callable[..., bytes], Callable[[Reading], Any], bool]] = []
+        self._every_tick: list[tuple[Any, Callable[..., bytes], Callable[[Reading], Any]]] = []
         self._publishers: dict[str, Any] = {}
         for row in TOPICS:
             if row.fields and row.wanted(scene.value):
                 publisher = self._create(row.name, qos)
-                values = attrgetter(*row.fields)
-                self._every_tick.append((publisher, cdr.ENCODERS[row.type], values, len(row.fields) > 1))
+                values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
+                self._every_tick.append((publisher, cdr.ENCODERS[row.type], values))
         for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
 
     def state(self, reading: Reading) -> None:
         """Send every topic of a tick."""
-        for publisher, encode, values, several in self._every_tick:
-            found = values(reading)
-            self._send(publisher, encode(reading.stamp_ns, *found) if several else encode(reading.stamp_ns, found))
+        for publisher, encode, values in self._every_tick:
+            self._send(publisher, encode(*values(reading)))
 
     def say(self, name: str, data: bytes) -> None:
         """Send a message on one topic, in the order of the states; nothing where the scene has no such topic."""
