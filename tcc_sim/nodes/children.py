@@ -88,11 +88,22 @@ class NodeProcess(subprocess.Popen[str]):
         """End it as Ctrl-C would and give its status; it is killed where it takes longer than END_LIMIT."""
         self.send_signal(signal.SIGINT)
         try:
-            status = self.wait(timeout=END_LIMIT)
+            status = super().wait(timeout=END_LIMIT)
         except subprocess.TimeoutExpired:
-            self.kill()
-            status = self.wait()
+            super().kill()
+            status = super().wait()
         self._reader.join(timeout=1.0)
+        return status
+
+    def kill(self) -> None:
+        """End it without a word, where it has not ended."""
+        super().kill()
+        self.wait()
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end and give its status; all that it said is then in `lines`."""
+        status = super().wait(timeout)
+        self._reader.join()
         return status
 
 
