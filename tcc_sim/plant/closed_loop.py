@@ -77,12 +77,10 @@ class Samples:
     def __len__(self) -> int:
         return len(self._readings)
 
-    def add(self, plant: Plant, torque: float | None, pressure: float | None) -> Reading:
-        """Take the state as it is, and the commands that led to it; the reading that this makes."""
-        reading = plant.reading()
+    def add(self, plant: Plant, reading: Reading, torque: float | None, pressure: float | None) -> None:
+        """Take the state as it is, and the commands that led to it."""
         self._readings.append(reading)
         self._rest.append((plant.scene.system.torque_per_pressure, torque, pressure))
-        return reading
 
     def columns(self, plant: Plant) -> dict[str, object]:
         """The fields of a ControlledRun that come from the samples."""
@@ -185,12 +183,12 @@ def closed_loop(scene: Scene | str, law: Callable[[Reading], Answer], seconds: f
     if not 0.0 <= seconds * rate <= MOST_TICKS:
         raise InputError(f"seconds is {seconds:g}; it must be 0 to {MOST_TICKS / rate:g} s at {rate:g} Hz")
     plant = Plant(scene)
-    held, samples = _Held(plant), Samples(plant)
-    reading = samples.add(plant, None, None)
+    held, samples, reading = _Held(plant), Samples(plant), plant.reading()
+    samples.add(plant, reading, None, None)
     for _ in range(round(seconds * rate)):
         held.take(law(reading))
-        plant.stepper.advance()
-        reading = samples.add(plant, held.torque, held.pressure)
+        reading = plant.advance()
+        samples.add(plant, reading, held.torque, held.pressure)
     if held.refused:
         warnings.warn(f"{held.refusal} ({held.refused} refused)", stacklevel=2)
     return ControlledRun(**samples.columns(plant), refused=held.refused, refusal=held.refusal)  # type: ignore[arg-type]

@@ -156,7 +156,7 @@ class Rig:
         """In the worker: the ticks of one run."""
         commands = self._begin()
         samples = Samples(self._plant)
-        samples.add(self._plant, *self._held())
+        samples.add(self._plant, self._plant.reading(), *self._held())
         before = {command.name: command.refused for command in commands}
         missed, said = 0, self._asked_for(target, None, 0)
         for _ in range(count):
@@ -166,7 +166,7 @@ class Rig:
             missed += self._deliver(commands)
             self._loop.step()
             self._loop.outputs.flush()
-            samples.add(self._plant, *self._held())
+            samples.add(self._plant, self._plant.reading(), *self._held())
             said = self._asked_for(target, said, len(samples) - 1)
             self._worker.beat()
         self._settle()
