@@ -14,11 +14,8 @@ from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, val
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
-from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic, prepared
+from tcc_sim.solvers.stroboscopic import SCALES, Prepared, Stroboscopic, prepared
 from tcc_sim.trajectory import Cycles
-
-SCALES = np.array([10.0, 0.1, 10.0])
-"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 
 
 class DrivelineMap:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eig
 
 from tcc_sim.continuation.problem import FAILURES, Floats, Observation, ParameterMap, Values
 from tcc_sim.continuation.settings import DEFAULTS
@@ -69,6 +68,8 @@ def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
     if m == 1:
         values = np.linalg.eigvals(blocks[0])
     else:
+        from scipy.linalg import eig  # Nobody else of those who ask for multipliers needs it.
+
         left, right = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
         for k, block in enumerate(blocks):
             rows = slice(k * n, k * n + n)

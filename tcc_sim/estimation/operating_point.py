@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
-from tcc_sim.continuation.driveline import SCALES
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.stroboscopic import prepared
+from tcc_sim.solvers.stroboscopic import SCALES, prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
 from tcc_sim.sweeps import steady_state
 from tcc_sim.sweeps.steady_state import Start

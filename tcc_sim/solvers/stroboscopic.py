@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from tcc_sim.model.parameters import System
 from tcc_sim.trajectory import Floats
+
+SCALES = np.array([10.0, 0.1, 10.0])
+"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 
 
 class Stroboscopic(NamedTuple):
