@@ -10,7 +10,8 @@ other, the addresses of the objects that are arrays and records, and room for wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gc
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numba
@@ -79,8 +80,19 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
 def dispatcher(kernel: Kernel) -> Any:
     """A kernel as Numba knows functions."""
     out = known(kernel, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    out.written = lambda arguments: written(out, arguments)
+    out.written = lambda arguments: _uncollected(written, out, arguments)
     return out
+
+
+def _uncollected(make: Callable[..., bytes], *arguments: Any) -> bytes:
+    """Make something while Python does not look for unreachable objects, a sixth of the time of compiling."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        return make(*arguments)
+    finally:
+        if collects:
+            gc.enable()
 
 
 @global_compiler_lock  # type: ignore[untyped-decorator]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,25 @@ def test_what_is_wrong_in_a_part_is_said():
 
     with pytest.raises(Exception, match="nothing"):
         kernel(1.0)
+    assert gc.isenabled()
+
+
+def test_nobody_looks_for_unreachable_objects_while_compiling():
+    collects = []
+
+    def noted(coefficients):
+        collects.append(gc.isenabled())
+        coefficients[0,] = coefficients[0,] * 2.0
+
+    doubled = unrolled(noted)
+
+    @fast
+    def kernel(coefficients):
+        doubled(0, coefficients)
+
+    values = np.array([1.5])
+    kernel(values)
+    assert (values.tolist(), collects, gc.isenabled()) == ([3.0], [False], True)
 
 
 def test_nothing_has_an_address_but_the_kernel_with_all_its_parts(monkeypatch):
