@@ -36,10 +36,7 @@ C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
 TESTED = "0.62", "0.68"
 """First and last version of Numba whose inner parts `linked` fits; with others Numba compiles in every process."""
-REMEMBERED = 256
 _lock = threading.RLock()
-_tuples: dict[int, tuple[Any, Kind, Words]] = {}
-"""Tuples of numbers that were laid out before, by their identity: most calls give the same terms again."""
 
 
 class Entry(NamedTuple):
@@ -72,8 +69,7 @@ class Kernel:
     def entered(self, arguments: tuple[Any, ...]) -> tuple[Entry, Words]:
         """What is called for these arguments, and their words."""
         words: Words = []
-        kind, _ = _laid_out(arguments, words)
-        return self.entries.get(kind) or self._entry(kind, arguments, words), words
+        return self.entry(_laid_out(arguments, words), arguments, words), words
 
     @cached_property
     def part(self) -> Any:
@@ -91,8 +87,11 @@ class Kernel:
         """What it can call, and how that is compiled."""
         return Reach(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
 
-    def _entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> Entry:
-        """Load or compile what is called for these arguments, one thread at a time."""
+    def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> Entry:
+        """What is called for these arguments, which is loaded or compiled first, by one thread at a time."""
+        known = self.entries.get(kind)
+        if known is not None:
+            return known
         with _lock:
             if kind not in self.entries and not fits():
                 kernel_cache.announce(self.reach.size, f"in every process, since Numba {_numba()[0]} is not one of "
@@ -137,43 +136,42 @@ class Call:
         return self._run(self._block)
 
 
-def _laid_out(values: tuple[Any, ...], words: Words) -> tuple[Kind, bool]:
-    """Add the numbers of arguments, and the addresses of arrays, to `words`; their kind, and whether all are numbers.
-    """
-    kind: list[Any] = []
-    numbers = True
-    for value in values:
-        type_ = type(value)
-        letter = SCALARS.get(type_)
-        if letter is not None:
-            kind.append(letter)
-            if letter:
-                words.append(value)
+class Partial:
+    """A kernel whose first arguments stay the same and are laid out once; it takes arrays as they are then."""
+
+    def __init__(self, kernel: Callable[..., object], *first: Any) -> None:
+        self._kernel, self._first, self._words = cast(Kernel, kernel), first, Words()
+        self._kind = _laid_out(first, self._words)
+
+    def __call__(self, *further: Any) -> Any:
+        """Call with further arguments behind the first ones."""
+        words, arguments = self._words.copy(), self._first + further
+        entry = self._kernel.entry(self._kind + _laid_out(further, words), arguments, words)
+        return entry.run(entry.block(arguments, words))
+
+
+def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
+    """Add the numbers of arguments, and the addresses of arrays, to `words`; their kind."""
+    kind: list[Any] = [*map(SCALARS.get, map(type, values))]
+    if None not in kind:
+        words += values if "" not in kind else [value for value in values if value is not None]
+        return tuple(kind)
+    for k, value in enumerate(values):
+        if kind[k] is not None:
+            words += () if value is None else (value,)
         elif isinstance(value, tuple):
-            known = _tuples.get(id(value))
-            if known is None:
-                inner: Words = []
-                shape, simple = _laid_out(value, inner)
-                known = value, (type_, shape), inner
-                numbers = numbers and simple
-                if simple:
-                    if len(_tuples) >= REMEMBERED:
-                        _tuples.clear()
-                    _tuples[id(value)] = known
-            kind.append(known[1])
-            words += known[2]
+            kind[k] = type(value), _laid_out(value, words)
         else:
-            numbers = False
-            if type_ is np.ndarray:
+            if type(value) is np.ndarray:
                 flags = value.flags.num
                 order = C_ORDER if flags & C_ORDER else FORTRAN_ORDER
-                kind.append((value.dtype, value.ndim, flags & (order | WRITABLE)))
+                kind[k] = value.dtype, value.ndim, flags & (order | WRITABLE)
             elif isinstance(value, np.void):
-                kind.append(value.dtype)
+                kind[k] = value.dtype
             else:
                 raise TypeError(f"a kernel is given {value!r}; it takes floats, integers, arrays and tuples of these")
             words.append(id(value))
-    return tuple(kind), numbers
+    return tuple(kind)
 
 
 @cache

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.solvers.compiling import compiled as compiled_module
 from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.compiled import Call, compiled, fast, loaded
+from tcc_sim.solvers.compiling.compiled import Call, Partial, compiled, fast, loaded
 from tcc_sim.solvers.compiling.kernel_cache import UnusableFile
 from tcc_sim.solvers.compiling.linked import PartLibrary, written
 from tcc_sim.solvers.compiling.unrolled import unrolled
@@ -214,3 +214,18 @@ def test_a_call_laid_out_once_gives_what_the_kernel_gives(monkeypatch, tested):
     assert call(1.0, 1) == 18.0
     call.use(values[::-1].copy(), 0.0, 0, None)  # Another kind, and an array that nobody else holds.
     assert (call(1.0, 1), values[0]) == (6.0, 8.0)
+
+
+@pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
+def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives(monkeypatch, tested):
+    @compiled
+    def kernel(values, pair, x, rest):
+        values[0] += 1.0
+        return values[0] * x + pair[1] if rest is None else values[0] * x + pair[1] + rest[0]
+
+    monkeypatch.setattr(compiled_module, "TESTED", tested)
+    values = np.array([1.0, 5.0])
+    call = Partial(kernel, values, (10.0, 1.0))
+    assert (call(3.0, None), call(0.5, (20.0,)), call(1.0, None)) == (7.0, 22.5, 5.0)
+    values[0] = 7.0
+    assert (call(1.0, values), values[0]) == (17.0, 8.0)
