@@ -40,34 +40,34 @@ def key_derivatives(system: System, keys: Sequence[str]) -> Floats:
         A key that the motion does not depend on continuously, or that is no number.
     """
     out = np.zeros((len(NUMBERS), len(keys)))
-    for column, key in zip(out.T, keys):
-        _fill(system, key, column)
+    for column, key in enumerate(keys):
+        for number, value in _by(system, key).items():
+            out[number, column] = value
     return out
 
 
-def _fill(system: System, key: str, column: Floats) -> None:
-    """The column of one key."""
+def _by(system: System, key: str) -> dict[int, float]:
+    """The derivatives by one key that are not 0, by their number."""
     friction, clutch = system.friction, system.clutch
     # Tsm = mu_k Pm A R and Tsp = mu_k Pp A R of (5b).
-    loads = np.array([system.saturation_mean, system.saturation_amplitude])
+    mean, amplitude = system.saturation_mean, system.saturation_amplitude
     if key in OF_ITSELF:
-        column[OF_ITSELF[key]] = 1.0 if key != "engine.torque_amplitude" or system.engine.harmonic else 0.0
-    elif key == "engine.frequency":
-        column[LOG_FREQUENCY] = 1.0 / system.engine.frequency
-    elif key == "friction.static_coefficient":
-        column[EXCESS_RATIO] = 1.0 / friction.kinetic_coefficient
-    elif key == "friction.kinetic_coefficient":
-        column[MEAN_LOAD:LOAD_AMPLITUDE + 1] = loads / friction.kinetic_coefficient
-        column[EXCESS_RATIO] = -friction.static_coefficient / friction.kinetic_coefficient**2
-    elif key == "clutch.area":
-        column[MEAN_LOAD:LOAD_AMPLITUDE + 1] = loads / clutch.area
-    elif key == "clutch.radius":
-        column[MEAN_LOAD:LOAD_AMPLITUDE + 1] = loads / clutch.radius
-    elif key == "pressure.mean":
-        column[MEAN_LOAD] = system.torque_per_pressure
-    elif key == "pressure.amplitude":
-        column[LOAD_AMPLITUDE] = system.torque_per_pressure if system.pressure.harmonic else 0.0
-    elif key not in DEFAULTS:
+        return {OF_ITSELF[key]: 1.0 if key != "engine.torque_amplitude" or system.engine.harmonic else 0.0}
+    if key == "engine.frequency":
+        return {LOG_FREQUENCY: 1.0 / system.engine.frequency}
+    if key == "friction.static_coefficient":
+        return {EXCESS_RATIO: 1.0 / friction.kinetic_coefficient}
+    if key == "friction.kinetic_coefficient":
+        kinetic = friction.kinetic_coefficient
+        return {MEAN_LOAD: mean / kinetic, LOAD_AMPLITUDE: amplitude / kinetic,
+                EXCESS_RATIO: -friction.static_coefficient / kinetic**2}
+    if key in ("clutch.area", "clutch.radius"):
+        factor = clutch.area if key == "clutch.area" else clutch.radius
+        return {MEAN_LOAD: mean / factor, LOAD_AMPLITUDE: amplitude / factor}
+    if key == "pressure.mean":
+        return {MEAN_LOAD: system.torque_per_pressure}
+    if key == "pressure.amplitude":
+        return {LOAD_AMPLITUDE: system.torque_per_pressure if system.pressure.harmonic else 0.0}
+    if key not in DEFAULTS:
         raise unknown_key(key, DEFAULTS)
-    else:
-        raise InputError(f"{key} is no number that a motion depends on continuously")
+    raise InputError(f"{key} is no number that a motion depends on continuously")
