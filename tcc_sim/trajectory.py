@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,7 +248,6 @@ def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
     return np.subtract(slip_speed > stick_speed, slip_speed < -stick_speed, dtype=np.int8)
 
 
-def event_sequence(before: NDArray[Any], after: NDArray[Any], only: int) -> str:
-    """Modes in order as letters: S stick, + and - slip, F free; `only` is the mode where there is no change."""
-    modes = [int(before[0]), *map(int, after)] if len(before) else [only]
-    return "".join({0: "S", 1: "+", -1: "-", 2: "F"}[m] for m in modes)
+def event_sequence(modes: Iterable[int]) -> str:
+    """Modes in order as letters: S stick, + and - slip, F free."""
+    return "".join(["S+F-"[mode] for mode in modes])

@@ -30,7 +30,7 @@ class TextbookMap:
             jacobian, by_parameter = a @ jacobian, a @ by_parameter + b
         if not np.isfinite(x).all():
             raise ArithmeticError("not finite")
-        return Image(x, jacobian, by_parameter)
+        return Image(x, np.hstack([jacobian, by_parameter]))
 
     def evaluate_each(self, states, values: Values, firsts, cycles) -> list[Image]:
         return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]

@@ -95,10 +95,10 @@ class ClosedBranch:
         n, scales, z, t = of.dimension, of.scales, solution.z, solution.tangent
         x, values = shooting.nodes(z)[0], shooting.values(z)
         self.ends = [(_of_single_shooting(self.first, z), _of_single_shooting(self.first, t))]
-        width = np.array([w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])])
+        sizes = np.concatenate([scales, [w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])]])
         for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
             image = of.evaluate(x, values, 0, k * of.forcing_period)
-            along = (image.jacobian @ (t[:n] * scales) + image.by_parameter @ (width * t[size:])) / scales
+            along = image.derivatives @ (sizes * np.concatenate([t[:n], t[size:]])) / scales
             tangent = np.concatenate([along, t[size:]])
             self.ends.append((np.concatenate([shifted / scales, z[size:]]), tangent / float(np.linalg.norm(tangent))))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -66,8 +67,7 @@ class DrivelineMap:
 
     def _image(self, found: Stroboscopic, cycles: float) -> Image:
         """A motion as the map's image."""
-        gradient = np.concatenate([found.heights_by_state, found.heights_by_parameter], axis=1)
-        return Image(found.state, found.derivative, found.by_parameter, self._seen(found, cycles), gradient)
+        return Image(found.state, found.derivatives, self._seen(found, cycles), found.heights_derivatives)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
@@ -90,8 +90,9 @@ class DrivelineMap:
               cycles: Sequence[float]) -> Sequence[Stroboscopic]:
         """Motions from several starts."""
         ends = [first + count for first, count in zip(firsts, cycles)]
-        found = self._prepare(values).each(np.array([self._settled(x) for x in states]), firsts, ends)
-        if not all(np.isfinite(part.state).all() for part in found):
+        starts = np.array([self._settled(x) for x in states]) if self.piecewise else states
+        found = self._prepare(values).each(starts, firsts, ends)
+        if not all(math.isfinite(number) for part in found for number in part.state.tolist()):
             raise ArithmeticError("the state is not finite")
         return found
 

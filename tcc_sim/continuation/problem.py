@@ -37,17 +37,20 @@ class Image(NamedTuple):
     """What some cycles make of a state, and its derivatives.
 
     value : (n,) state after them
-    jacobian : (n, n) derivative with respect to the state before them
-    by_parameter : (n, P) derivative with respect to the free parameters
+    derivatives : (n, n + P) with respect to the state before them, and to the free parameters
     seen : what is seen on the way, where the map knows it at once
-    amplitude_gradient : (N, n + P) derivatives of the N amplitudes seen, by the state and the free parameters
+    amplitude_gradient : (N, n + P) derivatives of the N amplitudes seen, likewise
     """
 
     value: Floats
-    jacobian: Floats
-    by_parameter: Floats
+    derivatives: Floats
     seen: Observation | None = None
     amplitude_gradient: Floats | None = None
+
+    @property
+    def jacobian(self) -> Floats:
+        """(n, n) derivative with respect to the state before."""
+        return self.derivatives[:, :len(self.value)]
 
 
 @dataclass(frozen=True)

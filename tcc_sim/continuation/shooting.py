@@ -97,7 +97,7 @@ class Shooting:
 
     def values(self, z: Floats) -> Values:
         """The free parameters of a point."""
-        return tuple(w.value(float(u)) for w, u in zip(self.ranges, z[self.size:]))
+        return tuple([w.value(u) for w, u in zip(self.ranges, z[self.size:].tolist())])
 
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
@@ -114,32 +114,28 @@ class Shooting:
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
         images = self.map.evaluate_each(nodes, values, starts_of(self.segments), self.segments)
-        rows = np.concatenate([scales] * count)
-        sizes = np.concatenate([rows, [w.width(u) for w, u in zip(self.ranges, z[size:].tolist())]])
-        ends, following = nodes, nodes
+        widths = [w.width(u) for w, u in zip(self.ranges, z[size:].tolist())]
+        sizes, units = sizes_of(tuple(scales.tolist()), tuple(widths))
+        parts = np.array([image.derivatives for image in images]) * units
+        blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
         if count == 1:
-            image, = images
-            ends, blocks = image.value[None], image.jacobian[None]
-            jacobian = np.concatenate([image.jacobian, image.by_parameter], axis=1)
+            jacobian = parts[0].copy()
         else:
             ends, following = np.array([image.value for image in images]), np.roll(nodes, -1, axis=0)
-            blocks, jacobian = np.array([image.jacobian for image in images]), np.zeros((size, len(sizes)))
-            jacobian[places(count, n)] = blocks
-            jacobian[:, size:] = np.concatenate([image.by_parameter for image in images])
-        jacobian *= sizes / rows[:, None]
+            jacobian = np.zeros((size, size + len(self.ranges)))
+            jacobian[places(count, n)], jacobian[:, size:] = blocks, parts[..., n:].reshape(size, -1)
         jacobian[nodes_after(count, n)] -= 1.0
         residual = ((ends - following) / scales).ravel()
-        blocks = blocks * (scales / scales[:, None])
         seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
         if len(seen) < count:
             return Linearised(residual, jacobian, blocks)
         return Linearised(residual, jacobian, blocks, joined(seen, self.segments),
                           np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale,
-                          self._gradient(images) * (sizes / self.map.amplitude_scale))
+                          self._gradient(images, sizes / self.map.amplitude_scale))
 
-    def _gradient(self, images: Sequence[Image]) -> Floats:
-        """(N, d + P) derivatives of the amplitudes of all segments by the nodes and the parameters."""
-        parts = [image.amplitude_gradient for image in images if image.amplitude_gradient is not None]
+    def _gradient(self, images: Sequence[Image], sizes: Floats) -> Floats:
+        """(N, d + P) derivatives of the amplitudes of all segments by the nodes and the parameters, of these sizes."""
+        parts = [image.amplitude_gradient * sizes for image in images if image.amplitude_gradient is not None]
         if len(parts) == 1:
             return parts[0]
         n, size, row = self.map.dimension, self.size, 0
@@ -199,6 +195,13 @@ class Shooting:
 def starts_of(segments: tuple[float, ...]) -> list[float]:
     """Where segments begin, in cycles."""
     return [sum(segments[:k]) for k in range(len(segments))]
+
+
+@lru_cache(maxsize=64)
+def sizes_of(scales: tuple[float, ...], widths: tuple[float, ...]) -> tuple[Floats, Floats]:
+    """(n + P,) sizes of a node and the parameters, and (n, n + P) those of a node's derivatives by them."""
+    sizes = np.array(scales + widths)
+    return sizes, sizes / np.array(scales)[:, None]
 
 
 @lru_cache(maxsize=64)

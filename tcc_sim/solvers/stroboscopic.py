@@ -18,11 +18,11 @@ class Stroboscopic(NamedTuple):
     """What some engine cycles make of a state.
 
     state : (3,) slip speed, plate angle, plate speed after them
-    derivative : (3, 3) by the state before; under the set-valued law a start in stick is projected on v = 0
-    by_parameter : (3, P) by the keys, each at constant phase omega t
+    derivatives : (3, 3 + P) by the state before, and by the keys, each at constant phase omega t; under the set-valued
+        law a start in stick is projected on v = 0
     events : modes in order: S stick, + and - slip, F free
     heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
-    heights_by_state, heights_by_parameter : (N, 3), (N, P) derivatives of `heights`
+    heights_derivatives : (N, 3 + P) of `heights`, likewise
     stick_time : s
     moves : (time in s, mode before, mode after) of each change of mode; only the set-valued law's
     margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `event_driven.margins`: value, whether stick's margin
@@ -31,15 +31,23 @@ class Stroboscopic(NamedTuple):
     """
 
     state: Floats
-    derivative: Floats
-    by_parameter: Floats
+    derivatives: Floats
     events: str
     heights: Floats
-    heights_by_state: Floats
-    heights_by_parameter: Floats
+    heights_derivatives: Floats
     stick_time: float
     moves: Sequence[tuple[float, int, int]] = ()
     margins: Floats | None = None
+
+    @property
+    def derivative(self) -> Floats:
+        """(3, 3) by the state before."""
+        return self.derivatives[:, :3]
+
+    @property
+    def by_parameter(self) -> Floats:
+        """(3, P) by the keys."""
+        return self.derivatives[:, 3:]
 
 
 class Prepared(Protocol):

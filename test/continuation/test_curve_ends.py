@@ -47,11 +47,12 @@ class TakenBack(TextbookMap):
         if cycles > 1:
             a, b = self.evaluate(x, values, first, 1), self.evaluate
             b = self.evaluate(a.value, values, first + 1, cycles - 1)
-            return Image(b.value, b.jacobian @ a.jacobian, b.jacobian @ a.by_parameter + b.by_parameter)
+            by_state, by_parameter = b.jacobian @ a.jacobian, b.jacobian @ a.derivatives[:, 1:] + b.derivatives[:, 1:]
+            return Image(b.value, np.hstack([by_state, by_parameter]))
         if first % 5 < 4:
-            return Image(self.gain * np.round(x, 15), np.array([[self.gain]]), np.zeros((1, 2)))
+            return Image(self.gain * np.round(x, 15), np.array([[self.gain, 0.0, 0.0]]))
         value, jacobian, by_parameter = self.step(x / self.gain**4, values)
-        return Image(value, jacobian / self.gain**4, by_parameter)
+        return Image(value, np.hstack([jacobian / self.gain**4, by_parameter]))
 
 
 def test_a_curve_goes_on_in_more_segments_where_growth_within_one_is_taken_back() -> None:

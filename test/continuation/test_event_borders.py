@@ -77,7 +77,7 @@ class DenHartog:
                 jump = np.eye(2)
                 jump[1, 1] = (pull + s * sign) / (pull - s * sign)
                 x, m, by, sign = np.array([x[0], 0.0]), jump @ m, jump @ by, -sign
-        return Image(x, m, by[:, None])
+        return Image(x, np.column_stack([m, by]))
 
     def evaluate_each(self, states: Floats, values: Values, firsts: list[int], cycles: list[int]) -> list[Image]:
         return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]

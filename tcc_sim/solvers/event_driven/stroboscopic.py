@@ -109,9 +109,9 @@ class Prepared:
         derivative, peaks = columns.transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)
         return Stroboscopic(
             np.array([last_state["slip_speed"], last_state["plate_angle"], last_state["plate_speed"]]),
-            derivative[:, :3], derivative[:, 3:self.count],
-            event_sequence(seen["before"], seen["after"], int(last_state["first_mode"])), heights, peaks[:, :3],
-            peaks[:, 3:self.count], float(output[0]["stick_time"]), seen.tolist(),
+            derivative[:, :self.count],
+            event_sequence([*seen["before"][:1], *seen["after"]] or [last_state["first_mode"]]), heights,
+            peaks[:, :self.count], float(output[0]["stick_time"]), seen.tolist(),
             least[:, :GRADIENT + self.count] if margins else None)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.integrate import Setup, integrate
-from tcc_sim.solvers.smoothed.sensitivity_series import LANES
+from tcc_sim.solvers.smoothed.sensitivity_series import LANES, Tangent
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import DONE, Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
@@ -20,11 +20,10 @@ MOVES = 256
 """Transitions of a part that are kept."""
 
 PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
-                 ("state", np.float64, 3), ("status", np.int64), ("mode", np.int64), ("moves", np.int64),
-                 ("before", np.int8, MOVES), ("after", np.int8, MOVES), ("stick_time", np.float64)])
+                 ("state", np.float64, 3), ("status", np.int64), ("moves", np.int64), ("stick_time", np.float64)])
 """A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
-and at its end within the last one (s); the state at its start, then at its end; how it ended; the mode at its end and
-the transitions on the way; its time in stick (s)."""
+and at its end within the last one (s); the state at its start, then at its end; how it ended; the transitions on the
+way; its time in stick (s)."""
 
 
 @fast
@@ -48,18 +47,34 @@ def begin(part: Any, limits: Limits, tangent: Any, state: Any, control: Any, out
                 tangent.groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
 
 
-@fast
-def integrate_parts(parts: Any, setup: Setup, memory: Memory, store: Store, tangent: Any, ends: Any, heights: Any,
-                    climbs: Any) -> None:
-    """Solve all parts.
+class Room(NamedTuple):
+    """What parts are given in, what becomes of them, and work space; all of it is used again by the next ones.
 
-    Parameters
-    ----------
     parts : (m,) array of PART
-    ends : (m, groups, 3, LANES) array, filled with the tangents at their ends
-    heights, climbs : (m, n), (m, n, groups, LANES) arrays, filled with the largest |slip speed| of every cycle or part
-        of one, and what it changes by
+    modes : (m, MOVES + 1) array, their modes in order
+    ends : (m, groups, 3, LANES) array, the tangents at their ends
+    heights, climbs : (m, n), (m, n, groups, LANES) arrays, the largest |slip speed| of every cycle or part of one, and
+        what it changes by
+    groups, shared, peaks : as in `Tangent`
     """
+
+    parts: Any
+    modes: Any
+    ends: Any
+    heights: Any
+    climbs: Any
+    groups: Any
+    shared: Any
+    peaks: Any
+    memory: Memory
+    store: Store
+
+
+@fast
+def integrate_parts(room: Room, setup: Setup, torque: Any) -> None:
+    """Solve all parts; `torque` is that of `Tangent`."""
+    parts, modes, ends, heights, climbs, groups, shared, peaks, memory, store = room
+    tangent = Tangent(groups, shared, torque, peaks)
     state, output, cycles, moves = memory.state, memory.output, store.cycles, store.moves
     for k in range(parts.shape[0]):
         part = parts[k]
@@ -70,20 +85,21 @@ def integrate_parts(parts: Any, setup: Setup, memory: Memory, store: Store, tang
         if part.status != DONE:
             return
         part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
-        part.mode, part.moves = output.mode, min(output.moves, MOVES)
+        part.moves = min(output.moves, MOVES)
+        modes[k, 0] = moves[0].before if part.moves > 0 else output.mode
         for i in range(part.moves):
-            part.before[i], part.after[i] = moves[i].before, moves[i].after
+            modes[k, i + 1] = moves[i].after
         part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
         for n in range(part.cycles):
             part.stick_time += cycles[n].stick_time
             heights[k, n] = max(cycles[n].highest, -cycles[n].lowest)
         if part.tail > 0.0:
             heights[k, part.cycles] = max(output.highest, -output.lowest)
-        for i in range(tangent.groups.shape[0]):
+        for i in range(groups.shape[0]):
             for lane in range(LANES):
                 for c in range(3):
-                    ends[k, i, c, lane] = tangent.groups[i].now[c, lane]
+                    ends[k, i, c, lane] = groups[i].now[c, lane]
                 for n in range(part.cycles):
-                    climbs[k, n, i, lane] = tangent.peaks[n, i, lane]
+                    climbs[k, n, i, lane] = peaks[n, i, lane]
                 if part.tail > 0.0:
-                    climbs[k, part.cycles, i, lane] = tangent.groups[i].peak[lane]
+                    climbs[k, part.cycles, i, lane] = groups[i].peak[lane]

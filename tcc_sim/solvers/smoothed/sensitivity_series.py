@@ -50,7 +50,7 @@ CHANGES = np.dtype([("now", np.float64, (3, LANES)), ("by", np.float64, (len(NUM
 """Four lanes of changes.
 
 now : of slip speed, plate angle, plate speed
-by : of the numbers of `key_derivatives`; `forced` has a bit for every lane in which one of them is not 0
+by : of the numbers of `key_derivatives`; `forced` has a bit for every lane of a key
 rows, torques : over a series step, coefficients of the changes of the state, and of the torques ON_...
 nodes, applied : at the nodes of a collocation step, change of slip speed, and torque on flywheel and plate together
 peak : of the largest |slip speed| of the cycle

@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers.compiling.compiled import Partial
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
 from tcc_sim.solvers.smoothed import collocation_tables
-from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, integrate_parts
-from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED, Tangent
+from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, Room, integrate_parts
+from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED
 from tcc_sim.solvers.smoothed.setup import far_of
 from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
 from tcc_sim.solvers.smoothed.state import DONE, Memory
@@ -26,8 +26,6 @@ from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
 from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
-
-BITS = 1 << np.arange(LANES)
 
 
 def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
@@ -39,7 +37,7 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
     NumericalFailure
         The engine stopped early.
     """
-    shared = room_of(1, 2).tangent.shared
+    shared = room_of(1, 2, 1)[0].shared
     shared["slopes"], shared["averaged"] = 0.0, 1
     try:
         Prepared(system, (), rtol).over(state, cycle, cycle + 1)
@@ -52,12 +50,11 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
 def terms_for(system: System, changes: Floats) -> Terms:
     """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
     terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-    changed: list[bool] = np.any(changes, axis=1).tolist()
-    if changed[TORQUE_AMPLITUDE] and terms.torque is None:
+    if terms.torque is None and changes[TORQUE_AMPLITUDE].any():
         terms = terms._replace(torque=(0.0, omega))
-    if changed[LOAD_AMPLITUDE] and terms.pulsation is None:
+    if terms.pulsation is None and changes[LOAD_AMPLITUDE].any():
         terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
-    if changed[EXCESS_RATIO] and terms.stribeck is None:
+    if terms.stribeck is None and changes[EXCESS_RATIO].any():
         terms = terms._replace(stribeck=(0.0, system.friction.decay))
     return terms
 
@@ -72,17 +69,17 @@ class Prepared:
         self.period, self.count = system.cycle, 3 + len(keys)
         setup = setup_of(system, terms, rtol)
         limits = setup.limits
-        if changes[EXCESS_RATIO].any() and terms.stribeck is not None:
+        if terms.stribeck is not None and changes[EXCESS_RATIO].any():
             # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
             limits = limits._replace(far=max(limits.far, far_of(1.0, terms.stribeck[1], rtol, limits.layer)))
         self.setup = setup._replace(waves=setup.waves.copy(), limits=limits)
         ladder = collocation_tables.ladder_of(limits.fastest, self.period)
         self.torque = collocation_tables.response(terms.linear, *ladder).torque
         groups = math.ceil(self.count / LANES)
-        lanes = np.zeros((len(NUMBERS), groups * LANES))
-        lanes[:, 3:self.count] = changes
-        self.by = np.ascontiguousarray(lanes.reshape(len(NUMBERS), groups, LANES).transpose(1, 0, 2))
-        self.forced = lanes.any(axis=0).reshape(groups, LANES) @ BITS
+        self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(groups)]
+        self.by = np.zeros((groups, len(NUMBERS), LANES))
+        for k in range(3, self.count):
+            self.by[k // LANES, :, k % LANES] = changes[:, k - 3]
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; a smooth flow has no margins."""
@@ -91,49 +88,40 @@ class Prepared:
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
         """`over` for several starts, states (m, 3), by one compiled call."""
         groups, count, period = len(self.by), len(states), self.period
-        firsts, lasts = list(map(math.floor, starts)), list(map(math.floor, ends))
-        tails = [(end - last) * period for end, last in zip(ends, lasts)]
-        whole = [last - first + (tail > 0.0) for first, last, tail in zip(firsts, lasts, tails)]
-        most = max(last - first for first, last in zip(firsts, lasts)) + 1
-        parts = np.zeros(count, PART)
-        parts["first"], parts["cycles"] = firsts, [last - first for first, last in zip(firsts, lasts)]
-        parts["tau"], parts["tail"] = [(start - first) * period for start, first in zip(starts, firsts)], tails
-        parts["state"] = states
-        tangents, heights = np.empty((count, groups, 3, LANES)), np.empty((count, most))
-        climbs = np.empty((count, most, groups, LANES))
-        room = room_of(groups, most)
-        room.tangent.groups["by"], room.tangent.groups["forced"] = self.by, self.forced
-        tangent = room.tangent._replace(torque=self.torque)
-        integrate_parts(parts, self.setup, room.memory, room.store, tangent, tangents, heights, climbs)
-        for start, status in zip(starts, parts["status"].tolist()):
+        spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
+        most = max([last - first for first, last, _, _ in spans]) + 1
+        room, solve = room_of(groups, most, count)
+        room.groups["by"], room.groups["forced"] = self.by, self.forced
+        for k, (first, last, start, end) in enumerate(spans):
+            room.parts[k] = (first, last - first, (start - first) * period, (end - last) * period, states[k], DONE, 0,
+                             0.0)
+        solve(self.setup, self.torque)
+        by = room.ends.transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
+        heights, peaks = room.heights.copy(), room.climbs.reshape(count, most, -1)[..., :self.count].copy()
+        out = []
+        for k, part in enumerate(room.parts.copy()):
+            _, cycles, _, tail, state, status, moves, stick_time = part.item()
             if status != DONE:
-                raise NumericalFailure(f"smoothed: {STATUSES[status].value} after phase {start:g} of the engine cycle")
-        by, peaks = tangents.transpose(0, 2, 1, 3).reshape(count, 3, -1), climbs.reshape(count, most, -1)
-        moves, modes, stuck = parts["moves"].tolist(), parts["mode"].tolist(), parts["stick_time"].tolist()
-        before, after, passed, end = parts["before"], parts["after"], parts["state"], self.count
-        return [Stroboscopic(passed[k], by[k, :, :3], by[k, :, 3:end],
-                             event_sequence(before[k, :moves[k]], after[k, :moves[k]], modes[k]), heights[k, :n],
-                             peaks[k, :n, :3], peaks[k, :n, 3:end], stuck[k]) for k, n in enumerate(whole)]
-
-
-class Room(NamedTuple):
-    """Work space of the compiled call, used again by every one of a thread."""
-
-    tangent: Tangent
-    memory: Memory
-    store: Store
+                raise NumericalFailure(f"smoothed: {STATUSES[status].value} after phase {starts[k]:g} of the engine "
+                                       "cycle")
+            n = cycles + (tail > 0.0)
+            out.append(Stroboscopic(state, by[k], event_sequence(room.modes[k, :moves + 1].tolist()), heights[k, :n],
+                                    peaks[k, :n], stick_time))
+        return out
 
 
 _rooms = threading.local()
 
 
-def room_of(groups: int, most: int) -> Room:
-    """Work space for so many groups of lanes, and cycles in a part."""
-    known: dict[tuple[int, int], Room] = _rooms.__dict__.setdefault("known", {})
-    if (groups, most) not in known:
-        memory = Memory(*(np.zeros(1, kind)[0] for kind in KINDS))
-        tangent = Tangent(np.zeros(groups, CHANGES), np.zeros(1, SHARED)[0], np.empty((0, 0, 0)),
-                          np.zeros((most, groups, LANES)))
-        known[groups, most] = Room(tangent, memory, Store(np.zeros(most + 1, CYCLE), np.empty((0, 3)), 0,
-                                                          np.zeros(MOVES, MOVE)))
-    return known[groups, most]
+def room_of(groups: int, most: int, count: int) -> tuple[Room, Partial]:
+    """Room of this thread for so many groups of lanes, cycles in a part, and parts; and the kernel with it."""
+    known: dict[tuple[int, int, int], tuple[Room, Partial]] = _rooms.__dict__.setdefault("known", {})
+    found = known.get((groups, most, count))
+    if found is None:
+        room = Room(np.zeros(count, PART), np.empty((count, MOVES + 1), np.int8), np.empty((count, groups, 3, LANES)),
+                    np.empty((count, most)), np.empty((count, most, groups, LANES)), np.zeros(groups, CHANGES),
+                    np.zeros(1, SHARED)[0], np.zeros((most, groups, LANES)),
+                    Memory(*(np.zeros(1, kind)[0] for kind in KINDS)),
+                    Store(np.zeros(most + 1, CYCLE), np.empty((0, 3)), 0, np.zeros(MOVES, MOVE)))
+        found = known[groups, most, count] = room, Partial(integrate_parts, room)
+    return found
