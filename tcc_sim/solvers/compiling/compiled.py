@@ -216,7 +216,7 @@ def loaded(content: bytes, words: Words) -> Entry:
             raise kernel_cache.UnusableFile(f"{name} is missing")
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)(engine.get_function_address("kernel"))
+    call = ctypes.CFUNCTYPE(ctypes.c_int32)(engine.get_function_address("kernel"))
     packing = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
     unpacking, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
     unpack_from = unpacking.unpack_from
