@@ -33,8 +33,8 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
             said.append((len(rows), holding_from(text, stamp, general)))
 
     def publish(applied):
-        v, angle, speed, flywheel = stepper.state.tolist()
-        rows.append((stepper.tick * TICK, flywheel, angle, v + speed, speed, *stepper.torques(), applied))
+        v, angle, speed, flywheel, engine, friction, _ = stepper.now()
+        rows.append((stepper.tick * TICK, flywheel, angle, v + speed, speed, engine, friction, applied))
 
     def say_source(torque, pressure):
         source = written({"engine_torque": torque is not None, "actuation_pressure": pressure is not None})

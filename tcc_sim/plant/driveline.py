@@ -13,7 +13,7 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.course import START, Origin, along, moved
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import Stepper, tick
+from tcc_sim.solvers.fixed_step import Reached, Stepper, tick
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
 
 SHARE = 0.5
@@ -160,15 +160,15 @@ class Plant:
 
     def advance(self) -> Reading:
         """One tick; the state after it."""
-        return self._read(*self.stepper.advance())
+        return self._read(self.stepper.advance())
 
     def reading(self) -> Reading:
         """The state as it is."""
-        return self._read(*self.stepper.torques())
+        return self._read(self.stepper.now())
 
-    def _read(self, engine: float, friction: float) -> Reading:
-        """The state as it is, with engine and friction torque, N m."""
-        v, plate_angle, plate_speed, flywheel_angle = self.stepper.state.tolist()
+    def _read(self, reached: Reached) -> Reading:
+        """What a tick led to."""
+        v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         return Reading(self.stamp_ns, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction, v,
                        state, self._applied_pressure())
@@ -223,7 +223,8 @@ class Plant:
             shortest = np.inf
             for _ in range(REPEATS):
                 began = self._clock()
-                tick(state.copy(), 0.0, 0.0, MEASURED, self.stepper.step / self.stepper.substeps, terms)
+                tick(state.copy(), 0.0, 0.0, MEASURED, self.stepper.step / self.stepper.substeps, terms.mean_torque,
+                     terms.mean_load, terms)
                 shortest = min(shortest, (self._clock() - began) / MEASURED)
             dearest = max(dearest, shortest)
         return float(dearest)

@@ -218,15 +218,14 @@ class Verifier:
         known = (end == begin + 1 or not any(self._topics)) and self._applied_is_known(row[4], pressure)
         if known and not self._afford(end - begin):
             known = False
-        torques = math.nan, math.nan
+        solved = row
         for tick in range(begin + 1 if known else end, end + 1):
             if self._places and self._take_over(index, round(tick * self._stamp_step)):
                 self._use_scene()
             self._follow_sources(index)
             self._apply(row[4], pressure)
             if known:
-                torques = stepper.advance()
-        solved = self._values(*torques) if known else row
+                solved = _values(*stepper.advance())
         if not known:
             self._exact, stepper.tick = False, end
         if not self._exact:
@@ -253,7 +252,7 @@ class Verifier:
     def _now(self, row: Floats, pressure: float) -> list[float]:
         """What the message of the state as it is should hold."""
         self._apply(float(row[4]), pressure)
-        return self._values(*self._stepper.torques())
+        return _values(*self._stepper.now())
 
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""
@@ -276,11 +275,6 @@ class Verifier:
         while self._sources and self._sources[0][0] <= index:
             self._commanded = self._sources.popleft()[1]
 
-    def _values(self, engine: float, friction: float) -> list[float]:
-        """The columns of a message about the state as it is, with engine and friction torque, N m."""
-        v, plate_angle, plate_speed, flywheel_angle = self._stepper.state.tolist()
-        return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]
-
     def _compare(self, batch: JointStates, recorded: Floats, solved: Floats, exact: NDArray[np.bool_]) -> None:
         """Take the differences of a batch into account."""
         difference = np.abs(recorded - solved)
@@ -292,3 +286,9 @@ class Verifier:
         wrong = np.flatnonzero((difference > allowed).any(axis=1))
         if len(wrong) and self._first is None:
             self._first = int(batch.stamp_ns[wrong[0]])
+
+
+def _values(v: float, plate_angle: float, plate_speed: float, flywheel_angle: float, engine: float, friction: float,
+            _: int) -> list[float]:
+    """The columns of a message about what a tick led to."""
+    return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]

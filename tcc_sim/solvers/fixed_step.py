@@ -25,7 +25,7 @@ from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed
 from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import Terms, stick_speed_of, substeps, terms_of, torques_at
+from tcc_sim.solvers.terms import Terms, same_but_means, stick_speed_of, substeps, terms_of, torques_at
 from tcc_sim.solvers.torques import break_after, piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
@@ -155,6 +155,10 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
     return total, most
 
 
+Reached = tuple[float, float, float, float, float, float, int]
+"""v, theta2, omega2 and theta1 after a tick, engine and friction torque then, and most iterations in a stage of it."""
+
+
 class Stepper:
     """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next
     tick.
@@ -178,7 +182,7 @@ class Stepper:
         self.state = np.zeros(4)
         self.iterations_most = 0
         self.iterations_bound = ITERATION_BOUND
-        self._tick = Call(tick, 1, "ddq")
+        self._tick = Call(tick, 1, "ddqddd")
         self._laid_out: Terms | None = None
         self.use(terms_of(system))
         self.reset(system)
@@ -197,28 +201,30 @@ class Stepper:
     def warm_up(self, *variants: Terms) -> None:
         """Compile and run the kernel once for each kind of terms, without touching the state."""
         for terms in (self.terms, *variants):
-            tick(self.state.copy(), 0.0, 0.0, 1, self.step, terms)
+            tick(self.state.copy(), 0.0, 0.0, 1, self.step, terms.mean_torque, terms.mean_load, terms)
 
-    def advance(self) -> tuple[float, float]:
-        """One tick; engine torque and friction torque after it, N m."""
-        most, engine, friction_torque = self._called(self.substeps, (self.tick + 1) * self.step)
-        if most > self.iterations_most:
-            self.iterations_most = most
+    def advance(self) -> Reached:
+        """One tick, and what it led to."""
+        reached = self._called(self.substeps, (self.tick + 1) * self.step)
+        if reached[6] > self.iterations_most:
+            self.iterations_most = reached[6]
         self.tick += 1
-        return engine, friction_torque
+        return reached
 
-    def torques(self) -> tuple[float, float]:
-        """Engine torque and friction torque now, N m."""
-        _, engine, friction_torque = self._called(0, self.tick * self.step)
-        return engine, friction_torque
+    def now(self) -> Reached:
+        """The state as it is, and the torques on it."""
+        return self._called(0, self.tick * self.step)
 
-    def _called(self, n: int, end: float) -> tuple[int, float, float]:
-        """`tick` of so many sub-steps from now; what is the same in every tick is laid out once for the same terms."""
-        if self._laid_out is not self.terms:
-            self._tick.use(self.state, 0.0, end, n, self.step / self.substeps, self.terms)
-            self._laid_out = self.terms
-        found: tuple[int, float, float] = self._tick(self.tick * self.step, end, n)
-        return found
+    def _called(self, n: int, end: float) -> Reached:
+        """`tick` of so many sub-steps from now; terms are laid out where more than their means has changed."""
+        terms = self.terms
+        if terms is not self._laid_out:
+            if self._laid_out is None or not same_but_means(terms, self._laid_out):
+                self._tick.use(self.state, 0.0, 0.0, 0, 0.0, 0.0, 0.0, terms)
+            self._laid_out = terms
+        reached: Reached = self._tick(self.tick * self.step, end, n, self.step / self.substeps, terms.mean_torque,
+                                      terms.mean_load)
+        return reached
 
 
 @compiled
@@ -229,13 +235,16 @@ def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]
 
 
 @compiled
-def tick(state: Floats, t: float, end: float, n: int, h: float, terms: Terms) -> tuple[int, float, float]:
-    """`advance` with theta1 by n sub-steps of h seconds from time t; most iterations in one stage, and engine and
-    friction torque then, at time `end` as the next tick counts it, N m.
+def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: float, mean_load: float,
+         terms: Terms) -> Reached:
+    """`advance` with theta1 by n sub-steps of h seconds from time t, with these means in the place of those of `terms`;
+    the torques are those at time `end`, as the next tick counts it.
     """
-    _, most = advance(state, t, h, n, terms, True, None)
-    engine, friction_torque = engine_and_friction(end, state[0], terms)
-    return most, engine, friction_torque
+    held = Terms(terms.linear, mean_torque, terms.torque, terms.harmonics, mean_load, terms.pulsation, terms.smoothing,
+                 terms.stribeck, terms.course)
+    _, most = advance(state, t, h, n, held, True, None)
+    engine, friction_torque = engine_and_friction(end, state[0], held)
+    return state[0], state[1], state[2], state[3], engine, friction_torque, most
 
 
 @compiled

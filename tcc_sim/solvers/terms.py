@@ -102,14 +102,22 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
 
     The harmonics of an input that is held stay as terms of zero amplitude, so that the kernel is the same.
     """
+    if torque is None and load is None:
+        return terms
+    linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, course = terms
     if torque is not None:
-        terms = terms._replace(mean_torque=torque, torque=terms.torque and (0.0, terms.torque[1]),
-                               harmonics=None if terms.harmonics is None else terms.harmonics * (1.0, 0.0, 1.0),
-                               course=_held_in(terms.course, TORQUE, torque))
+        mean_torque, sine, course = torque, sine and (0.0, sine[1]), _held_in(course, TORQUE, torque)
+        harmonics = None if harmonics is None else harmonics * (1.0, 0.0, 1.0)
     if load is not None:
-        terms = terms._replace(mean_load=load, pulsation=terms.pulsation and (0.0, *terms.pulsation[1:]),
-                               course=_held_in(terms.course, LOAD, load))
-    return terms
+        mean_load, pulsation, course = load, pulsation and (0.0, *pulsation[1:]), _held_in(course, LOAD, load)
+    return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, course)
+
+
+def same_but_means(one: Terms, other: Terms) -> bool:
+    """Whether terms are the same but for the mean torque and the mean load."""
+    return (one.harmonics is other.harmonics and one.course is other.course
+            and (one.linear, one.torque, one.pulsation, one.smoothing, one.stribeck)
+            == (other.linear, other.torque, other.pulsation, other.smoothing, other.stribeck))
 
 
 def _held_in(course: Floats | None, column: int, value: float) -> Floats | None:

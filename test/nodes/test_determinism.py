@@ -117,6 +117,6 @@ def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any
 
 def encoded(stepper: Stepper) -> bytes:
     """The joint_states message of this tick."""
-    v, plate_angle, plate_speed, flywheel_angle = stepper.state.tolist()
-    return cdr.joint_state(stepper.tick * 1_000_000, flywheel_angle, plate_angle, v + plate_speed, plate_speed,
-                           *stepper.torques())
+    v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = stepper.now()
+    return cdr.joint_state(stepper.tick * 1_000_000, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
+                           friction)

@@ -32,7 +32,7 @@ def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float],
     terms = stepper.terms
     for tick in range(ticks):
         terms = terms._replace(mean_torque=mean_torque.get(tick, terms.mean_torque))
-        pressure.append(controller.update(slip_speed[-1], stepper.torques()[0]))
+        pressure.append(controller.update(slip_speed[-1], stepper.now()[4]))
         stepper.use(terms._replace(mean_load=system.torque_per_pressure * pressure[-1]))
         stepper.advance()
         slip_speed.append(float(stepper.state[0]))

@@ -123,10 +123,11 @@ def test_a_stepper_follows_what_it_is_told() -> None:
     system = load_scene("fig02").system
     own = terms_of(system)
     stepper = Stepper(system, 1e-3)
-    for tick, terms in enumerate((own, holding(own, 300.0, 400.0), general_terms(system), holding(own, 300.0, 200.0))):
+    for tick, terms in enumerate((own, holding(own, 300.0, 400.0), holding(own, 200.0, 800.0), holding(own, 200.0, 8.0),
+                                  general_terms(system), holding(own, 300.0, 200.0))):
         stepper.use(terms)
         stepper.tick, stepper.state[0] = 100 * tick, 20.0 + tick
-        assert stepper.torques() == engine_and_friction(0.1 * tick, 20.0 + tick, terms)
+        assert stepper.now()[4:6] == engine_and_friction(0.1 * tick, 20.0 + tick, terms)
         state, n = stepper.state.copy(), substeps(terms, 1e-3)
         advance(state, 0.1 * tick, 1e-3 / n, n, terms, True, None)
         stepper.advance()
