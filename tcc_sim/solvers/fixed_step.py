@@ -12,7 +12,6 @@ limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION res
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from tcc_sim.model import equations, friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed
+from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed, timed
 from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
@@ -275,16 +274,14 @@ def solve(problem: Problem) -> Trajectory:
     except InputError as error:
         return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
     ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
-    advance_ticks(state.copy(), problem.start, step, 0, 0, n, terms, flywheel, states)
     times, system = problem.sample_times(), problem.system
     samples, cycles = [states[:0]], []
     kept, first, done, total, most, status, seconds = 0, problem.start_cycle, 0, 0, 0, Status.DONE, 0.0
     while done < ticks:
         block = min(ticks - done, max(1, BATCH // n))
         out = np.empty((block * n, len(state)))
-        began = time.perf_counter()
-        count, worst = advance_ticks(state, problem.start, step, done, block, n, terms, flywheel, out)
-        seconds += time.perf_counter() - began
+        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, terms, flywheel, out)
+        seconds += spent
         total, most = total + count, max(most, worst)
         fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)
         t, states = np.concatenate([t, fresh.ravel()]), np.concatenate([states, out])

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers.compiling.compiled import timed
 from tcc_sim.solvers.event_driven.integrate import (
     CHATTERING,
     COUNTERS,
@@ -37,13 +36,13 @@ from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
 from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
-from tcc_sim.solvers.loads import loads_of, room_for_loads
+from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store, room_for_moves, transitions_of
+from tcc_sim.solvers.step_output import OUTPUT, room_for_moves
 from tcc_sim.solvers.terms import Terms, terms_of
-from tcc_sim.trajectory import Cycles, Floats, Modes, Statistics, Status, Trajectory
+from tcc_sim.trajectory import Floats, Modes, Statistics, Status, Trajectory
 
 STEP_MAXIMUM = 1_000_000
 """Most steps of one engine cycle."""
@@ -51,10 +50,6 @@ MOVES = 65536
 """Transitions kept in one call of the compiled loop, and those of one more cycle."""
 STATUS = {DONE: Status.DONE, CHATTERING: Status.EVENT_LIMIT, EXHAUSTED: Status.STEP_LIMIT,
           NOT_FINITE: Status.NOT_FINITE}
-
-
-_compiled: set[tuple[bool, ...]] = set()
-"""Which terms are absent, for every kernel that has been called."""
 
 
 @per_system
@@ -88,65 +83,34 @@ def solve(problem: Problem) -> Trajectory:
         rest = rest if rest > 1e-12 * cycle else 0.0
     setup = setup_of(system, SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol)
     terms, limit = constant_law(terms_of(system)), setup.event_limit
-    times = problem.sample_times()
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
     state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN,
                 0.0)
     output["highest"] = output["lowest"] = s.slip_speed
-    cycles, samples = np.zeros((whole + 2, CYCLE.itemsize // 8)), np.zeros((len(times), 5))
-    cycles[0, :3] = s.slip_speed, s.plate_angle, s.plate_speed
-    moves = room_for_moves(MOVES + limit)
-    work = work_of(setup.bounds)
-    loads = room_for_loads(problem)
+    kept, moves, seconds = Kept(problem, 5), room_for_moves(MOVES + limit), 0.0
     given = (setup._replace(waves=setup.waves.copy()),
-             Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], work),
-             Store(cycles.view(CYCLE)[:, 0], samples, problem.samples_per_cycle, moves, loads),
-             True if problem.flywheel_angle else None)
-    variant = problem.flywheel_angle, loads is None, work.nodes is None, terms.pulsation is None, terms.stribeck is None
-    if variant not in _compiled:
-        integrate(problem.start_cycle, 0, 0.0, STEP_MAXIMUM, *given)
-        _compiled.add(variant)  # Compiling is not solving.
-    began = time.perf_counter()
-    kept: list[NDArray[Any]] = []
-    while True:
-        ended = integrate(problem.start_cycle, whole, rest, STEP_MAXIMUM, *given)
-        n = int(output["moves"][0])
-        if n:
-            kept.append(moves[:n].copy())
-            output["moves"] = 0
-        if ended != FULL:
-            break
-    seconds = time.perf_counter() - began
-    status = STATUS[ended]
+             Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], work_of(setup.bounds)),
+             kept.store(moves), True if problem.flywheel_angle else None)
+    ended = FULL
+    while ended == FULL:
+        output["moves"] = 0
+        ended, spent = timed(integrate, problem.start_cycle, whole, rest, STEP_MAXIMUM, *given)
+        seconds += spent
+        kept.moves.append(moves[:int(output["moves"][0])].copy())
+    status, last = STATUS[ended], state[0]
     done = min(int(output["cycle"][0]), whole)
-    times, samples = _with_end(times, samples, int(output["samples"][0]), problem, state[0], done * cycle, status)
+    first = s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, last["first_mode"]
+    times, samples = kept.sampled(
+        first, tuple(last[["slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "mode"]]),
+        int(output["samples"][0]), status, problem.start + done * cycle + float(last["tau"]))
     modes = samples[:, 4].astype(np.int8)
-    highest, lowest, stick_time = cycles[:done, 3:].T.copy()
-    transitions = transitions_of(kept)
+    cycles, transitions = kept.cycles_and_transitions(done)
     out = assemble(problem, "event_driven", times, samples[:, :4 if problem.flywheel_angle else 3],
-                   friction_torque=friction_torques(terms, times, samples, modes),
-                   cycles=Cycles(cycles[:done + 1, :3].copy(), highest, lowest, stick_time,
-                                 loads_of(loads, transitions, problem, done)),
+                   friction_torque=friction_torques(terms, times, samples, modes), cycles=cycles,
                    transitions=transitions, status=status, detail=_detail(status, limit),
                    statistics=Statistics(steps=int(counters["steps"][0]), seconds=seconds))
     return dataclasses.replace(out, state=np.where(modes == FREE, np.sign(samples[:, 0]), modes).astype(np.int8))
-
-
-def _with_end(times: Floats, samples: Floats, filled: int, problem: Problem, last: Any, done: float,
-              status: Status) -> tuple[Floats, Floats]:
-    """Samples with the state where the run ended as the last one, at the end or where it failed."""
-    if problem.samples_per_cycle < 1:
-        filled = 1
-        s = problem.state
-        samples[0, :4] = s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle
-        samples[0, 4] = last["first_mode"]
-    filled = min(filled, len(times) - 1)
-    row = [last["slip_speed"], last["plate_angle"], last["plate_speed"], last["flywheel_angle"], last["mode"]]
-    samples[filled] = row
-    if status is not Status.DONE:
-        times[filled] = problem.start + done + last["tau"]
-    return times[:filled + 1], samples[:filled + 1]
 
 
 def friction_torques(terms: Terms, t: Floats, samples: Floats, modes: Modes) -> Floats:

@@ -11,17 +11,14 @@ from __future__ import annotations
 
 import math
 import threading
-import time
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers.compiling.compiled import timed
 from tcc_sim.solvers.excitation import DRIVE, waves_of
-from tcc_sim.solvers.loads import loads_of, room_for_loads
+from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.smoothed import collocation_tables
@@ -41,19 +38,15 @@ from tcc_sim.solvers.smoothed.state import (
 )
 from tcc_sim.solvers.smoothed.stretches import Stretch, longest_and_shortest_cycle, stretches_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.step_output import CYCLE, MOVE, OUTPUT, Store, room_for_moves, transitions_of
+from tcc_sim.solvers.step_output import OUTPUT, room_for_moves
 from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
-from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory
+from tcc_sim.trajectory import State, Statistics, Status, Trajectory
 
 STEPS_AT_FIRST = 400_000
 """Steps of a solve before those of its cycles are counted."""
 TRANSITIONS_MAXIMUM = 1_000_000
 STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
             NOT_FINITE: Status.NOT_FINITE}
-
-_compiled: set[tuple[bool, ...]] = set()
-"""Which terms are absent, for every kernel that has been called."""
-
 
 KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
 
@@ -125,58 +118,37 @@ def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
 
 def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     """Solve batch by batch."""
-    count = problem.whole_cycles
-    memory, start, per_cycle = scratch.at(problem.state, setup.limits), problem.state, problem.samples_per_cycle
+    memory, start = scratch.at(problem.state, setup.limits), problem.state
     setup = setup._replace(waves=setup.waves.copy())
-    samples = np.empty((per_cycle * (count + 1), 4 if problem.flywheel_angle else 3))
-    cycles = np.zeros((count + 1, CYCLE.itemsize // 8))
-    cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
-    records = cycles.view(CYCLE)[:, 0]
-    loads = room_for_loads(problem)
-    limit = STEPS_AT_FIRST + setup.limits.steps * (count + 1)
+    kept = Kept(problem, 4 if problem.flywheel_angle else 3)
+    limit = STEPS_AT_FIRST + setup.limits.steps * (problem.whole_cycles + 1)
     angle = True if problem.flywheel_angle else None
-
-    def integrate(stretch: Stretch, moves: NDArray[Any]) -> int:
-        """March on through some cycles and the rest of one."""
-        done = stretch.done
-        store = Store(records[done:], samples[done * per_cycle:], per_cycle, moves,
-                      None if loads is None else loads[done:])
-        return kernel.integrate(problem.start_cycle + done, stretch.cycles, stretch.rest, limit, stretch.setup, memory,
-                                store, angle, None)
-
-    found: list[NDArray[Any]] = []
-    seconds, kept, status = 0.0, 0, DONE
+    seconds, left, status = 0.0, TRANSITIONS_MAXIMUM, DONE
     output = memory.output
     for stretch in stretches_of(problem, setup):
-        output["cycle"], output["samples"], output["moves"] = 0, _samples_before(stretch, memory, per_cycle), 0
-        terms = stretch.setup.terms
-        variant = (problem.flywheel_angle, loads is None, terms.pulsation is None, terms.stribeck is None,
-                   terms.course is None)
-        if variant not in _compiled:
-            integrate(stretch._replace(cycles=0, rest=0.0), np.empty(0, MOVE))  # Compiling is not solving.
-            _compiled.add(variant)
-        moves = room_for_moves(min(16 * stretch.cycles + 4096, TRANSITIONS_MAXIMUM - kept))
-        begin = time.perf_counter()
-        status = integrate(stretch, moves)
-        seconds += time.perf_counter() - begin
+        output["cycle"], output["moves"] = 0, 0
+        output["samples"] = _samples_before(stretch, memory, problem.samples_per_cycle)
+        moves = room_for_moves(min(16 * stretch.cycles + 4096, left))
+        status, spent = timed(kernel.integrate, problem.start_cycle + stretch.done, stretch.cycles, stretch.rest, limit,
+                              stretch.setup, memory, kept.store(moves, stretch.done), angle, None)
+        seconds += spent
         cycle, filled_samples, filled = output.item()[:3]
-        if filled:
-            kept += filled
-            found.append(moves[:filled].copy())
+        left -= filled
+        kept.moves.append(moves[:filled].copy())
         if status != DONE:
             break
     whole, state = stretch.done + cycle, memory.state.item()
-    t, states = sampled(problem, state[:4], samples, stretch.done * per_cycle + filled_samples, STATUSES[status],
-                        _reached(problem, stretch, cycle, state[4]))
+    first = start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle
+    columns = kept.samples.shape[1]
+    t, states = kept.sampled(first[:columns], state[:columns],
+                             stretch.done * problem.samples_per_cycle + filled_samples, STATUSES[status],
+                             _reached(problem, stretch, cycle, state[4]))
     steps, rejected, iterations, iterations_max = memory.counters.item()
-    transitions = transitions_of(found)
-    highest, lowest, stick_time = cycles[:whole, 3:].T.copy()
-    trajectory = assemble(
-        problem, "smoothed", t, states, transitions=transitions, status=STATUSES[status],
-        cycles=Cycles(cycles[:whole + 1, :3].copy(), highest, lowest, stick_time,
-                      loads_of(loads, transitions, problem, whole)),
+    cycles, transitions = kept.cycles_and_transitions(whole)
+    return assemble(
+        problem, "smoothed", t, states, cycles=cycles, transitions=transitions, status=STATUSES[status],
+        detail="the state grew without bound" if status == NOT_FINITE else "",
         statistics=Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM, seconds))
-    return trajectory if status != NOT_FINITE else replace(trajectory, detail="the state grew without bound")
 
 
 def _samples_before(stretch: Stretch, memory: Memory, per_cycle: int) -> int:
@@ -189,19 +161,3 @@ def _reached(problem: Problem, stretch: Stretch, cycle: int, tau: float) -> floa
     if stretch.setup.terms.course is not None:
         return float(problem.system.cycle_start(problem.start_cycle + stretch.done + cycle)) + tau
     return (problem.start_cycle + stretch.done + cycle) * stretch.setup.limits.period + tau
-
-
-def sampled(problem: Problem, final: tuple[float, ...], samples: Floats, filled: int, status: Status,
-            reached: float) -> tuple[Floats, Floats]:
-    """Times and states kept; of a run that ended early those up to its end."""
-    start, columns = problem.state, samples.shape[1]
-    end = problem.end if status is Status.DONE else reached
-    if not problem.samples_per_cycle:
-        initial = start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle
-        return np.array([problem.start, end]), np.array([initial[:columns], final[:columns]])
-    times = problem.sample_times()
-    if status is Status.DONE:
-        filled = len(times) - 1
-    else:
-        filled = min(filled, len(times) - 1, int(np.searchsorted(times, reached)))
-    return np.append(times[:filled], end), np.vstack([samples[:filled], final[:columns]])
