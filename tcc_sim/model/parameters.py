@@ -70,14 +70,24 @@ class Clutch(Group):
 
 
 @dataclass(frozen=True)
-class Engine(Group):
+class Excitation(Group):
+    """A part of the excitation, which the scene gives or commands on a topic do."""
+
+    source: str = quantity("harmonic", "where it comes from: the scene, or commands", choices=("harmonic", "topic"))
+    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: "
+                             "the mean, or the scene's own harmonic course at simulation time",
+                             choices=("mean", "harmonic"))
+
+    @property
+    def harmonic(self) -> bool:
+        """Whether the scene's own course ever applies: always, or as the fallback beside commands."""
+        return "harmonic" in (self.source, self.fallback)
+
+
+@dataclass(frozen=True)
+class Engine(Excitation):
     """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2."""
 
-    source: str = quantity("harmonic", "where the engine torque comes from", choices=("harmonic", "topic"))
-    fallback: str = quantity("mean",
-                             "with source topic, what applies until the first command and after a time-out: the "
-                             "mean torque, or the scene's own harmonic torque at simulation time",
-                             choices=("mean", "harmonic"))
     mean_torque: float = quantity(300.0, "mean engine torque Tm", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
     torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
                                        live=True)
@@ -106,21 +116,11 @@ class Engine(Group):
             raise InputError(f"engine.harmonic_amplitudes has {len(self.harmonic_amplitudes)} values; at most 32 are "
                              "allowed")
 
-    @property
-    def harmonic(self) -> bool:
-        """Whether the scene's own harmonics ever apply: always, or as the fallback beside commands."""
-        return "harmonic" in (self.source, self.fallback)
-
 
 @dataclass(frozen=True)
-class Pressure(Group):
+class Pressure(Excitation):
     """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
 
-    source: str = quantity("harmonic", "where the actuation pressure comes from", choices=("harmonic", "topic"))
-    fallback: str = quantity("mean",
-                             "with source topic, what applies until the first command and after a time-out: the "
-                             "mean pressure, or the scene's own harmonic pressure at simulation time",
-                             choices=("mean", "harmonic"))
     mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
     amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
                                 PRESSURE_MAXIMUM, live=True)
@@ -134,11 +134,6 @@ class Pressure(Group):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_profile("pressure.mean", self.mean_times, self.mean_values)
-
-    @property
-    def harmonic(self) -> bool:
-        """Whether the scene's own pulsation ever applies: always, or as the fallback beside commands."""
-        return "harmonic" in (self.source, self.fallback)
 
 
 @dataclass(frozen=True)
