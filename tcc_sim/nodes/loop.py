@@ -91,7 +91,7 @@ class RealTimeLoop:
         self.refused_wishes: list[str] = []
         self.clock_started = threading.Event()
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        self._stop, self._wake = threading.Event(), threading.Event()
+        self._stopping, self._wake = False, threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
         self._compiler = threading.Thread(target=self.plant.warm_up_general, name="compiler", daemon=True)
         engine, pressure = topic("engine_torque"), topic("actuation_pressure")
@@ -128,7 +128,7 @@ class RealTimeLoop:
 
     def stop(self) -> None:
         """End the thread; returns when it has ended, at most after one sleep slice."""
-        self._stop.set()
+        self._stopping = True
         self._wake.set()
         if self.running:
             self._thread.join(timeout=1.0)
@@ -216,7 +216,7 @@ class RealTimeLoop:
             with ExitStack() as held:
                 for handle in (*self.outputs.handles(), *(command.subscription.handle for command in self.commands)):
                     held.enter_context(handle)
-                while not self._stop.is_set():
+                while not self._stopping:
                     self._serve()
                     if not self.outputs.flush():
                         self._rest(LOOK)
@@ -226,7 +226,7 @@ class RealTimeLoop:
                         self._tick()
         except BaseException as error:
             # A signal ends the context first; what publishing says to that is no failure.
-            if not self._stop.is_set() and self._context.ok():
+            if not self._stopping and self._context.ok():
                 self.failure = error
 
     def _serve(self) -> None:
@@ -241,7 +241,7 @@ class RealTimeLoop:
 
     def _interrupted(self) -> bool:
         """Whether there is something else to do than to wait."""
-        return self._stop.is_set() or not self._requests.empty()
+        return self._stopping or not self._requests.empty()
 
     def _due(self) -> bool:
         """Wait for what the next tick waits for, with its commands taken; False where something else comes first."""
@@ -289,18 +289,23 @@ class RealTimeLoop:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
+        if self.commands:
+            self._say_source(reading.stamp_ns)
+        self.outputs.state(reading)
+
+    def _say_source(self, stamp_ns: int) -> None:
+        """Say which inputs a command holds, where that is other than what was said."""
         commanded = [command.value is not None for command in self.commands]
         if commanded != self._said_commanded:
             self._said_commanded = commanded
             source = written(dict(zip((command.name for command in self.commands), commanded)))
-            self.outputs.say("input_source", cdr.header(reading.stamp_ns, source))
-        self.outputs.state(reading)
+            self.outputs.say("input_source", cdr.header(stamp_ns, source))
 
     def _await_subscribers(self) -> bool:
         """Wait for the subscribers that were asked for, and until no more of them appear; False when told to stop."""
         wanted = self.scene.operation.wait_for_subscribers
         seen, since = -1, time.monotonic()
-        while wanted and not self._stop.is_set():
+        while wanted and not self._stopping:
             self._serve()
             joint_states, count = self.outputs.subscriptions()
             now = time.monotonic()
@@ -309,7 +314,7 @@ class RealTimeLoop:
             elif joint_states >= wanted and now - since >= SETTLED:
                 break
             self._rest(LOOK)
-        return not self._stop.is_set()
+        return not self._stopping
 
 
 def _value(command: Command | None) -> float | None:

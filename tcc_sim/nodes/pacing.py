@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Callable
 
 import numpy as np
@@ -47,65 +48,60 @@ class Pacer:
         self.late_ticks = 0
         self.missed_ticks = 0
         self.lateness_max = 0.0
-        self.drift = 0.0
-        """Real time at the last tick since the last `anchor()`, beyond what the ticks since then stand for, s."""
         self._most_lead = lead * 1e9
         self._lead = 0.0
-        self._recent = np.zeros(kept)
-        self._anchor = self._first = 0.0
-        self._since_anchor = self._since_first = 0
+        self._recent = array("d", bytes(8 * kept))
         self.anchor()
 
     def anchor(self) -> None:
         """Count deadlines from now: at the start, after a pause, after a change of the period."""
-        self._anchor = self._first = float(self._clock())
-        self._since_anchor = self._since_first = 0
+        self._anchor = self._first = self._last = float(self._clock())
+        self._anchor_tick = self._first_tick = self.ticks
+
+    @property
+    def drift(self) -> float:
+        """Real time at the last tick since the last `anchor()`, beyond what the ticks since then stand for, s."""
+        return (self._last - self._first - (self.ticks - self._first_tick) * self.period_ns) * 1e-9
 
     def wait(self, interrupted: Callable[[], bool]) -> bool:
         """Sleep until the next deadline; True when it has come, also where it had passed before.
 
         False as soon as `interrupted()` holds, which is looked at every SLICE: the deadline is then still the next one.
         """
-        deadline = self._anchor + (self._since_anchor + 1) * self.period_ns
+        deadline = self._anchor + (self.ticks - self._anchor_tick + 1) * self.period_ns
         now = self._clock()
         while now < deadline:
             if interrupted():
                 return False
             asked = deadline - now - self._lead
-            if asked > 0.0:
-                now = self._slept(now, asked)
+            if asked > SLICE * 1e9:
+                self._sleep(SLICE)
+                now = self._clock()
+            elif asked > 0.0:
+                self._sleep(asked * 1e-9)
+                began, now = now, self._clock()
+                if now - began - asked > self._lead:
+                    self._lead = min(self._lead + _LEAD_UP, self._most_lead, LEAD_PART * self.period_ns)
+                else:
+                    self._lead = max(self._lead - _LEAD_DOWN, 0.0)
             else:
                 now = self._clock()
-        self._since_anchor += 1
         lateness = (now - deadline) * 1e-9
         self._recent[self.ticks % len(self._recent)] = lateness
         self.ticks += 1
-        self._since_first += 1
-        self.drift = (now - self._first - self._since_first * self.period_ns) * 1e-9
+        self._last = now
         if lateness > self.lateness_max:
             self.lateness_max = lateness
         if now - deadline > self.period_ns:
             self.late_ticks += 1
         if lateness > CATCH_UP:
             self.missed_ticks += int((now - deadline) // self.period_ns)
-            self._anchor = float(now)
-            self._since_anchor = 0
+            self._anchor, self._anchor_tick = float(now), self.ticks
         return True
-
-    def _slept(self, now: float, asked: float) -> int:
-        """Sleep for so many ns, or for a SLICE of them; the time after it."""
-        if asked > SLICE * 1e9:
-            self._sleep(SLICE)
-            return self._clock()
-        self._sleep(asked * 1e-9)
-        woken = self._clock()
-        later = self._lead + (_LEAD_UP if woken - now - asked > self._lead else -_LEAD_DOWN)
-        self._lead = min(max(later, 0.0), self._most_lead, LEAD_PART * self.period_ns)
-        return woken
 
     def latenesses(self) -> NDArray[np.float64]:
         """Lateness of the last ticks, s, in no order."""
-        return self._recent[:min(self.ticks, len(self._recent))]
+        return np.array(self._recent)[:self.ticks]
 
     def lateness(self) -> tuple[float, float]:
         """Median and 99th percentile of the lateness of the last ticks, s."""
