@@ -58,7 +58,6 @@ class Plant:
     """
 
     def __init__(self, scene: Scene, clock: Callable[[], float] = time.perf_counter) -> None:
-        self.scene = scene
         self._clock = clock
         self.stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
         self.general = False
@@ -66,7 +65,7 @@ class Plant:
         self._stamp_step = 1e9 / scene.operation.rate
         self._own = self._terms = terms_of(scene.system)
         self.origin = START
-        self._stick_speed = stick_speed_of(self._own)
+        self._follow(scene)
         self._torque: float | None = None
         self._pressure: float | None = None
         self._cost: dict[bool, float] = {}
@@ -125,8 +124,7 @@ class Plant:
         self.check(scene)
         self.general, self._terms, self.origin = self.needs_general(scene), self._terms_of(scene), self._origin_of(
             scene)
-        self._stick_speed = stick_speed_of(terms_of(scene.system))
-        self.scene = scene
+        self._follow(scene)
         self.stepper.use(_held(scene, self._terms, self._torque, self._pressure))
 
     def hold(self, torque: float | None, pressure: float | None) -> None:
@@ -170,21 +168,28 @@ class Plant:
         """What a tick led to."""
         v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
-        return Reading(self.stamp_ns, flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction, v,
-                       state, self._applied_pressure())
+        return Reading(self.stamp_of(self.stepper.tick), flywheel_angle, plate_angle, v + plate_speed, plate_speed,
+                       engine, friction, v, state, self._applied_pressure())
 
     def _applied_pressure(self) -> float:
         """Pressure at the end of the tick, Pa, where it comes from a topic."""
         if self._pressure is not None:
             return self._pressure
-        system, t = self.scene.system, self.stepper.tick * self.stepper.step
-        own, mean, angle = system.pressure, system.pressure.mean, system.pressure.frequency_ratio
+        mean, amplitude, angle, frequency, phase = self._swing
+        t = self.stepper.tick * self.stepper.step
         if self._terms.course is None:
-            angle *= system.engine.frequency * t
+            angle *= frequency * t
         else:
-            phase, _, load = along(self._terms.course, t)
-            mean, angle = float(load) / system.torque_per_pressure, angle * float(phase) + self.origin.lead
-        return max(0.0, mean + own.amplitude * math.sin(angle + own.phase)) if own.harmonic else mean
+            turned, _, load = along(self._terms.course, t)
+            mean, angle = float(load) / self.scene.system.torque_per_pressure, angle * float(turned) + self.origin.lead
+        return max(0.0, mean + amplitude * math.sin(angle + phase)) if amplitude else mean
+
+    def _follow(self, scene: Scene) -> None:
+        """Take from `scene` what every tick needs."""
+        own, self.scene = scene.system.pressure, scene
+        self._stick_speed = stick_speed_of(terms_of(scene.system))
+        self._swing = (own.mean, own.amplitude if own.harmonic else 0.0, own.frequency_ratio,
+                       scene.system.engine.frequency, own.phase)
 
     def _origin_of(self, scene: Scene) -> Origin:
         """Where the phases are counted from if `scene` holds from the next tick on."""
