@@ -106,8 +106,8 @@ def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywhe
 
 
 ENCODERS: Mapping[str, Callable[..., bytes]] = {
-    topics.FLOAT64: lambda _, value: float64(value),
-    topics.INT8: lambda _, value: int8(value),
+    topics.FLOAT64: lambda _, value: _FLOAT64.pack(HEADER, value),
+    topics.INT8: lambda _, value: _INT8.pack(HEADER, value),
     topics.FLUID_PRESSURE: fluid_pressure,
     topics.JOINT_STATE: joint_state,
     topics.CLOCK: lambda _, stamp_ns: clock(stamp_ns),

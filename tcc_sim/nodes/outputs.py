@@ -103,9 +103,7 @@ class Outputs:
 
     def _send(self, publisher: Any, data: bytes) -> None:
         """Send, or let it wait behind what waits, or count it."""
-        if self._waiting:
-            self._waiting.append((publisher, data))
-        elif not self._taken(publisher, data):
+        if self._waiting or not self._taken(publisher, data):
             if self.patient:
                 self._waiting.append((publisher, data))
             else:
