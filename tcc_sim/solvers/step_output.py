@@ -34,7 +34,7 @@ far.
 
 class Store(NamedTuple):
     """Where a run is kept: arrays of CYCLE, of states (rows of samples), of MOVE, and of LOADS where those are asked
-    for; and how many samples to a cycle.
+    for; and how many samples to a cycle. Without an array of MOVE a cycle is no more than the state at its start.
     """
 
     cycles: Any
@@ -196,5 +196,16 @@ def record(work: Any, degree: int, unit: float, x: float, cut: float, tau: float
     """
     if store.per_cycle > 0:
         keep_samples(work.rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
-    behind = keep_modes(work.rows, degree, unit, x, cut, time, stick_speed, output, store.moves, work.bernstein)
-    keep_cycle(work.rows, degree, x, cut, behind, output, store.cycles, work.bernstein)
+    keep_course(work.rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.moves, work.bernstein)
+
+
+@fast
+def keep_course(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
+                cycles: Any, moves: Any, workspace: Any) -> None:
+    """Transitions, time in stick, extremes and section; only the section where `moves` are None."""
+    if moves is not None:
+        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
+        keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)
+    elif cut <= x:
+        slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)
+        end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)

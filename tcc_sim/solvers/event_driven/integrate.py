@@ -186,29 +186,47 @@ def keep(step: Step, mode: int, tau: float, period: float, ends: bool, linear: L
         if cut <= step.x:
             _, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
             end_cycle(output, cycles, 0.0, plate_angle, plate_speed, behind)
-        return
-    v = rows[SLIP, 0]
-    if cut > step.x and v + step.reach <= output.highest and v - step.reach >= output.lowest:
-        return
-    if monotone(rows, step.degree, step.x, step.reach):
+    else:
+        keep_slip(step, cut, rows, output, cycles, store.moves, workspace)
+
+
+@fast
+def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, moves: Any, workspace: Any) -> None:
+    """Extremes and section of a step in slip; only the section where `moves` are None."""
+    if moves is None:
         if cut <= step.x:
             slip_speed, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
-            output.highest, output.lowest = max(output.highest, slip_speed), min(output.lowest, slip_speed)
             end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
-        v = polynomial.value(rows, SLIP, step.degree, step.x)
-        output.highest, output.lowest = max(output.highest, v), min(output.lowest, v)
-        return
-    to_bernstein(rows, SLIP, step.degree, step.x, workspace)
-    keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
+    else:
+        v = rows[SLIP, 0]
+        if cut > step.x and v + step.reach <= output.highest and v - step.reach >= output.lowest:
+            return
+        if monotone(rows, step.degree, step.x, step.reach):
+            if cut <= step.x:
+                slip_speed, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
+                output.highest, output.lowest = max(output.highest, slip_speed), min(output.lowest, slip_speed)
+                end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
+            v = polynomial.value(rows, SLIP, step.degree, step.x)
+            output.highest, output.lowest = max(output.highest, v), min(output.lowest, v)
+            return
+        to_bernstein(rows, SLIP, step.degree, step.x, workspace)
+        keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
 
 
 @fast
 def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> None:
-    """Keep a transition."""
-    moves[output.moves].time = time
-    moves[output.moves].before = before
-    moves[output.moves].after = after
-    output.moves += 1
+    """Keep a transition, where there is room for them."""
+    if moves is not None:
+        moves[output.moves].time = time
+        moves[output.moves].before = before
+        moves[output.moves].after = after
+        output.moves += 1
+
+
+@fast
+def full(moves: Any, more: int) -> bool:
+    """Whether there may be no room for so many transitions."""
+    return moves is not None and more > moves.shape[0]
 
 
 @compiled
@@ -262,6 +280,6 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
             break
         if counters.cycle_steps >= step_limit:
             return EXHAUSTED
-        if output.cycle > n and output.moves + event_limit + 1 > store.moves.shape[0]:
+        if output.cycle > n and full(store.moves, output.moves + event_limit + 1):
             return FULL
     return DONE
