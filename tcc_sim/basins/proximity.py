@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,32 @@ Labels = NDArray[np.int64]
 Counts = NDArray[np.int64]
 
 
+class Orbits(NamedTuple):
+    """The section points of periodic attractors, one after the other.
+
+    points : (k, n) in the map's natural sizes
+    reach : (k,) squares of the capture radii
+    cycle : (k,) number of the cycle, modulo `forcing`, at whose start a motion is there
+    following : (k,) index of the point after it
+    forcing : cycles after which the map repeats
+    """
+
+    points: Floats
+    reach: Floats
+    cycle: NDArray[np.int64]
+    following: NDArray[np.int64]
+    forcing: int
+
+
 class Motion(Protocol):
     """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
 
     map: ParameterMap
 
-    def sections(self, starts: Floats, first: int, cycles: int) -> Floats:
+    def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits | None = None) -> Floats:
         """(m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles first to first + cycles.
 
-        NaN from where one cannot be solved further.
+        NaN from where one cannot be solved further, and where it need not be: behind two points by one of the orbits.
         """
 
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
@@ -73,19 +90,23 @@ class ProximityMapper:
     """
 
     def __init__(self, attractors: Sequence[Attractor], scales: Floats, forcing_period: int) -> None:
-        self._scales, self._forcing = scales, forcing_period
+        self._scales = scales
         orbits = [(k, a) for k, a in enumerate(attractors) if a.period]
-        self._points = np.concatenate([a.section for _, a in orbits] or [np.empty((0, len(scales)))]) / scales
         self._owner = np.array([k for k, a in orbits for _ in range(a.period)], dtype=np.int64)
-        self._cycle = np.array([i for _, a in orbits for i in range(a.period)], dtype=np.int64)
-        self._reach = np.array([a.radius**2 for _, a in orbits for _ in range(a.period)])
+        cycle = np.array([i for _, a in orbits for i in range(a.period)], dtype=np.int64)
         starts = np.cumsum([0, *(a.period for _, a in orbits)])
-        self._following = np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits)
-                                    for i in range(a.period)],
-                                   dtype=np.int64)
+        self.orbits = Orbits(
+            np.concatenate([a.section for _, a in orbits] or [np.empty((0, len(scales)))]) / scales,
+            np.array([a.radius**2 for _, a in orbits for _ in range(a.period)]), cycle,
+            np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits) for i in range(a.period)],
+                     dtype=np.int64), forcing_period)
         self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales)
                                        for phase in range(forcing_period)])
                         for k, a in enumerate(attractors) if not a.period]
+
+    def patience(self, cycle: int, settings: Settings) -> int:
+        """Cycles that motions are solved further after so many: those that come to an orbit end by themselves."""
+        return settings.chunk if self._clouds else max(settings.chunk, cycle)
 
     def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
         """Indices of attractors (k,) and cycles until they were reached (k,) of section points (k, m + 1, n).
@@ -93,11 +114,12 @@ class ProximityMapper:
         UNDECIDED where a motion comes to none, as where its points are NaN.
         """
         scaled = points / self._scales
-        inside = ((scaled[:, :, None] - self._points) ** 2).sum(axis=3) <= self._reach
-        phases = (first + np.arange(scaled.shape[1])) % self._forcing
-        if self._forcing > 1:
-            inside &= (phases[:, None] - self._cycle) % self._forcing == 0
-        both = inside[:, :-1] & inside[:, 1:, self._following]
+        places, reach, cycle, following, forcing = self.orbits
+        inside = ((scaled[:, :, None] - places) ** 2).sum(axis=3) <= reach
+        phases = (first + np.arange(scaled.shape[1])) % forcing
+        if forcing > 1:
+            inside &= (phases[:, None] - cycle) % forcing == 0
+        both = inside[:, :-1] & inside[:, 1:, following]
         reached = both.any(axis=2)
         labels, after = np.full(len(points), UNDECIDED), np.full(len(points), scaled.shape[1])
         at = np.flatnonzero(reached.any(axis=1))
@@ -124,8 +146,8 @@ def follow(of: Motion, mapper: ProximityMapper, starts: Floats, most: int,
     labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
     going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0
     while cycle < most and len(going):
-        length = min(settings.chunk, most - cycle)
-        points = of.sections(x, cycle, length)
+        length = min(mapper.patience(cycle, settings), most - cycle)
+        points = of.sections(x, cycle, length, mapper.orbits)
         solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
         last = points[np.arange(len(going)), solved]
         found, after = mapper.find(points, cycle)

@@ -38,7 +38,7 @@ class Settings:
     probes: int = quantity(24, "motions from the sphere of a capture radius that validate it")
     probe_cycles: int = quantity(600, "time that each of them may take", "cycles")
     cycles: int = quantity(600, "longest that a cell is followed", "cycles")
-    chunk: int = quantity(4, "time after which motions are asked where they are", "cycles")
+    chunk: int = quantity(4, "time after which motions are first asked where they are", "cycles")
 
     # The cells of a plane (`compute.py`, `rows.py`, `driveline.py`).
     seeds: int = quantity(48, "cells of the plane from which attractors are looked for, beside its corners and middle")

@@ -35,7 +35,7 @@ class Iterated:
     def __init__(self, step, dimension, bound=1e6):
         self.map, self.step, self.bound = TextbookMap(step, dimension), step, bound
 
-    def sections(self, starts, first, cycles):
+    def sections(self, starts, first, cycles, orbits=None):
         out = np.full((len(starts), cycles + 1, np.shape(starts)[1]), np.nan)
         for row, x in zip(out, starts):
             row[0] = x
