@@ -275,7 +275,7 @@ def _in_family(points: list[ContinuationPoint]) -> bool:
     # still and a multiplier is 1 as well.
     last, settings = points[-1], points[-1].shooting.settings
     for point in reversed(points):
-        if np.abs(point.orbit.multipliers - 1.0).min() > settings.family or abs(point.slope) > settings.family:
+        if abs(point.slope) > settings.family or np.abs(point.orbit.multipliers - 1.0).min() > settings.family:
             return False
         away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
         if float(np.linalg.norm(away)) >= settings.family_length:

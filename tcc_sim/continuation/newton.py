@@ -89,8 +89,7 @@ def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
 
 def largest_first(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
     """Multipliers, largest modulus first; the positive imaginary part first in a pair."""
-    out: NDArray[np.complex128] = multipliers.astype(np.complex128)
-    return out[np.lexsort((-out.imag, -np.abs(out)))]
+    return np.array(sorted(multipliers.tolist(), key=lambda m: (-abs(m), -m.imag)), np.complex128)
 
 
 def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:

@@ -81,12 +81,12 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
     contraction, settings = 0.0, equations.settings
     size, by_amplitude = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
+    sides[-1, 1] = 1.0
     for _ in range(settings.correct_iterations):
         try:
             found = equations.linearise(z)
             matrix[:-1], matrix[-1] = found.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
-            sides[-1, 1] = 1.0
             if by_amplitude:
                 if len(found.amplitudes) != len(plane.amplitudes):
                     return None
@@ -98,7 +98,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
         except FAILURES:
             return None
         step = solved[:, 0]
-        length, left = float(np.abs(step).max()), float(np.abs(found.residual).max())
+        length, left = largest(step), largest(found.residual)
         if not length < min(farthest, settings.correct_step):
             return None
         z = z + step
@@ -107,12 +107,18 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
             tangent: Floats = np.ascontiguousarray(solved[:, 1])
             tangent = tangent / math.sqrt(tangent @ tangent)
             slopes = found.amplitude_gradient @ tangent if by_amplitude else plane.weights
-            return Corrected(z, found, tangent, float(np.hypot(np.linalg.norm(z - guess), away)), slopes, contraction)
+            way = z - guess
+            return Corrected(z, found, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
         if length > (settings.slowest if length > settings.squared else 1.0) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
         last = length
     return None
+
+
+def largest(x: Floats) -> float:
+    """The largest size of a vector's components."""
+    return float(np.maximum.reduce(np.abs(x)))
 
 
 def over_border(here: Solution, new: Solution) -> bool:
@@ -167,7 +173,9 @@ def null_direction(found: Linearised) -> Floats:
 
 def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
     """A point with the sign of its determinant."""
-    return Solution(z, tangent, found, float(np.sign(np.linalg.det(np.vstack([found.jacobian, tangent])))))
+    matrix = np.empty((len(z), len(z)))
+    matrix[:-1], matrix[-1] = found.jacobian, tangent
+    return Solution(z, tangent, found, float(np.sign(np.linalg.det(matrix))))
 
 
 @dataclass

@@ -7,6 +7,7 @@ Problems, SIAM 1995, Section 4.3.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -184,7 +185,7 @@ class Shooting:
         while step >= length:
             step /= parts
         while begin < end:
-            following = min((np.floor(begin / step + 1e-9) + 1.0) * step, end)
+            following = min((math.floor(begin / step + 1e-9) + 1.0) * step, end)
             pieces, x = self._pieces(x, values, begin, following - begin)
             out += pieces
             begin = following
@@ -224,16 +225,15 @@ def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[li
     """
     lengths: list[float] = []
     nodes: list[Floats] = []
-    ahead: list[Floats] = []
+    ahead = np.empty((0, *parts[0][2].shape))
     for length, node, block in parts:
-        grown = [block @ a for a in ahead] + [block]
-        if not ahead or max(float(np.abs(g).max()) for g in grown) > growth:
+        ahead = np.concatenate([block @ ahead, block[None]])
+        if not lengths or float(np.abs(ahead).max()) > growth:
             lengths.append(length)
             nodes.append(node)
-            ahead = [block]
+            ahead = block[None]
         else:
             lengths[-1] += length
-            ahead = grown
     return lengths, nodes
 
 

@@ -234,7 +234,7 @@ def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
     m, n = a.orbit.multipliers, b.orbit.multipliers
     crossed = a.solution.sign != b.solution.sign
     tests: list[tuple[str, Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = []
-    sizes = [max(pair) for pair in zip(np.abs(m).tolist(), np.abs(n).tolist())]
+    sizes = np.maximum(np.abs(m), np.abs(n)).tolist()
     if a.slope * b.slope < 0.0:
         tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
     if _opposite(doubling(m), doubling(n), [1.0 + x for x in sizes]):
@@ -252,7 +252,7 @@ def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
         left = max(residual(point), point.orbit.residual)
         if left < a.shooting.settings.spurious:
             out.append(Bifurcation(kind, point, left))
-    along = bracket.b.solution.z - bracket.a.solution.z
+    along = b.solution.z - a.solution.z
     return sorted(out, key=lambda f: float(along @ f.point.solution.z))
 
 

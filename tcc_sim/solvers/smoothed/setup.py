@@ -91,7 +91,7 @@ class Limits(NamedTuple):
     steps: int
 
 
-def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
+def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: float = 0.0) -> Limits:
     """The limits of a solve.
 
     Parameters
@@ -100,6 +100,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     own : the scene's terms, which say what counts as stick
     period : one engine cycle, s
     rtol : relative tolerance asked for
+    excess : least mu_s/mu_k - 1 with which the Stribeck exponential is kept
     """
     sigma, stribeck = terms.smoothing, terms.stribeck
     assert sigma is not None
@@ -110,7 +111,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float) -> Limits:
     if not math.isfinite(creep_speed):
         creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, (1.0 - FLAT_PEAK) * peak
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
-    far = layer if stribeck is None else far_of(*stribeck, rtol, layer)
+    far = layer if stribeck is None else far_of(max(stribeck[0], excess), stribeck[1], rtol, layer)
     amplitudes = 0.0 if terms.harmonics is None else float(np.abs(terms.harmonics[:, 1]).sum())
     torques = largest_mean_torque(terms) + amplitudes + peak_load(terms)
     torques += 0.0 if terms.torque is None else abs(terms.torque[0])

@@ -91,16 +91,18 @@ def solve(problem: Problem) -> Trajectory:
 
 @per_system
 def own_setup(system: System, rtol: float) -> kernel.Setup:
-    """`setup_of` for the terms that a system has."""
-    return setup_of(system, terms_of(system), rtol)
+    """`setup_of` for the terms that a system has; `waves` is to be copied for every solve."""
+    setup = setup_of(system, terms_of(system), rtol)
+    setup.waves.setflags(write=False)
+    return setup
 
 
-def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
-    """What a solve of a system with given terms needs to know beforehand; `waves` is to be copied for every solve."""
+def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> kernel.Setup:
+    """What a solve of a system with given terms needs to know beforehand; `excess` is that of `limits_of`."""
     longest, period = system.cycle, system.cycle
     if terms.course is not None:
         longest, period = longest_and_shortest_cycle(terms.course)
-    limits = limits_of(terms, terms_of(system), period, rtol)
+    limits = limits_of(terms, terms_of(system), period, rtol, excess)
     waves = waves_of(terms)
     top, levels = collocation_tables.ladder_of(limits.fastest, longest)
     if terms.course is None:
@@ -111,7 +113,6 @@ def setup_of(system: System, terms: Terms, rtol: float) -> kernel.Setup:
         tables = collocation_tables.nodal_tables(terms.linear, top,
                                                  levels + math.ceil(2.0 * math.log2(longest / period)))
         terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
-    waves.setflags(write=False)
     return kernel.Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
                         system.pressure.frequency_ratio, waves, tables)
 

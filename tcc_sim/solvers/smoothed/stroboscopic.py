@@ -19,7 +19,6 @@ from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBER
 from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, Room, integrate_parts
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED
-from tcc_sim.solvers.smoothed.setup import far_of
 from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
 from tcc_sim.solvers.smoothed.state import DONE, Memory
 from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
@@ -67,13 +66,9 @@ class Prepared:
         changes = key_derivatives(system, keys)
         terms = terms_for(system, changes)
         self.period, self.count = system.cycle, 3 + len(keys)
-        setup = setup_of(system, terms, rtol)
-        limits = setup.limits
-        if terms.stribeck is not None and changes[EXCESS_RATIO].any():
-            # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
-            limits = limits._replace(far=max(limits.far, far_of(1.0, terms.stribeck[1], rtol, limits.layer)))
-        self.setup = setup._replace(waves=setup.waves.copy(), limits=limits)
-        ladder = collocation_tables.ladder_of(limits.fastest, self.period)
+        # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
+        self.setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
+        ladder = collocation_tables.ladder_of(self.setup.limits.fastest, self.period)
         self.torque = collocation_tables.response(terms.linear, *ladder).torque
         groups = math.ceil(self.count / LANES)
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(groups)]
