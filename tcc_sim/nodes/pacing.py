@@ -86,16 +86,17 @@ class Pacer:
                     self._lead = max(self._lead - _LEAD_DOWN, 0.0)
             else:
                 now = self._clock()
-        lateness = (now - deadline) * 1e-9
+        late = now - deadline
+        lateness = late * 1e-9
         self._recent[self.ticks % len(self._recent)] = lateness
         self.ticks += 1
         self._last = now
         if lateness > self.lateness_max:
             self.lateness_max = lateness
-        if now - deadline > self.period_ns:
+        if late > self.period_ns:
             self.late_ticks += 1
         if lateness > CATCH_UP:
-            self.missed_ticks += int((now - deadline) // self.period_ns)
+            self.missed_ticks += int(late // self.period_ns)
             self._anchor, self._anchor_tick = float(now), self.ticks
         return True
 

@@ -202,22 +202,22 @@ class Plant:
 
     def _afford(self, scene: Scene, terms: Terms) -> None:
         """Raise InputError where a tick needs more sub-steps than the solver takes or than its own time allows."""
-        step = self.stepper.step
-        count = substeps(terms, step)
         share = self._needed(scene, terms)
         if share > self._share:
+            step, count = self.stepper.step, substeps(terms, self.stepper.step)
             period = step / scene.operation.real_time_factor * 1e3
             raise InputError(f"a tick of {step * 1e3:g} ms needs {count} sub-steps, {share * period:.3g} ms here, and "
                              f"may take {self._share * period:.3g} ms in real time; offline, in lock-step and with "
                              "real_time_factor 0 it may take longer")
 
     def _needed(self, scene: Scene, terms: Terms) -> float:
-        """Part of a tick's real time that its sub-steps need; 0 where real time does not matter."""
+        """Part of its real time that a tick's sub-steps need, 0 where it does not matter; InputError as `substeps`."""
+        count = substeps(terms, self.stepper.step)
         operation = scene.operation
         if operation.real_time_factor == 0.0 or operation.pacing == "lockstep":
             return 0.0
         cost = self._cost.get(_differ(terms, self._own), 0.0)
-        return substeps(terms, self.stepper.step) * cost * operation.real_time_factor / self.stepper.step
+        return count * cost * operation.real_time_factor / self.stepper.step
 
     def _measured(self, terms: Terms) -> float:
         """Seconds of a sub-step, the dearer of slip and stick."""
