@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
@@ -19,6 +17,7 @@ from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
+from tcc_sim.solvers.smoothed.collocation_tables import TO_POWERS, radau, to_chebyshev
 from tcc_sim.solvers.terms import Terms
 
 NODES = 8
@@ -38,30 +37,9 @@ MATRICES = (3, NODES, NODES + 1)
 """Work space: the plate's response to forces, Newton's matrix with its right side, and a copy."""
 
 
-def _tableau() -> tuple[Any, Any, Any]:
-    """Nodes c (n,), matrix A (n, n) of integrals from 0, and powers from values at 0 and the nodes (n + 1, n + 1)."""
-    legendre = np.zeros(NODES + 1)
-    legendre[NODES], legendre[NODES - 1] = 1.0, -1.0
-    z = np.sort(np.real(np.polynomial.legendre.legroots(legendre)))
-    z[-1] = 1.0
-    derivative = np.polynomial.legendre.legder(legendre)
-    for _ in range(3):
-        z[:-1] -= np.polynomial.legendre.legval(z[:-1], legendre) / np.polynomial.legendre.legval(z[:-1], derivative)
-    values = np.polynomial.legendre.legvander(z, NODES - 1)
-    integrals = np.stack([np.polynomial.legendre.legval(z, np.polynomial.legendre.legint(row, lbnd=-1))
-                          for row in np.eye(NODES)], axis=1)
-    matrix = 0.5 * np.linalg.solve(values.T, integrals.T).T
-    nodes = 0.5 * (z + 1.0)
-    with_start = np.concatenate([[0.0], nodes])
-    chebyshev = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * with_start - 1.0, NODES))
-    shifted = np.zeros((NODES + 1, NODES + 1))
-    for k in range(NODES + 1):
-        power = np.polynomial.Chebyshev.basis(k, domain=[0.0, 1.0]).convert(kind=np.polynomial.Polynomial).coef
-        shifted[:len(power), k] = power
-    return nodes, matrix, shifted @ chebyshev
-
-
-C, A, POWERS = _tableau()
+C, A = radau(NODES)
+POWERS = TO_POWERS[:NODES + 1, :NODES + 1].T @ to_chebyshev(C)
+"""Powers of the time in a step from the values at its start and at the nodes."""
 SQUARED = A @ A
 
 

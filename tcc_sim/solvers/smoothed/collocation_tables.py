@@ -100,11 +100,16 @@ def radau(count: int) -> tuple[Floats, Floats]:
     return (x + 1.0) / 2.0, 0.5 * np.linalg.solve(basis.T, integrals.T).T
 
 
+def to_chebyshev(nodes: Floats) -> Floats:
+    """The matrix that makes Chebyshev coefficients over [0, 1] of values at 0 and at the nodes."""
+    points = np.concatenate([[0.0], nodes])
+    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * points - 1.0, len(nodes))))
+
+
 C, A = radau(NODES)
 INVERSE = np.linalg.inv(A)
 TO_CHEBYSHEV = np.zeros((NODES + 1, TERMS))
-TO_CHEBYSHEV[:, :DEGREE + 1] = np.linalg.inv(np.polynomial.chebyshev.chebvander(
-    2.0 * np.concatenate([[0.0], C]) - 1.0, DEGREE)).T
+TO_CHEBYSHEV[:, :DEGREE + 1] = to_chebyshev(C).T
 """Row 0: what a value at the start adds to the Chebyshev coefficients over the step; row j: what the value at node j
 adds.
 """
