@@ -314,7 +314,7 @@ def replace(system: System, values: Mapping[str, object]) -> System:
     changes: dict[str, dict[str, Value]] = {}
     for key, value in values.items():
         checked = coerce(key, value)
-        if f"{key}_times" in system.varying and f"{key}_times" not in values:
+        if key in PROFILES and f"{key}_times" in system.varying and f"{key}_times" not in values:
             raise InputError(f"{key} is not used where {key}_times is given; change that profile instead")
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from tcc_sim.errors import InputError
@@ -66,12 +67,18 @@ class Group:
     """A checked group of parameters; subclasses list the fields."""
 
     def __post_init__(self) -> None:
-        name = type(self).__name__.lower()
-        for item in dataclasses.fields(self):
-            key, value = f"{name}.{item.name}", getattr(self, item.name)
-            item.metadata["quantity"].check(key, value)
+        for name, key, meaning in self.quantities():
+            value = getattr(self, name)
+            meaning.check(key, value)
             if isinstance(value, int) and not isinstance(value, bool):
-                object.__setattr__(self, item.name, float(value))
+                object.__setattr__(self, name, float(value))
+
+    @classmethod
+    @cache
+    def quantities(cls) -> list[tuple[str, str, Quantity]]:
+        """Name, key and meaning of every field."""
+        return [(item.name, f"{cls.__name__.lower()}.{item.name}", item.metadata["quantity"])
+                for item in dataclasses.fields(cls)]
 
 
 def as_float(value: float) -> float:
