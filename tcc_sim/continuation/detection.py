@@ -118,7 +118,8 @@ class ClosedBranch:
 def passing(z: Floats, tangent: Floats, p: Floats, q: Floats, settings: Settings) -> float | None:
     """The part of the step from p to q at which it passes z along the tangent there; None where it does not."""
     ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
+    if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0):
+        return None
     part = -behind / max(ahead - behind, 1e-300)
-    near = behind < 0.0 <= ahead and float(step @ tangent) > 0.0 and float(np.linalg.norm(
-        p + part * step - z)) <= settings.passing * float(np.linalg.norm(step))
+    near = np.linalg.norm(p + part * step - z) <= settings.passing * np.linalg.norm(step)
     return part if near else None

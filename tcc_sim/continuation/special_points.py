@@ -8,7 +8,7 @@ Eng. Softw. 28, 1997) with a corrector in every evaluation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
@@ -223,7 +223,7 @@ def torus(m: NDArray[np.complex128]) -> float:
     return math.prod((x * y - 1.0 for x, y in combinations(m.tolist(), 2)), start=1.0 + 0.0j).real
 
 
-def _opposite(one: float, two: float, factors: Sequence[float]) -> bool:
+def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
     """Whether a test function has changed its sign, and not by rounding: of its factors, one may be none."""
     return one * two < 0.0 and max(abs(one), abs(two)) > DEFAULTS.neutral * math.prod(factors)
 
@@ -234,13 +234,13 @@ def smooth_bifurcations(bracket: Bracket) -> list[Bifurcation]:
     m, n = a.orbit.multipliers, b.orbit.multipliers
     crossed = a.solution.sign != b.solution.sign
     tests: list[tuple[str, Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = []
-    sizes = np.maximum(np.abs(m), np.abs(n)).tolist()
+    sizes = [max(pair) for pair in zip(map(abs, m.tolist()), map(abs, n.tolist()))]
     if a.slope * b.slope < 0.0:
         tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
-    if _opposite(doubling(m), doubling(n), [1.0 + x for x in sizes]):
+    if _opposite(doubling(m), doubling(n), (1.0 + x for x in sizes)):
         tests.append(("period_doubling", lambda s: doubling(s.orbit.multipliers),
                       lambda s: float(np.abs(s.orbit.multipliers + 1.0).min())))
-    if _opposite(torus(m), torus(n), [1.0 + x * y for x, y in combinations(sizes, 2)]):
+    if _opposite(torus(m), torus(n), (1.0 + x * y for x, y in combinations(sizes, 2))):
         tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
     if crossed:
         tests.append(("branch_point", lambda s: s.solution.sign,
