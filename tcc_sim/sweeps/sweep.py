@@ -137,7 +137,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
                 for c, i, point in _solved(curves, plan, executor, there, DEFAULTS.dask_batch if dask else 1, points):
                     points[c][i] = point
-                    file.append(c, i, point.as_record())
+                    if out is not None:
+                        file.append(c, i, point.as_record())
                     bar.update()
     except KeyboardInterrupt:
         raise SweepInterrupted(_results(curves, plan, points, began)) from None
