@@ -16,6 +16,8 @@ from tcc_sim.trajectory import Cycles, Floats
 MAXIMUM_PERIOD = 16
 TOLERANCE = 1e-4
 """Repetition, relative to the size of the motion, that counts as settled."""
+FINE = 1e-8
+"""Repetition of each coordinate, relative to its largest value, over cycles after which fewer need not be seen."""
 NEAR = 0.25
 """Largest change over a period, relative to the size of the motion, at the end of a run that still settles."""
 DISTANCE = 0.1
@@ -114,6 +116,17 @@ def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLER
     apart = further.section - last[(np.arange(len(further.section)) - 1) % period]
     apart /= sizes_of(cycles.section, cycles.highest, cycles.lowest)
     return bool(np.abs(apart).max() <= tolerance)
+
+
+def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
+    """Whether the last `count` cycles repeat those a period before them so closely that as many as four tenths of that
+    which follow stay within TOLERANCE: what has grown from rounding to FINE in so many cycles needs more to leave.
+    """
+    points = cycles.section[-count - period:]
+    if len(points) < count + period:
+        return False
+    apart: Floats = np.abs(points[period:] - points[:-period]).max(axis=0)
+    return bool((apart <= FINE * np.abs(points).max(axis=0)).all())
 
 
 def _repeats(points: Floats, period: int, tolerance: float) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard, spans_of
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
-from tcc_sim.analysis.periodicity import stays
+from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
@@ -296,6 +296,8 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: 
     if not (summary.period and summary.settled):
         return False
     count = max(10, 2 * summary.period)
+    if repeats_finely(kept, summary.period, 5 * count // 2):
+        return True
     further = _solve(system, plan, end, cycles=count, loads_from=count)  # The same kernel, with nothing worked out.
     if further.status is not Status.DONE or further.cycles is None:
         return False

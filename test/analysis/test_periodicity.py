@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.periodicity import periodicity, stays
+from tcc_sim.analysis.periodicity import periodicity, repeats_finely, stays
 from tcc_sim.trajectory import Cycles
 
 
@@ -149,6 +149,18 @@ def test_further_cycles_stay_on_a_period_in_its_own_phase():
     moved[9] += 1e-3
     assert not stays(kept, embedded(moved), 3)
     assert stays(kept, embedded(moved), 3, tolerance=1e-2)
+
+
+@pytest.mark.parametrize(("period", "further"), [(1, 10), (16, 32)])
+def test_a_section_that_repeats_finely_would_not_leave_in_the_cycles_that_need_not_be_seen(period, further):
+    count = 5 * further // 2
+    n = np.arange(count + period + further + 1)
+    orbit = np.resize(np.random.default_rng(period).uniform(0.2, 1.0, period), len(n))
+    growing = [orbit + 1e-16 * growth ** n for growth in np.geomspace(1.0, 10.0, 400)]
+    fine = [values for values in growing if repeats_finely(embedded(values[:-further]), period, count)]
+    assert 0 < len(fine) < len(growing)
+    assert all(stays(embedded(values[:-further]), embedded(values[-further - 1:]), period) for values in fine)
+    assert not repeats_finely(embedded(orbit[:count]), period, count)
 
 
 def test_a_motion_on_its_way_elsewhere_has_no_period_yet():
