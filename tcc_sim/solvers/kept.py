@@ -55,4 +55,4 @@ class Kept:
         transitions = transitions_of(self.moves)
         highest, lowest, stick_time = self.cycles[:whole, 3:].T.copy()
         return Cycles(self.cycles[:whole + 1, :3].copy(), highest, lowest, stick_time,
-                      loads_of(self.loads, transitions, self.problem, whole)), transitions
+                      loads_of(self.loads, self.problem, whole)), transitions

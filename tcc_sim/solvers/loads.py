@@ -20,11 +20,11 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled, where
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
-from tcc_sim.trajectory import Loads, Transitions
+from tcc_sim.trajectory import Loads
 
 LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_shaft_torque", np.float64),
-                  ("lowest_shaft_torque", np.float64), ("wanted", np.float64)])
-"""An engine cycle: J, W, N m, and 1 where they are asked for."""
+                  ("lowest_shaft_torque", np.float64), ("breakaways", np.float64), ("wanted", np.float64)])
+"""An engine cycle: the fields of `Loads`, and 1 where they are asked for."""
 
 COUNT = 8
 _INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots()
@@ -47,19 +47,13 @@ def room_for_loads(problem: Problem) -> NDArray[Any] | None:
     return out
 
 
-def loads_of(records: NDArray[Any] | None, moves: Transitions, problem: Problem, whole: int) -> Loads | None:
-    """The loads of the first `whole` cycles of a run, from their records and its transitions."""
+def loads_of(records: NDArray[Any] | None, problem: Problem, whole: int) -> Loads | None:
+    """The loads of the first `whole` cycles of a run, from their records."""
     if records is None:
         return None
-    left = moves.time[moves.before == 0]
-    if problem.system.course is None:
-        number = np.floor(left / problem.system.cycle).astype(np.int64) - problem.start_cycle
-    else:
-        number = np.searchsorted(problem.cycle_starts(), left, side="right") - 1
-    counts = np.bincount(np.clip(number, 0, whole), minlength=whole + 1)[:whole].astype(np.float64)
-    names = ("energy", "peak_power", "highest_shaft_torque", "lowest_shaft_torque")
-    told = records["wanted"][:whole] > 0.0
-    return Loads(*(np.where(told, column, math.nan) for column in (*(records[name][:whole] for name in names), counts)))
+    columns = records[:whole].view(np.float64).reshape(whole, len(LOADS))[:, :-1].T.copy()
+    columns[:, :problem.loads_from] = math.nan
+    return Loads(*columns)
 
 
 def loads_text(lanes: int) -> Any:
@@ -138,6 +132,13 @@ def keep_loads(loads: Any, rows: Any, degree: int, unit: float, x: float, cut: f
             add_part(rows, degree, unit, 0.0, min(x, cut), linear, loads[cycle], workspace)
         if cut < x and loads[cycle + 1].wanted > 0.0:
             add_part(rows, degree, unit, cut, x, linear, loads[cycle + 1], workspace)
+
+
+@fast
+def keep_breakaway(loads: Any, cycle: int) -> None:
+    """Count a change from stick to slip in a cycle."""
+    if loads is not None:
+        loads[cycle].breakaways += 1.0
 
 
 @fast

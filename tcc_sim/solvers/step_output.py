@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.loads import keep_breakaway
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.trajectory import Transitions
 
@@ -66,7 +67,7 @@ def transitions_of(found: list[NDArray[Any]]) -> Transitions:
     """The transitions of all calls of a solve, from their records of MOVE."""
     if not found:
         return Transitions.none()
-    moves = np.concatenate(found)
+    moves = found[0] if len(found) == 1 else np.concatenate(found)
     return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))
 
 
@@ -104,8 +105,8 @@ def stays(mode: int, stick_speed: float, workspace: Any) -> bool:
 
 @fast
 def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
-               moves: Any, workspace: Any) -> float:
-    """Transitions and time in stick; returns the time in stick behind `cut`, the end of the cycle.
+               moves: Any, loads: Any, workspace: Any) -> float:
+    """Transitions, breakaways and time in stick; returns the time in stick behind `cut`, the end of the cycle.
 
     The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
     """
@@ -121,6 +122,7 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
         new = 0
         if mode == 0:
             behind += keep_stick(output, start, at, cut, unit)
+            keep_breakaway(loads, output.cycle if at < cut else output.cycle + 1)
             new = 1 if polynomial.value(rows, SLIP, degree, at) > 0.0 else -1
         if output.moves < moves.shape[0]:
             moves[output.moves].time = time + at * unit
@@ -196,15 +198,16 @@ def record(work: Any, degree: int, unit: float, x: float, cut: float, tau: float
     """
     if store.per_cycle > 0:
         keep_samples(work.rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
-    keep_course(work.rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.moves, work.bernstein)
+    keep_course(work.rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.moves, store.loads,
+                work.bernstein)
 
 
 @fast
 def keep_course(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
-                cycles: Any, moves: Any, workspace: Any) -> None:
-    """Transitions, time in stick, extremes and section; only the section where `moves` are None."""
+                cycles: Any, moves: Any, loads: Any, workspace: Any) -> None:
+    """Transitions, breakaways, time in stick, extremes and section; only the section where `moves` are None."""
     if moves is not None:
-        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, workspace)
+        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, loads, workspace)
         keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)
     elif cut <= x:
         slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)

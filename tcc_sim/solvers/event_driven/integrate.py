@@ -25,7 +25,7 @@ from tcc_sim.solvers.event_driven.step import (
 )
 from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
-from tcc_sim.solvers.loads import keep_loads
+from tcc_sim.solvers.loads import keep_breakaway, keep_loads
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.step_output import Store, end_cycle, keep_cycle, keep_samples, keep_stick
 from tcc_sim.solvers.terms import Terms
@@ -266,6 +266,8 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
                  angle, workspace)
         if event and state.mode != mode:
             note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
+            if mode == STICK:
+                keep_breakaway(store.loads, output.cycle)
         if output.cycle > n:
             state.tau -= period
             state.load_edge -= period
