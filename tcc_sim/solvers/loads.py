@@ -51,7 +51,7 @@ def loads_of(records: NDArray[Any] | None, problem: Problem, whole: int) -> Load
     """The loads of the first `whole` cycles of a run, from their records."""
     if records is None:
         return None
-    columns = records[:whole].view(np.float64).reshape(whole, len(LOADS))[:, :-1].T.copy()
+    columns = records[:whole].view(np.float64).reshape(whole, LOADS.itemsize // 8)[:, :-1].T.copy()
     columns[:, :problem.loads_from] = math.nan
     return Loads(*columns)
 
