@@ -46,6 +46,8 @@ def _function(module: str, name: str) -> Callable[[Problem], Trajectory]:
 SMOOTHED = ("smoothed",)
 SET_VALUED = ("set_valued",)
 SCIPY = "comparison.scipy_methods"
+SHORTEST = 1e-8
+"""Least duration, in engine cycles: some times what the engines take for the end of a cycle."""
 
 SOLVERS: dict[str, Entry] = {
     "fixed_step": Entry("fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
@@ -108,8 +110,8 @@ def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: f
         raise InputError("give either a number of cycles or a duration in s")
     if cycles is not None and not 1 <= cycles <= 10_000_000:
         raise InputError(f"cycles is {cycles}; it must be 1 to 10000000")
-    if duration is not None and not 0.0 < duration <= 1e6:
-        raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
+    if duration is not None:
+        check_duration(system, duration, start_cycle)
     if not 0 <= samples_per_cycle <= 1_000_000:
         raise InputError(f"samples per cycle is {samples_per_cycle}; it must be 0 to 1000000")
     check_setting(name, rtol, step)
@@ -120,6 +122,13 @@ def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: f
         _say_what_is_not_finite(state)
     return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
                                 flywheel_angle, loads_from))
+
+
+def check_duration(system: System, duration: float, start_cycle: int = 0) -> None:
+    """Raise InputError for a duration, s, that is no part of an engine cycle worth the name, or too long."""
+    least = SHORTEST * float(system.cycle_start(start_cycle + 1) - system.cycle_start(start_cycle))
+    if not least <= duration <= 1e6:
+        raise InputError(f"duration is {duration:g} s; it must be {least:.3g} to 1e6 s")
 
 
 def _say_what_is_not_finite(state: State) -> None:

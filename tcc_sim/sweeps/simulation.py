@@ -22,7 +22,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.solvers import check_setting, choose, solve
+from tcc_sim.solvers import check_duration, check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import Start, settle
@@ -249,8 +249,7 @@ def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
 def _timed_run(system: System, plan: Plan, start: Start, duration: float, samples: int,
                flywheel_angle: bool) -> tuple[Trajectory, Cycles | None, int]:
     """A duration in one solve."""
-    if not 0.0 < duration <= 1e6:
-        raise InputError(f"duration is {duration:g} s; it must be above 0 to 1e6 s")
+    check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
     discarded = plan.dropped(whole, min(DISCARD, whole // 3) if system.course is None else 0)
     run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle,
