@@ -20,6 +20,8 @@ from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
 RECORDING_TOLERANCE = 2e-3
 """Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse.
 """
+STAMP = 1e-9
+"""What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
 DRIFTING, AT_THE_END = 5e-3, 16
 """A cycle that differs by this part of the length of the last ones, so many, belongs to no period."""
 
@@ -220,7 +222,7 @@ class CycleStream:
         if (end - begin) / self.clock.cycle > held:
             raise InputError(f"{held} stamps lie {end - begin:.3g} s apart and an engine cycle takes "
                              f"{self.clock.cycle:.3g} s: there must be at least one for each cycle")
-        stretches = self.clock.stretches(run, self._from, end)
+        stretches = self.clock.stretches(run, self._from - STAMP, end + STAMP)
         whole = [(first, starts) for first, starts in stretches if len(starts) > 1]
         if not whole:
             if not stretches:

@@ -96,7 +96,7 @@ def _check_times(t: Floats, starts: Floats) -> None:
     """Raise InputError where times of samples do not increase, or engine cycles do not lie within them."""
     if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
         raise InputError("sample times must be two or more and strictly increasing")
-    slack = 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
+    slack = 1e-9 + 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])  # Stamps are whole ns.
     if starts[0] < t[0] - slack or (len(starts) > 1 and starts[-1] > t[-1] + slack):
         raise InputError(f"engine cycles from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
                          f"from {t[0]:g} to {t[-1]:g} s")
