@@ -109,13 +109,14 @@ def scene_of(run: Run, given: str | None = None) -> Scene:
     Raises
     ------
     InputError
-        It holds none and none is given, or the one that it holds is no scene.
+        It holds none and none is given, or the one that it holds, or the one given, is no scene.
     """
+    scene = None if given is None else load_scene(given)
     if run.scene_text is not None:
         return parse_scene(run.scene_text, run.path.stem)
-    if given is None:
+    if scene is None:
         raise InputError(f"{run.path} holds no scene; name the one that it was made with (--scene)")
-    return load_scene(given)
+    return scene
 
 
 class Pace:

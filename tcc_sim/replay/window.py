@@ -12,6 +12,8 @@ from tcc_sim.recording.commands import Rows
 from tcc_sim.trajectory import Floats
 
 Commanded = Mapping[str, tuple[Rows, Floats]]
+LATEST = 4294967296.0
+"""Seconds beyond which there is no stamp."""
 
 
 class Window:
@@ -25,12 +27,15 @@ class Window:
     Raises
     ------
     InputError
-        A run below 0, or an end that is not after the start.
+        A run below 0, a time that no stamp can have, or an end that is not after the start.
     """
 
     def __init__(self, run: int | None = None, start: float | None = None, end: float | None = None) -> None:
         if run is not None and run < 0:
             raise InputError(f"run is {run}; runs are counted from 0")
+        for name, t in (("start", start), ("end", end)):
+            if t is not None and not abs(t) <= LATEST:
+                raise InputError(f"the window's {name} is {t:g} s; it must be a number from {-LATEST:g} to {LATEST:g}")
         if start is not None and end is not None and not start < end:
             raise InputError(f"the window goes from {start:g} to {end:g} s; it must end after it starts")
         self.run = run
