@@ -156,6 +156,14 @@ def _config_folders(module: Path, prefix: Path) -> list[Path]:
     return [*folders, *(parent / "share" / "tcc_sim" / "config" for parent in (*module.parents, prefix))]
 
 
+def _is_file(path: Path) -> bool:
+    """Whether a file is there; InputError where no file can be, as under a name that is too long."""
+    try:
+        return path.is_file()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+
+
 def load_scene(name_or_file: str | Path) -> Scene:
     """The scene of a bundled name or of a file.
 
@@ -174,7 +182,7 @@ def load_scene(name_or_file: str | Path) -> Scene:
     bundled = bundled_scenes()
     text = str(name_or_file)
     path = bundled.get(text, Path(text))
-    if text not in bundled and not path.is_file():
+    if text not in bundled and not _is_file(path):
         looks_like_file = path.suffix in (".yaml", ".yml") or "/" in text
         near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
         hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""

@@ -38,7 +38,7 @@ class SweepFile:
     Raises
     ------
     InputError
-        The path holds something else, the points of another sweep, or a damaged line.
+        The path holds something else, the points of another sweep, or a damaged line, or has no directory to be in.
     OSError
         It cannot be read or written.
     """
@@ -48,6 +48,8 @@ class SweepFile:
         self._kind, self._stream = kind, None
         if path is None:
             return
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: there is no directory {path.parent}")
         wanted: dict[str, Any] = json.loads(json.dumps({"format": form, **header}))
         first = encoded({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
         whole = self._read(path, wanted, first, take) if path.exists() else 0
