@@ -38,7 +38,7 @@ def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) 
         too many rows.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
             lines = [(number, row) for number, row in enumerate(csv.reader(stream), 1) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: {getattr(error, 'strerror', None) or 'not a table of text in UTF-8'}") from None
