@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of
+from tcc_sim.errors import check_suffix
 from tcc_sim.output.terminal import say
 
 
@@ -23,6 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     scene = scene_of(arguments)
     from tcc_sim.fmu.export import compiler, export
 
+    if arguments.out is not None:
+        check_suffix(arguments.out, (".fmu",), "--out ")
     path = new_file(arguments.out or Path(f"tcc_sim_{scene.name}.fmu"))
     folder = export(scene, path, arguments.fmi, arguments.step, sources_only=arguments.sources_only)
     if folder:

@@ -42,7 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene))
     scene = scene.with_values(parse_assignments(arguments.set))
-    free = dict(_assigned("--free", word) for word in arguments.free)
+    free: dict[str, float | None] = {}
+    for key, start in (_assigned("--free", word) for word in arguments.free):
+        if key in free:
+            raise InputError(f"--free gives {key} twice")
+        free[key] = start
     noise = None
     if arguments.noise is not None:
         noise = {k: math.nan if v is None else v

@@ -56,8 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(cycles=CYCLES if arguments.cycles is None else arguments.cycles, discard=arguments.discard,
                 **common.solver_options(arguments))
     common.check_outputs(arguments, SUFFIXES)
-    if arguments.out is not None:
-        _check_out(arguments, (plan.cycles if duration is None else duration / cycle) * arguments.samples)
+    _check_samples(arguments, plan.cycles if duration is None else duration / cycle)
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
     sampled = shorter or arguments.orders or arguments.inputs is not None
     samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
@@ -89,11 +88,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_out(arguments: argparse.Namespace, samples: float) -> None:
-    """Raise InputError for too many samples."""
+def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
+    """Raise InputError for a number of samples that there cannot be, or for too many of them in a file."""
     if not 1 <= arguments.samples <= 1_000_000:
         raise InputError(f"--samples is {arguments.samples}; it must be 1 to 1000000 per engine cycle")
-    if samples > LARGEST_OUTPUT:
+    samples = cycles * arguments.samples
+    if arguments.out is not None and samples > LARGEST_OUTPUT:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")
 
 
