@@ -54,6 +54,7 @@ def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str],
     (["sweep", "fig02", "--over", "engine.frequency=-5:2:3"], "0.001 to 100000 rad/s"),
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--set", "pressure.mean=-3"], "pressure.mean is -3 Pa"),
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--cycles", "0"], "cycles"),
+    (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--out", "no/sweep.jsonl"], "there is no directory no"),
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--solver", "euler"], "euler")])
 def test_wrong_input_is_one_line_and_status_2_and_nothing_is_written(words: list[str], says: str, tmp_path: Path,
                                                                      capsys: pytest.CaptureFixture[str]) -> None:

@@ -126,7 +126,8 @@ def test_existing_files_are_replaced_only_by_force(capsys, recording, tmp_path):
 
 @pytest.mark.parametrize(("arguments", "words"), [
     (["--discard", "47"], "--discard 47"), (["--discard", "x"], "--discard"),
-    (["--frequency", "0"], "frequency is 0 rad/s"),
+    (["--frequency", "0"], "frequency is 0 rad/s"), (["--scene", "nowhere"], "there is no scene"),
+    (["--from", "nan"], "the window's start is nan s"), (["--to=-inf"], "the window's end is -inf s"),
     (["--rrd", "no/run.rrd"], "no directory"), (["--json", "."], "is a directory"),
     (["--rrd", "x", "--json", "x"], "is asked for twice"),
     (["--spawn", "--rrd", "x"], "not allowed with"), (["--connect", "http://x"], "is not the URL"),

@@ -121,6 +121,16 @@ def test_mcap_is_a_recording_that_holds_its_scene(tmp_path):
     assert "501.0" in run.scene_text
 
 
+def test_a_recording_has_every_cycle_although_its_stamps_are_whole_nanoseconds(capsys, tmp_path):
+    """Cycles of 2 pi/150 s end between nanoseconds, and the stamp of the last state may lie before the end."""
+    for cycles in (6, 10, 23):
+        path = tmp_path / f"{cycles}.mcap"
+        solved = values_of(capsys, "fig02", "--cycles", cycles, "--samples", 50, "--out", path, "--discard", 2)
+        assert main(["analyse", str(path), "--discard", "2", "--json", "-"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["cycles"], found["breakaways"]) == (cycles, solved["breakaways"])
+
+
 def test_the_defaults_are_150_cycles_and_50_dropped(capsys):
     found = values_of(capsys, "slip")
     assert (found["cycles"], found["discarded"]) == (150, 50)
@@ -166,6 +176,10 @@ def test_the_table_names_units(capsys):
     (["fig02", "--out", "no/run.npz"], "there is no directory"),
     (["fig02", "--json", "no/run.json"], "there is no directory"),
     (["fig02", "--out", "run.npz", "--samples", "0"], "--samples is 0"),
+    (["fig02", "--samples", "-3"], "--samples is -3"),
+    (["s" * 5000], "File name too long"),
+    (["fig02", "--duration", "1e-12"], "it must be 4.19e-10 to 1e6 s"),
+    (["runup", "--duration", "1e-12"], "duration is 1e-12 s"),
     (["fig02", "--out", "run.npz", "--cycles", "1000000"], "at most"),
     (["fig02", "--out", "run.csv", "--json", "run.csv"], "is asked for twice"),
 ])

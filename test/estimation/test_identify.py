@@ -271,12 +271,17 @@ def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
     assert cli.main(words) == 2
     assert cli.main(["identify", str(table), "--free", "driveline.stiffness"]) == 2
     assert "--scene" in capsys.readouterr().err
+    twice = ["--free", "driveline.stiffness=2800", "--free", "driveline.stiffness=3200"]
+    assert cli.main(["identify", str(table), "--scene", "fig02", *twice]) == 2
+    assert "--free gives driveline.stiffness twice" in capsys.readouterr().err
 
 
 def test_a_table_is_read_or_refused(tmp_path) -> None:
     path = tmp_path / "x.csv"
     rows = "".join(f"{k * 1e-3},{k % 7}\n" for k in range(60))
     path.write_text("t,slip_speed\n" + rows)
+    assert read_table(path).step == pytest.approx(1e-3)
+    path.write_text("\ufefft,slip_speed\n" + rows)  # As spreadsheets write it.
     assert read_table(path).step == pytest.approx(1e-3)
     for text, words in (("t,slip_speed\n1,2\n", "samples"), ("t,slip\n" + rows, "slip is not"), ("t\n1\n", "no column"),
                         ("t,slip_speed\n1,x\n", "line 2"), ("t,slip_speed\n1,2,3\n", "has 3 values")):
