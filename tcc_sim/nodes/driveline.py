@@ -35,7 +35,7 @@ from tcc_sim.scene import Scene
 
 SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
-HOUSEKEEPING = 0.1
+HOUSEKEEPING = 0.25
 """Longest time, s, between two looks at refusals and failures."""
 COMPILING = 1.0
 """Real time, s, that a change waits for the kernel that it needs."""
