@@ -135,6 +135,10 @@ def concatenated(parts: Sequence[Cycles]) -> Cycles:
                   np.concatenate([s[:-1] for s in starts[:-1]] + starts[-1:]) if len(starts) == len(parts) else None)
 
 
+NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
+"""Modes: negative slip, stick, positive slip, and no load as the pressure is clamped at 0."""
+
+
 @dataclass(frozen=True)
 class Transitions:
     """Changes of mode as data: time (s), mode before and after (-1 negative slip, 0 stick, 1 positive slip, 2 free)."""

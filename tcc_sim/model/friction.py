@@ -49,7 +49,7 @@ def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = Non
         return (1.0 + falling) * step, slope
 
 
-def sliding(v: Any, sign: float, stribeck: Stribeck) -> Any:
+def sliding(v: Any, sign: Any, stribeck: Stribeck) -> Any:
     """Set-valued coefficient of (6) while slipping in direction `sign` (+1 or -1); at v = 0 it is sign * mu_s/mu_k."""
     if stribeck is None:
         return sign

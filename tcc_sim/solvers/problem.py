@@ -6,11 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcc_sim.model import friction
+from tcc_sim.model import equations, friction
 from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
-from tcc_sim.trajectory import Cycles, Floats, State, Statistics, Status, Trajectory, Transitions, modes_of
+from tcc_sim.trajectory import (
+    FREE,
+    STICK,
+    Cycles,
+    Floats,
+    Modes,
+    State,
+    Statistics,
+    Status,
+    Trajectory,
+    Transitions,
+    modes_of,
+)
 
 NOTHING_SPENT = Statistics()
 
@@ -60,6 +72,14 @@ class Problem:
         assert self.duration is not None
         return self.system.whole_cycles(self.start_cycle, self.duration)
 
+    @property
+    def rest(self) -> float:
+        """Seconds behind the whole cycles, of cycles of one length; 0 where there is nothing but rounding."""
+        if self.duration is None:
+            return 0.0
+        rest = self.duration - self.whole_cycles * self.system.cycle
+        return rest if rest >= 1e-12 * self.system.cycle else 0.0
+
     def cycle_starts(self) -> Floats:
         """When the whole cycles start, and the end of the last one, s."""
         starts: Floats = self.system.cycle_start(self.start_cycle + np.arange(self.whole_cycles + 1))
@@ -93,22 +113,27 @@ class Problem:
         return times
 
 
-def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, friction_torque: Floats | None = None,
+def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes: Modes | None = None,
              cycles: Cycles | None = None, transitions: Transitions | None = None, status: Status = Status.DONE,
              detail: str = "", statistics: Statistics = NOTHING_SPENT) -> Trajectory:
     """A Trajectory from times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed and, if there, theta1.
 
-    The smoothed law gives the friction torque from the state; a set-valued solver passes its own.
+    The smoothed law gives the friction torque from the state, the set-valued one from `modes` (n,) too: (6) in slip,
+    lambda in stick, 0 when free.
     """
     terms = terms_of(problem.system)
     v = states[:, 0]
     engine, load = torques_at(terms, t)
-    if friction_torque is None:
+    if modes is None:
         assert terms.smoothing is not None
-        friction_torque = np.asarray(friction.smoothed(v, terms.smoothing, terms.stribeck)) * load
+        state, torque = modes_of(v, stick_speed_of(terms)), load * friction.smoothed(v, terms.smoothing, terms.stribeck)
+    else:
+        free, held = modes == FREE, equations.interface_torque(states[:, 1], states[:, 2], engine, terms.linear)
+        state = np.where(free, np.sign(v), modes).astype(np.int8)
+        torque = np.where(modes == STICK, held, np.where(free, 0.0, load * friction.sliding(v, state, terms.stribeck)))
     return Trajectory(
         t=t, slip_speed=v, plate_angle=states[:, 1], plate_speed=states[:, 2], engine_torque=engine,
-        saturation_torque=load, friction_torque=friction_torque, state=modes_of(v, stick_speed_of(terms)),
+        saturation_torque=load, friction_torque=np.asarray(torque), state=state,
         cycle=problem.system.cycle, solver=solver, system=problem.system,
         flywheel_angle=states[:, 3] if states.shape[1] > 3 else None, cycles=cycles,
         transitions=transitions or Transitions.none(), status=status, detail=detail, statistics=statistics)

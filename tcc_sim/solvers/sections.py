@@ -80,7 +80,7 @@ def smoothed_each(first: int, count: int, stride: int, step_limit: int, setup: s
     for k in range(sections.shape[0]):
         for until in range(stride, count + 1, stride):
             smoothed.integrate(first, until, 0.0, step_limit, setup, Memory(
-                states[k], controls[k], drive, work, counters[k], outputs[k]), store, None, None)
+                states[k], controls[k], drive, work, counters[k], outputs[k]), None, store, None)
             if ends(sections[k], until - stride, until, outputs[k], first, store.cycles, places):
                 break
 

@@ -17,7 +17,12 @@ from tcc_sim.solvers.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_berns
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.loads import keep_breakaway
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
-from tcc_sim.trajectory import Transitions
+from tcc_sim.trajectory import Status, Transitions
+
+DONE, FULL, STEP_LIMIT, STEP_TOO_SMALL, EVENT_LIMIT, NOT_FINITE = range(6)
+"""How a call of an engine's loop ends: at the end, to go on with room for transitions, or with a failure."""
+STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
+            EVENT_LIMIT: Status.EVENT_LIMIT, NOT_FINITE: Status.NOT_FINITE}
 
 CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
@@ -69,6 +74,12 @@ def transitions_of(found: list[NDArray[Any]]) -> Transitions:
         return Transitions.none()
     moves = found[0] if len(found) == 1 else np.concatenate(found)
     return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))
+
+
+@fast
+def full(moves: Any, needed: int) -> bool:
+    """Whether there is no room for so many transitions, where any are kept."""
+    return moves is not None and needed > moves.shape[0]
 
 
 @fast

@@ -15,7 +15,7 @@ from piecewise import Piecewise
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.friction import stick_speed
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers import Status, kept, solve
 from tcc_sim.solvers.terms import steps_allowed, terms_of
 from tcc_sim.trajectory import State
 
@@ -176,6 +176,19 @@ def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch, name
         np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])
     if name == "event_driven":
         assert cut.detail == "8 steps in one engine cycle"
+
+
+@both
+def test_no_transition_is_lost_where_there_are_more_than_one_call_has_room_for(monkeypatch, name):
+    system = ENGINES[name].system(SCENES["reversals"])
+    whole = solve(system, cycles=80, loads_from=0)
+    monkeypatch.setattr(kept, "MOVES", 100)
+    parts = solve(system, cycles=80, loads_from=0)
+    assert len(parts.transitions.time) > 3 * kept.MOVES
+    for found, wanted in zip(astuple(parts.transitions), astuple(whole.transitions)):
+        np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(parts.cycles.loads.breakaways, whole.cycles.loads.breakaways)
+    np.testing.assert_array_equal(parts.cycles.section, whole.cycles.section)
 
 
 @both

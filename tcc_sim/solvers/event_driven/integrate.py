@@ -11,7 +11,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.modes import FREE, NEGATIVE, POSITIVE, STICK, mode_at_rest, mode_of
+from tcc_sim.solvers.event_driven.modes import mode_at_rest, mode_of
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import (
     BREAKAWAY,
@@ -27,11 +27,21 @@ from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
 from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
 from tcc_sim.solvers.loads import keep_breakaway, keep_loads
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
-from tcc_sim.solvers.step_output import Store, end_cycle, keep_cycle, keep_samples, keep_stick
+from tcc_sim.solvers.step_output import (
+    DONE,
+    EVENT_LIMIT,
+    FULL,
+    NOT_FINITE,
+    STEP_LIMIT,
+    Store,
+    end_cycle,
+    full,
+    keep_cycle,
+    keep_samples,
+    keep_stick,
+)
 from tcc_sim.solvers.terms import Terms
-
-DONE, FULL, CHATTERING, EXHAUSTED, NOT_FINITE = range(5)
-"""How a call of `integrate` ends: at the end, with full buffers, or with a failure."""
+from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
 
 UNKNOWN = 9
 """Mode of a state before the first step."""
@@ -223,12 +233,6 @@ def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> 
         output.moves += 1
 
 
-@fast
-def full(moves: Any, more: int) -> bool:
-    """Whether there may be no room for so many transitions."""
-    return moves is not None and more > moves.shape[0]
-
-
 @compiled
 def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
               angle: Any) -> int:
@@ -277,11 +281,11 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
         if event:
             counters.cycle_events += 1
             if counters.cycle_events >= event_limit:
-                return CHATTERING
+                return EVENT_LIMIT
         if n == whole and state.tau >= rest:
             break
         if counters.cycle_steps >= step_limit:
-            return EXHAUSTED
+            return STEP_LIMIT
         if output.cycle > n and full(store.moves, output.moves + event_limit + 1):
             return FULL
     return DONE

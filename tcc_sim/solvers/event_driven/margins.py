@@ -23,10 +23,10 @@ from tcc_sim.solvers.bernstein import (
     to_bernstein,
 )
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
 from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, sine_and_cosine
+from tcc_sim.trajectory import FREE, STICK
 
 GRAZING, ARRIVAL, STUCK = range(3)
 """Rows of margins: |v| at its smallest extremum in slip, rad/s; r Ts + sgn(v) lambda where slip ends, N m (negative

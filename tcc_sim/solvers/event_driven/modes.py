@@ -11,9 +11,7 @@ import numpy as np
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers.compiling.compiled import fast
-
-NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
-"""Negative slip, stick, positive slip, and no load as the pressure is clamped at 0; as `Transitions` names them."""
+from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
 
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),

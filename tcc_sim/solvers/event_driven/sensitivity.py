@@ -20,7 +20,6 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
-from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, LINEAR_ORDER
 from tcc_sim.solvers.series import (
     ANGLE,
@@ -36,6 +35,7 @@ from tcc_sim.solvers.series import (
     product,
     sine_and_cosine,
 )
+from tcc_sim.trajectory import FREE, STICK
 
 LANES = 4
 """Disturbances that are carried at once."""

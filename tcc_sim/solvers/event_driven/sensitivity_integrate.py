@@ -15,7 +15,6 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiling.compiled import compiled, fast
 from tcc_sim.solvers.event_driven.integrate import Memory, Setup, advance, begin, load_phase, note_move, settle
 from tcc_sim.solvers.event_driven.margins import lane_value, note_arrival, note_gradient, note_step, smallest_dip
-from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.sensitivity import (
     LANES,
     Rates,
@@ -29,10 +28,12 @@ from tcc_sim.solvers.event_driven.sensitivity import (
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone
 from tcc_sim.solvers.series import SLIP
+from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, NOT_FINITE, STEP_LIMIT
 from tcc_sim.solvers.terms import Terms
+from tcc_sim.trajectory import FREE, STICK
 
-ARRIVED, LOST, DEGENERATE, CROWDED, SLOW = range(5)
-"""How the loop ends: at the end; where the state is not finite; where slip ends with v' = 0; after too many events."""
+DEGENERATE = 9
+"""How the loop ends where slip ends with v' = 0; else as `step_output` says."""
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
 SHORTER = 0.6
@@ -180,9 +181,9 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
         mode, tau, shift = state.mode, state.tau, state.shift
         step, length, goal, falls = resolved_step(finish, setup, rates, memory, work)
         if not step.x >= 0.0:
-            return LOST
+            return NOT_FINITE
         if counters.steps > bounds.steps * total:
-            return SLOW
+            return STEP_LIMIT
         if length > 0.0:
             found = wanted and note_step(mode, step.degree, step.x, rows, least, places, workspace)
             heights[n], peak, side = note_height(mode, step, rows, heights[n], workspace)
@@ -198,11 +199,11 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                                   least, places)
         event = settle(bounds, terms, waves, step, goal, state, drive, rows, None)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
-            return LOST
+            return NOT_FINITE
         if event and state.mode != mode:
             note_move((first + n) * period + state.tau, mode, state.mode, output, moves)
             if output.moves >= moves.shape[0]:
-                return CROWDED
+                return EVENT_LIMIT
             if mode != STICK and mode != FREE and state.mode != FREE and length > 0.0:
                 if wanted:
                     note_arrival(mode, state, drive, rates, numbers, terms.linear, bounds.ratio, columns, least)
@@ -215,4 +216,4 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                 state.load_edge -= period
                 state.shift = load_phase(phase[0], phase[1], float(first + n))
                 note_start(n, state.slip_speed, columns, heights, climbs)
-    return ARRIVED
+    return DONE

@@ -11,10 +11,10 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial, series
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
-from tcc_sim.solvers.event_driven.modes import FREE
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, INVERSE, LOAD, ROWS, SLIP, SPEED
+from tcc_sim.trajectory import FREE
 
 UPWARD, DOWNWARD = ROWS, ROWS + 1
 """Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""

@@ -13,12 +13,12 @@ from typing import Any
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.event_driven.modes import FREE, STICK
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_tables import TO_POWERS, radau, to_chebyshev
 from tcc_sim.solvers.terms import Terms
+from tcc_sim.trajectory import FREE, STICK
 
 NODES = 8
 """Nodes, and degree of the polynomials: the powers of more would lose digits. The order at the end of a step is 15."""

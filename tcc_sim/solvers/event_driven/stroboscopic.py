@@ -17,15 +17,7 @@ from tcc_sim.solvers.event_driven.integrate import COUNTERS, UNKNOWN, Memory, Se
 from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
 from tcc_sim.solvers.event_driven.modes import STATE
 from tcc_sim.solvers.event_driven.sensitivity import LANES, VARIATION, Rates
-from tcc_sim.solvers.event_driven.sensitivity_integrate import (
-    ARRIVED,
-    CROWDED,
-    DEGENERATE,
-    LOST,
-    SLOW,
-    Disturbed,
-    integrate_disturbed,
-)
+from tcc_sim.solvers.event_driven.sensitivity_integrate import DEGENERATE, Disturbed, integrate_disturbed
 from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
 from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.excitation import DRIVE, waves_of
@@ -39,14 +31,13 @@ from tcc_sim.solvers.key_derivatives import (
     key_derivatives,
 )
 from tcc_sim.solvers.polynomial import WORKSPACE
-from tcc_sim.solvers.step_output import MOVE, OUTPUT
+from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT
 from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
-WHY = {LOST: "the state is not finite", SLOW: "its derivatives take too many steps in one engine cycle",
-       DEGENERATE: "slip ends where its rate is 0 too",
-       CROWDED: "too many events in one engine cycle"}
+WHY = {NOT_FINITE: "the state is not finite", STEP_LIMIT: "its derivatives take too many steps in one engine cycle",
+       DEGENERATE: "slip ends where its rate is 0 too", EVENT_LIMIT: "too many events in one engine cycle"}
 EVENTS_PER_CYCLE = 1000
 FINER = 1e-2
 """Tolerance of a step per that of a solve: derivatives want more digits than states."""
@@ -103,7 +94,7 @@ class Prepared:
         ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, memory, moves,
                                     Disturbed(self.numbers, columns, heights, climbs), margins, least, work[0],
                                     np.zeros(3))
-        if ended != ARRIVED:
+        if ended != DONE:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
         last_state, seen = at[0], moves[:int(output[0]["moves"])]
         derivative, peaks = columns.transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)

@@ -13,7 +13,7 @@ from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import TWO_PI
 from tcc_sim.solvers.loads import keep_loads
-from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
+from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.drive import edge_after, excite_now, started
@@ -23,15 +23,11 @@ from tcc_sim.solvers.smoothed.series_step import Friction, friction_here, series
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import (
     CREEP,
-    DONE,
     FALLING,
     LAYER,
-    NOT_FINITE,
     REFUSED,
     SERIES,
     SLIDING,
-    STEP_LIMIT,
-    STEP_TOO_SMALL,
     Memory,
     Place,
     Step,
@@ -43,11 +39,14 @@ from tcc_sim.solvers.smoothed.switching import (
     choose_method,
     not_a_number,
 )
-from tcc_sim.solvers.step_output import Store, record
+from tcc_sim.solvers.step_output import DONE, FULL, NOT_FINITE, STEP_LIMIT, STEP_TOO_SMALL, Store, full, record
 from tcc_sim.solvers.terms import Terms
 
 EDGE = 1e-6
 """Relative width at the edge of a region within which a state counts as inside: steps end there to a tenth of it."""
+
+MOVES_AT_ONCE = 2 * COLUMNS
+"""Most transitions of one step."""
 
 
 class Setup(NamedTuple):
@@ -187,13 +186,14 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
 
 
 @fast
-def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
-              angle: Any, tangent: Any) -> int:
+def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
+              store: Store, angle: Any) -> int:
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
 
-    Steps run across the ends of cycles, whose section points are values of the polynomial; they end at the edges of the
-    clamp and of the regions, and at the end of the run. `angle` and `tangent` are None where theta1, and what the state
-    and its largest slip speed change by, are not asked for.
+    Goes on where `memory` is, after `output.cycle` of them; returns how it ended. Steps run across the ends of cycles,
+    whose section points are values of the polynomial; they end at the edges of the clamp and of the regions, and at the
+    end of the run. `tangent` and `angle` are None where what the state and its largest slip speed change by, and
+    theta1, are not asked for.
     """
     limits, terms, ratio, waves, tables = setup
     state, control, drive, work, counters, output = memory
@@ -204,6 +204,8 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
             return DONE
         if counters.steps + counters.rejected >= step_limit:
             return STEP_LIMIT
+        if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
+            return FULL
         tau = state.tau
         edge, loaded = edge_after(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
         stop = min(edge, end)

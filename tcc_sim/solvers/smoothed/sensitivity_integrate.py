@@ -10,9 +10,9 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.integrate import Setup, integrate
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES, Tangent
 from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.state import DONE, Memory
+from tcc_sim.solvers.smoothed.state import Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
-from tcc_sim.solvers.step_output import Store
+from tcc_sim.solvers.step_output import DONE, Store
 
 STEPS_ALLOWED = 10
 """Steps of a part per those of a solve."""
@@ -81,7 +81,7 @@ def integrate_parts(room: Room, setup: Setup, torque: Any) -> None:
         begin(part, setup.limits, tangent, state, memory.control, output)
         memory.counters.steps, memory.counters.rejected = 0, 0
         steps = STEPS_ALLOWED * setup.limits.steps * (part.cycles + 1)
-        part.status = integrate(part.first, part.cycles, part.tail, steps, setup, memory, store, None, tangent)
+        part.status = integrate(part.first, part.cycles, part.tail, steps, setup, memory, tangent, store, None)
         if part.status != DONE:
             return
         part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed

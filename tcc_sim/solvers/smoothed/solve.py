@@ -16,37 +16,23 @@ import numpy as np
 
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.compiling.compiled import timed
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
-from tcc_sim.solvers.problem import Problem, assemble
+from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed import integrate as kernel
 from tcc_sim.solvers.smoothed.setup import Limits, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
-from tcc_sim.solvers.smoothed.state import (
-    CONTROL,
-    COUNTERS,
-    DONE,
-    NOT_FINITE,
-    STATE,
-    STEP_LIMIT,
-    STEP_TOO_SMALL,
-    WORK,
-    Memory,
-)
-from tcc_sim.solvers.smoothed.stretches import Stretch, longest_and_shortest_cycle, stretches_of
+from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, STATE, WORK, Memory
+from tcc_sim.solvers.smoothed.stretches import longest_and_shortest_cycle, stretches_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.step_output import OUTPUT, room_for_moves
+from tcc_sim.solvers.step_output import OUTPUT
 from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
 from tcc_sim.trajectory import State, Statistics, Status, Trajectory
 
 STEPS_AT_FIRST = 400_000
 """Steps of a solve before those of its cycles are counted."""
-TRANSITIONS_MAXIMUM = 1_000_000
-STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
-            NOT_FINITE: Status.NOT_FINITE}
 
 KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
 
@@ -118,47 +104,19 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
 
 
 def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
-    """Solve batch by batch."""
+    """Solve stretch by stretch."""
     memory, start = scratch.at(problem.state, setup.limits), problem.state
     setup = setup._replace(waves=setup.waves.copy())
-    kept = Kept(problem, 4 if problem.flywheel_angle else 3)
+    kept = Kept(problem, memory.output, 4 if problem.flywheel_angle else 3)
     limit = STEPS_AT_FIRST + setup.limits.steps * (problem.whole_cycles + 1)
-    angle = True if problem.flywheel_angle else None
-    seconds, left, status = 0.0, TRANSITIONS_MAXIMUM, DONE
-    output = memory.output
-    for stretch in stretches_of(problem, setup):
-        output["cycle"], output["moves"] = 0, 0
-        output["samples"] = _samples_before(stretch, memory, problem.samples_per_cycle)
-        moves = room_for_moves(min(16 * stretch.cycles + 4096, left))
-        status, spent = timed(kernel.integrate, problem.start_cycle + stretch.done, stretch.cycles, stretch.rest, limit,
-                              stretch.setup, memory, kept.store(moves, stretch.done), angle, None)
-        seconds += spent
-        cycle, filled_samples, filled = output.item()[:3]
-        left -= filled
-        kept.moves.append(moves[:filled].copy())
-        if status != DONE:
+    for own, cycles, rest in stretches_of(problem, setup):
+        status = kept.run(kernel.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+        if status is not Status.DONE:
             break
-    whole, state = stretch.done + cycle, memory.state.item()
+    *last, tau = memory.state.item()
     first = start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle
     columns = kept.samples.shape[1]
-    t, states = kept.sampled(first[:columns], state[:columns],
-                             stretch.done * problem.samples_per_cycle + filled_samples, STATUSES[status],
-                             _reached(problem, stretch, cycle, state[4]))
     steps, rejected, iterations, iterations_max = memory.counters.item()
-    cycles, transitions = kept.cycles_and_transitions(whole)
-    return assemble(
-        problem, "smoothed", t, states, cycles=cycles, transitions=transitions, status=STATUSES[status],
-        detail="the state grew without bound" if status == NOT_FINITE else "",
-        statistics=Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM, seconds))
-
-
-def _samples_before(stretch: Stretch, memory: Memory, per_cycle: int) -> int:
-    """Samples of the cycle at hand that were kept already, where a call goes on within it."""
-    return int(memory.output["samples"]) if memory.state["tau"] > 0.0 else 0
-
-
-def _reached(problem: Problem, stretch: Stretch, cycle: int, tau: float) -> float:
-    """The time of the state, s, some cycles after the start of a stretch."""
-    if stretch.setup.terms.course is not None:
-        return float(problem.system.cycle_start(problem.start_cycle + stretch.done + cycle)) + tau
-    return (problem.start_cycle + stretch.done + cycle) * stretch.setup.limits.period + tau
+    return kept.trajectory("smoothed", status, first[:columns], tuple(last[:columns]), tau,
+                           "the state grew without bound" if status is Status.NOT_FINITE else "",
+                           Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM))

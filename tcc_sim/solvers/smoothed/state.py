@@ -12,9 +12,6 @@ from tcc_sim.solvers.bernstein import WORKSPACE
 from tcc_sim.solvers.series import COLUMNS, ROWS
 from tcc_sim.solvers.smoothed.collocation_tables import FROM_WAVES, NODES, TERMS
 
-DONE, STEP_LIMIT, STEP_TOO_SMALL, NOT_FINITE = range(4)
-"""How the kernel ends."""
-
 ACCEPTED, REFUSED, FAILED = range(3)
 """How a step ends: taken; to be tried again with the method and the length now in `control`; no step is possible."""
 

@@ -21,15 +21,11 @@ NEAR = 1e-9
 
 
 class Stretch(NamedTuple):
-    """One call: with what, after how many cycles, how many cycles, and up to how many seconds of the one after them;
-    when that one of the cycles starts in which the call begins, s.
-    """
+    """One call: with what, up to how many cycles from the start of the solve, and how many seconds of the one after."""
 
     setup: Setup
-    done: int
     cycles: int
     rest: float
-    started: float
 
 
 def stretches_of(problem: Problem, setup: Setup) -> Iterator[Stretch]:
@@ -37,13 +33,10 @@ def stretches_of(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     if setup.terms.course is not None:
         yield from _varying(problem, setup, setup.terms.course)
         return
-    count, period = problem.whole_cycles, setup.limits.period
-    tail = 0.0 if problem.cycles is not None else max((problem.duration or 0.0) - count * period, 0.0)
-    tail = 0.0 if tail < 1e-12 * period else tail
-    for done in range(0, max(count, 1), BATCH):
-        batch = min(BATCH, count - done)
-        yield Stretch(setup, done, batch, tail if done + batch == count else 0.0,
-                      (problem.start_cycle + done) * period)
+    count = problem.whole_cycles
+    for cycles in range(BATCH, count, BATCH):
+        yield Stretch(setup, cycles, 0.0)
+    yield Stretch(setup, count, problem.rest)
 
 
 def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch]:
@@ -62,8 +55,8 @@ def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch
         for begin, stop in zip([start, *inner], [*inner, end]):
             row = row_of(course, begin, stop, start, phase, shift)
             whole = n < count and stop == following
-            yield Stretch(setup._replace(limits=limits, terms=terms._replace(course=row)), n, int(whole),
-                          0.0 if whole else stop - start, start)
+            yield Stretch(setup._replace(limits=limits, terms=terms._replace(course=row)), n + whole,
+                          0.0 if whole else stop - start)
             past = stop - begin
             phase += past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past)
 

@@ -19,9 +19,9 @@ from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBER
 from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, Room, integrate_parts
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED
-from tcc_sim.solvers.smoothed.solve import KINDS, STATUSES, setup_of
-from tcc_sim.solvers.smoothed.state import DONE, Memory
-from tcc_sim.solvers.step_output import CYCLE, MOVE, Store
+from tcc_sim.solvers.smoothed.solve import KINDS, setup_of
+from tcc_sim.solvers.smoothed.state import Memory
+from tcc_sim.solvers.step_output import CYCLE, DONE, MOVE, STATUSES, Store
 from tcc_sim.solvers.stroboscopic import Stroboscopic
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.trajectory import Floats, event_sequence
