@@ -227,7 +227,8 @@ def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | No
 
 def _rate(coefficients: Floats) -> float:
     """Rate of the decay of such a recurrence, per period: it goes as the powers of the roots of z^m - sum_i c_i z^i."""
-    return -math.log(max(float(np.abs(np.roots([1.0, *-coefficients[::-1]])).max()), 1e-300))
+    roots = coefficients if len(coefficients) == 1 else np.roots([1.0, *-coefficients[::-1]])
+    return -math.log(max(float(np.abs(roots).max()), 1e-300))
 
 
 def _period_of(limit: Floats, left: float, tolerance: float) -> int:
