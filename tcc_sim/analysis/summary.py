@@ -106,14 +106,12 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     cycles = cycles_of(trajectory)
     dropped = dropped_of(len(cycles), discard)
     first = first_cycle_of(trajectory) + dropped
-    found = summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance,
-                             **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
-    return replace(found, cycles=len(cycles), discarded=dropped, solver=trajectory.solver,
-                   elapsed_s=trajectory.statistics.seconds)
+    return summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance, dropped=dropped, by=trajectory,
+                            **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = TOLERANCE,
-                     varied: int = 0) -> Summary:
+                     varied: int = 0, dropped: int = 0, by: Trajectory | None = None) -> Summary:
     """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
 
     Parameters
@@ -123,6 +121,8 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     first : number of the first of them, which sets where the section of a period starts
     tolerance : of the period, relative to the size of the motion
     varied : of these, the first ones in which the excitation still changed; only those behind can have a period
+    dropped : cycles before them that were observed
+    by : whose solver and time the summary names
 
     Raises
     ------
@@ -130,9 +130,11 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         No observed cycle at all.
     """
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
-    if not observed.any():
+    count = int(observed.sum())
+    if not count:
         raise InputError("there is no whole engine cycle to summarise")
-    highest, lowest = float(cycles.highest[observed].max()), float(cycles.lowest[observed].min())
+    seen = observed if count < len(cycles) else slice(None)
+    highest, lowest = float(cycles.highest[seen].max()), float(cycles.lowest[seen].min())
     steady = cycles[min(varied, len(cycles)):]
     runaway = slip_grows(steady)
     found = periodicity(steady, tolerance)
@@ -143,18 +145,19 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         past = (first + len(points) + 1) % found.period
         points = points[len(points) - past - found.period:len(points) - past]
     points = points[np.isfinite(points).all(axis=1)]
-    seconds = float(cycle[observed].sum()) if isinstance(cycle, np.ndarray) else int(observed.sum()) * cycle
-    fraction = min(max(float(cycles.stick_time[observed].sum()) / seconds, 0.0), 1.0)
+    seconds = float(cycle[seen].sum()) if isinstance(cycle, np.ndarray) else count * cycle
+    fraction = min(max(float(cycles.stick_time[seen].sum()) / seconds, 0.0), 1.0)
     loads: dict[str, Any] = {}
     if cycles.loads is not None:
-        energy, power, high, low, breakaways = (column[observed] for column in cycles.loads.columns())
+        energy, power, high, low, breakaways = (column[seen] for column in cycles.loads.columns())
         loads = {"clutch_energy": float(energy.sum()), "peak_power": float(power.max()),
                  "max_shaft_torque": float(high.max()), "min_shaft_torque": float(low.min()),
                  "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
     return Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
-        section=[(float(p[1]), float(p[0])) for p in points], stick_fraction=fraction, regime=regime_of(fraction),
-        cycles=len(cycles), discarded=0, settled=found.settled, section_change=found.change, solver="", elapsed_s=0.0,
+        section=[(angle, v) for v, angle, _ in points.tolist()], stick_fraction=fraction, regime=regime_of(fraction),
+        cycles=len(cycles) + dropped, discarded=dropped, settled=found.settled, section_change=found.change,
+        solver=by.solver if by is not None else "", elapsed_s=by.statistics.seconds if by is not None else 0.0,
         runaway=runaway, **loads)
 
 

@@ -279,9 +279,8 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
         kept, summary, end = cycles, summarise_samples(run), start
     else:
         kept, end = cycles[discarded:], Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles))
-        summary = replace(summarise_cycles(
-            kept, first=start.cycle + discarded, **spans_of(system, 0.0, start.cycle + discarded, len(kept))),
-                          cycles=len(cycles), discarded=discarded, solver=run.solver, elapsed_s=run.statistics.seconds)
+        summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
+                                   **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
     angles = kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1] if plan.section_points else np.empty(0)
     return Simulation(
         run, summary, _confirmed(system, plan, kept, summary, end), angles.copy(),
