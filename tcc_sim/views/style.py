@@ -69,7 +69,8 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
         matplotlib.rcParams["axes.prop_cycle"] = cycler(color=CYCLE)
-        drawn = Figure(figsize=(width, height), layout="constrained")
+        # Texts are not equally wide at every resolution: the layout is that of the resolution at which it is saved.
+        drawn = Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
         FigureCanvasAgg(drawn)
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")

@@ -76,6 +76,16 @@ def test_cycles_that_were_not_observed_leave_gaps(tmp_path):
     assert pictures.overview(tmp_path / "a.png", run, cycles, 3, summarise(run)).stat().st_size > 10_000
 
 
+def test_long_names_of_rows_lie_within_the_picture(tmp_path):
+    from matplotlib.image import imread
+
+    with style.figure(style.PAGE, 2.0) as drawn:
+        axis = drawn.subplots()
+        axis.set_yticks([0.0, 1.0], ["actuation_pressure.offset"] * 2)
+        path = style.save(drawn, tmp_path / "rows.png")
+    assert (imread(path)[:, :4, :3] == 1.0).all()
+
+
 def test_both_files_of_a_figure(tmp_path):
     with style.figure(style.COLUMN, 2.0) as drawn:
         drawn.add_subplot().plot([0, 1], [0, 1])
