@@ -23,7 +23,7 @@ HISTORY_CYCLES = 6
 VARYING = 1e-3
 """Relative differences of the cycles' length from which on what they come to is drawn over time."""
 NARROWEST = 0.02
-"""Least width of the phase portrait, relative to the plate angle: what is narrower stands still, but for rounding."""
+"""Least span of an axis, relative to the largest value on it: what is narrower stands still, but for rounding."""
 ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 MOST_LABELS = 6
@@ -154,12 +154,16 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
                   label=f"section, period {summary.period}" if summary.period else "section, no period found")
     axis.set(xlabel="plate angle (rad)", ylabel="slip speed (rad/s)")
     axis.margins(0.06)
-    low, high = axis.get_xlim()
-    missing = NARROWEST * float(np.abs(tail.plate_angle[part]).max(initial=0.0)) - (high - low)
-    if missing > 0.0:
-        axis.set_xlim(low - 0.5 * missing, high + 0.5 * missing)
+    axis.set_xlim(_widened(axis.get_xlim()))
     axis.locator_params(axis="x", nbins=6)
     style.legend_above(axis)
+
+
+def _widened(limits: tuple[float, float]) -> tuple[float, float]:
+    """Limits of an axis that are not nearer to each other than NARROWEST says."""
+    low, high = limits
+    missing = max(NARROWEST * max(abs(low), abs(high)) - (high - low), 0.0)
+    return low - 0.5 * missing, high + 0.5 * missing
 
 
 def draw_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
@@ -194,7 +198,7 @@ def mean_slip_panel(axis: Any, control: Control) -> None:
         held = control.target.until(_end(control))
         axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=(0, (4, 2)),
                   label="target")
-    axis.set_ylabel("slip speed (rad/s)")
+    axis.set(ylabel="slip speed (rad/s)", ylim=_widened(axis.get_ylim()))
     axis.tick_params(labelbottom=False)
     mark_events(axis, control.events, _end(control))
     style.legend_above(axis)
@@ -209,9 +213,10 @@ def pressure_panel(axis: Any, control: Control) -> None:
             held = steps.until(end)
             axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
     mark_events(axis, control.events, end, labelled=False)
-    axis.set(ylabel="pressure (kPa)", xlabel="time (s)")
-    if end > 0.0:
-        axis.set_xlim(0.0, end)
+    axis.set(ylabel="pressure (kPa)", xlabel="time (s)", ylim=_widened(axis.get_ylim()))
+    begin = min([float(steps.t[0]) for steps in (control.command, control.applied) if len(steps.t)], default=0.0)
+    if end > begin:
+        axis.set_xlim(begin, end)
     style.legend_above(axis)
 
 
