@@ -12,6 +12,7 @@ import numpy as np
 
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.views import style
+from tcc_sim.views.sweeps import label_of
 
 UNITS = INPUTS | OUTPUTS
 SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
@@ -61,7 +62,6 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
     with style.figure(width, 1.5 * rows + 0.6) as drawn:
         axes = drawn.subplots(rows, 1)
         draw_fit(axes[0], found)
-        axes[0].set_xlabel("")
         words = f"chi-square a degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
         axes[0].set_title(f"{title}: {words}" if title else words)
         for axis, name in zip(axes[1:], names):
@@ -73,7 +73,7 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
         if found.likelihood is not None:
             axes[-1].plot(found.likelihood.values, found.likelihood.excess, marker="o")
             axes[-1].axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
-            axes[-1].set_xlabel(found.likelihood.key)
+            axes[-1].set_xlabel(label_of(found.likelihood.key))
             axes[-1].set_ylabel("chi-square over\nthe least one")
             axes[-1].legend(loc="upper center")
         return style.save(drawn, path)
@@ -87,7 +87,7 @@ def draw_fit(axis: Any, found: Any) -> None:
     axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
     axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
     axis.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
-    axis.legend(loc="upper right", ncols=2)
+    axis.legend(loc="best", ncols=2)
 
 
 def _parameters(axis: Any, found: Any) -> None:

@@ -22,7 +22,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.sweeps.sweep import Plan, sweep, sweep_grid
 from tcc_sim.views import plots, style, sweeps
-from tcc_sim.views.overview import overview
+from tcc_sim.views.overview import mean_slip_panel, overview, pressure_panel
 
 
 @pytest.fixture(autouse=True)
@@ -189,7 +189,21 @@ def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
         pressures = drawn["(d) Actuation pressure"]["lines"]
         assert [name for name, *_ in pressures][:2] == ["applied", "commanded"]
         assert pressures[1][2].max() == 300.0  # kPa
+        assert drawn["(d) Actuation pressure"]["axis"].get_xlim()[0] == 0.0
         assert "target" in [name for name, *_ in drawn["(b) Slip speed"]["lines"]]
+
+
+def test_a_part_of_a_controllers_test_fills_its_panels_and_rounding_does_not():
+    from matplotlib.figure import Figure
+
+    t = np.arange(20.0, 30.0)
+    control = Control(t, 20.0 + 1e-3 * np.sin(t), applied=Steps(t, 9e4 + np.sin(t)), command=Steps(t, 9e4 + np.sin(t)))
+    means, pressure = Figure().subplots(2, 1)
+    mean_slip_panel(means, control)
+    pressure_panel(pressure, control)
+    assert pressure.get_xlim() == (20.0, 29.0)
+    for axis, size in ((means, 20.0), (pressure, 90.0)):
+        assert np.ptp(axis.get_ylim()) == pytest.approx(0.02 * size, rel=0.1)
 
 
 def test_cycle_means_are_those_of_a_known_signal():
@@ -260,7 +274,9 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> No
 def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> None:  # type: ignore[no-untyped-def]
     found = simulate("apply")
     plots.plot(found, tmp_path / "it.png")
-    _, slip, shaft, heat = drawn["axes"]
+    torques, slip, shaft, heat = drawn["axes"]
+    kinetic, static = (line.get_ydata() for line in torques.lines[2:])
+    assert static == pytest.approx(load_scene("apply").system.friction_ratio * kinetic)
     t, warm = heat.lines[0].get_data()
     assert (t[0], t[-1]) == (0.0, 1.0)
     assert 1e3 * warm[-1] == pytest.approx(found.summary.clutch_energy, rel=0.01)
