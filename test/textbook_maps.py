@@ -32,6 +32,10 @@ class TextbookMap:
             raise ArithmeticError("not finite")
         return Image(x, np.hstack([jacobian, by_parameter]))
 
+    @property
+    def coarse(self):
+        return self
+
     def evaluate_each(self, states, values: Values, firsts, cycles) -> list[Image]:
         return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]
 

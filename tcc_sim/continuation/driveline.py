@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,11 +32,11 @@ class DrivelineMap:
     dimension = 3
     amplitude_scale = 10.0
 
-    def __init__(self, system: System, keys: Sequence[str]) -> None:
+    def __init__(self, system: System, keys: Sequence[str], tolerance: float = SETTINGS.solver_tolerance) -> None:
         system.check_repeats("a map of the section")
         for key in keys:
             _check_key(system, key, keys)
-        self.system, self.keys = system, tuple(keys)
+        self.system, self.keys, self.tolerance = system, tuple(keys), tolerance
         self.scales = SCALES
         self.piecewise = system.friction.law == "set_valued"
         self.forcing_period = common_cycles(system)
@@ -48,7 +49,12 @@ class DrivelineMap:
         self._last: tuple[Any, Stroboscopic] | None = None
         if self.piecewise:
             # What has no derivatives is refused before it is followed.
-            prepared(system, self.keys, SETTINGS.solver_tolerance)
+            prepared(system, self.keys, tolerance)
+
+    @cached_property
+    def coarse(self) -> DrivelineMap:
+        """The map at the tolerance of guesses."""
+        return DrivelineMap(self.system, self.keys, SETTINGS.coarse_tolerance)
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -83,7 +89,7 @@ class DrivelineMap:
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""
         if self._prepared is None or self._prepared[0] != values:
-            self._prepared = values, prepared(self.system_at(values), self.keys, SETTINGS.solver_tolerance)
+            self._prepared = values, prepared(self.system_at(values), self.keys, self.tolerance)
         return self._prepared[1]
 
     def _each(self, states: Floats, values: Values, firsts: Sequence[float],
@@ -107,7 +113,7 @@ class DrivelineMap:
         """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map,
         for what is found from them depends on the side of a border on which they end.
         """
-        rtol = SETTINGS.solver_tolerance if self.piecewise else None
+        rtol = self.tolerance if self.piecewise else None
         return solve(self.system_at(values), cycles=count, rtol=rtol).solved_cycles
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:

@@ -151,7 +151,8 @@ def _onward(state: State) -> ContinuationPoint | None:
                 return None
             step_size.length = min(step_size.settings.flat_step, state.longest)
         try:
-            moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude)
+            moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude,
+                                  here.shooting.coarse)
             if moved is not None:
                 return point_at(here.shooting, moved, by_amplitude)
         except FAILURES:

@@ -71,20 +71,22 @@ FLAT = AmplitudeRow(np.empty(0), np.empty(0))
 
 
 def corrector(equations: Equations, guess: Floats, row: Floats, plane: AmplitudeRow = FLAT,
-              start: Floats | None = None, farthest: float = math.inf) -> Corrected | None:
+              start: Floats | None = None, farthest: float = math.inf,
+              first: Equations | None = None) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
-    It starts at the guess where nothing else is given. None where it does not converge, or a step is longer than
-    `farthest`.
+    It starts at the guess where nothing else is given, and its first step is one by the equations `first` where these
+    are given. None where it does not converge, or a step is longer than `farthest`.
     """
     z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
     contraction, settings = 0.0, equations.settings
     size, by_amplitude = len(guess), len(plane.weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     sides[-1, 1] = 1.0
+    now, short = first or equations, 1.0
     for _ in range(settings.correct_iterations):
         try:
-            found = equations.linearise(z)
+            found = now.linearise(z)
             matrix[:-1], matrix[-1] = found.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
             if by_amplitude:
@@ -102,17 +104,18 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
         if not length < min(farthest, settings.correct_step):
             return None
         z = z + step
-        if (length <= settings.correct_tolerance and left <= settings.residual) or (
-                length <= settings.squared and left <= equations.rounding):
+        if now is equations and ((length <= settings.correct_tolerance and left <= settings.residual) or (
+                length <= settings.squared and left <= equations.rounding)):
             tangent: Floats = np.ascontiguousarray(solved[:, 1])
             tangent = tangent / math.sqrt(tangent @ tangent)
             slopes = found.amplitude_gradient @ tangent if by_amplitude else plane.weights
             way = z - guess
             return Corrected(z, found, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
-        if length > (settings.slowest if length > settings.squared else 1.0) * last:
+        if length > (settings.slowest if length > settings.squared else short) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
-        last = length
+        # The step after one by the first equations may be as long as these are wrong.
+        last, short, now = length, 1.0 if now is equations else math.inf, equations
     return None
 
 
@@ -185,12 +188,14 @@ class StepSize:
     length : of the next step
     smallest, largest : its bounds
     tried : steps tried until now
+    missed : how far the last step's predictor was from the curve
     """
 
     settings: Settings = DEFAULTS
     length: float = 0.0
     smallest: float = 0.0
     tried: int = 0
+    missed: float = 0.0
 
     def __post_init__(self) -> None:
         self.length = self.length or self.settings.first_step
@@ -208,11 +213,12 @@ class StepSize:
 
 
 def next_solution(equations: Equations, here: Solution, before: Sequence[Solution], step_size: StepSize,
-            by_amplitude: bool = True) -> Solution | None:
+            by_amplitude: bool = True, coarse: Equations | None = None) -> Solution | None:
     """The next point along the curve; None where no step is short enough.
 
     before : points before `here`, the nearest one last, from which the predictor takes the curve's bend
     by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
+    coarse : equations that cost less and are good enough for the first step from a predictor that misses
     """
     used = by_amplitude and len(here.found.amplitudes) > 0
     slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
@@ -223,7 +229,8 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
         guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
         step_size.tried += 1
         found = corrector(equations, guess, here.tangent, AmplitudeRow(slopes, amplitudes),
-                          farthest=settings.farthest * step_size.length)
+                          farthest=settings.farthest * step_size.length,
+                          first=coarse if step_size.missed > settings.missed else None)
         if found is not None:
             along = float(found.tangent @ here.tangent + found.slopes @ slopes)
             new = solution_at(found.z, found.found, found.tangent if along > 0.0 else -found.tangent)
@@ -234,7 +241,7 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
             astray = beside(here, new, len(slopes) > 0) < settings.turn
             if found.distance <= settings.farthest * step_size.length and not (turned or jumped or astray
                                                                           or astray_beyond(equations, here, new)):
-                step_size.length = step_size.after(found, refused)
+                step_size.length, step_size.missed = step_size.after(found, refused), found.distance
                 return new
         step_size.length *= settings.shorter
         refused, known = True, known[:max(len(known) - 2, 2)]

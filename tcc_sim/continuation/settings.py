@@ -18,6 +18,7 @@ class Settings:
     # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `follow.py`).
     solver_tolerance: float = quantity(1e-12, "relative tolerance of the driveline's map: what a step leaves is some "
                                        "1e-13 then, and the derivatives are good to 2e-7")
+    coarse_tolerance: float = quantity(1e-9, "the same for the first step of a corrector that has far to go")
     stuck: float = quantity(1e-12, "slip speed below which the set-valued law is taken to stick", "rad/s")
     growth: float = quantity(1e2, "growth over a segment above which it is cut: what a step of the solver leaves, some "
                              "1e-13, stays below 1e-10")
@@ -53,6 +54,8 @@ class Settings:
                               "decides too")
     slowest: float = quantity(0.7, "share of the step before above which the corrector is given up: a shorter step of "
                               "the continuation costs less")
+    missed: float = quantity(1e-8, "distance between predictor and corrector above which the first step of the next "
+                             "corrector is one of `coarse_tolerance`")
     grown: float = quantity(10.0, "growth of a residual by the last step above which that has led elsewhere")
     nothing: float = quantity(1e-12, "residual that counts as none there")
     contraction: float = quantity(0.15, "share of the corrector's first step that its second one is to be: four of "

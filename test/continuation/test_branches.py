@@ -225,6 +225,32 @@ def test_a_bifurcation_takes_few_evaluations() -> None:
     assert len(branch.points) > 10
 
 
+def test_nothing_of_a_branch_rests_on_the_map_for_guesses() -> None:
+    def nearly(x, p):
+        value, by_state, by_parameter = henon(x, p)
+        return value + 1e-9, 1.00001 * by_state, by_parameter
+
+    class Guessed(TextbookMap):
+        coarse = TextbookMap(nearly, 2)
+
+    branches, counts = [], []
+    for kind in (TextbookMap, Guessed):
+        of = kind(henon, 2)
+        shooting = Shooting.single(of, 1, ParameterRange(-1.0, 1.5, name="p"))
+        z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
+        branches.append(branch_through(first_point(shooting, z)))
+        counts.append(of.evaluations)
+    assert Guessed.coarse.evaluations > 0
+    assert counts[1] < counts[0]
+    one, other = branches
+    assert [f.value for f in other.bifurcations] == pytest.approx([f.value for f in one.bifurcations], abs=1e-10)
+    for point in other.points:
+        x, a = point.orbit.section[0], point.value
+        assert a - x * x + 0.3 * x == pytest.approx(x, abs=1e-14)
+        assert point.orbit.residual < DEFAULTS.residual
+        assert np.prod(point.orbit.multipliers).real == pytest.approx(-0.3, abs=1e-13)
+
+
 def test_a_branch_without_progress_is_given_up() -> None:
     branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1], settings=Settings(max_tries=5))
     assert len(branch.points) <= 13

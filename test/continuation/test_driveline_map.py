@@ -134,8 +134,9 @@ def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
     plan = ContinuationPlan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
     found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
     for branch in found.branches:
-        values = np.array([s.value for s in branch.points])
-        turns = np.count_nonzero(np.diff(np.sign(np.diff(values))))
+        steps = np.diff([s.value for s in branch.points])
+        # Where a branch ends in a doubling its parameter stands still, so that the last step may be one of rounding.
+        turns = np.count_nonzero(np.diff(np.sign(steps[np.abs(steps) > 1e-8])))
         assert turns == sum(f.kind == "fold" for f in branch.bifurcations) > 0
 
 

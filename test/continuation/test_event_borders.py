@@ -79,6 +79,10 @@ class DenHartog:
                 x, m, by, sign = np.array([x[0], 0.0]), jump @ m, jump @ by, -sign
         return Image(x, np.column_stack([m, by]))
 
+    @property
+    def coarse(self):
+        return self
+
     def evaluate_each(self, states: Floats, values: Values, firsts: list[int], cycles: list[int]) -> list[Image]:
         return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]
 
