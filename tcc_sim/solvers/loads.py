@@ -90,17 +90,13 @@ def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: 
 
 
 @fast
-def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, linear: Linear,
+def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, at: int, linear: Linear,
                  workspace: Any) -> float:
-    """The largest of `sign` times POWER or SHAFT, from its values at the places: the vertex of the parabola through
-    three of them about the largest, at closer places about a vertex of the first.
+    """The largest of `sign` times POWER or SHAFT, from its values at the places, of which that `at` is the largest: the
+    vertex of the parabola through three of them about it, at closer places about a vertex of the first.
     """
     closer, most = 0, -math.inf
     while True:
-        at = 0
-        for i in range(COUNT):
-            if sign * workspace[which + closer, i] > sign * workspace[which + closer, at]:
-                at = i
         most = max(most, sign * workspace[which + closer, at])
         at = min(max(at, 1), COUNT - 2)
         a, b, c = workspace[PLACE + closer, at - 1], workspace[PLACE + closer, at], workspace[PLACE + closer, at + 1]
@@ -119,6 +115,10 @@ def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, l
         for i in range(COUNT):
             workspace[PLACE + closer, i] = b + apart * (2.0 * POINTS[i] - 1.0)
         evaluate_loads(rows, degree, unit, linear, closer, workspace)
+        at = 0
+        for i in range(COUNT):
+            if sign * workspace[which + closer, i] > sign * workspace[which + closer, at]:
+                at = i
 
 
 @fast
@@ -151,19 +151,27 @@ def add_part(rows: Any, degree: int, unit: float, start: float, end: float, line
     for i in range(COUNT):
         workspace[PLACE, i] = start + POINTS[i] * width
     evaluate_loads(rows, degree, unit, linear, 0, workspace)
-    energy = 0.0
-    most, least, high, low = -math.inf, math.inf, -math.inf, math.inf
+    energy, least = 0.0, math.inf
+    most_at, high_at, low_at = 0, 0, 0
+    most, high, low = workspace[POWER, 0], workspace[SHAFT, 0], workspace[SHAFT, 0]
     for i in range(COUNT):
         power, shaft = workspace[POWER, i], workspace[SHAFT, i]
         energy += WEIGHTS[i] * power
-        most, least, high, low = max(most, power), min(least, power), max(high, shaft), min(low, shaft)
+        least = min(least, power)
+        if power > most:
+            most, most_at = power, i
+        if shaft > high:
+            high, high_at = shaft, i
+        if shaft < low:
+            low, low_at = shaft, i
     load.energy += width * unit * energy
     room = ROOM * (high - low)
     if most + ROOM * (most - least) > load.peak_power:
-        load.peak_power = max(load.peak_power, largest_near(rows, degree, unit, POWER, 1.0, linear, workspace))
+        load.peak_power = max(load.peak_power,
+                              largest_near(rows, degree, unit, POWER, 1.0, most_at, linear, workspace))
     if high + room > load.highest_shaft_torque:
         load.highest_shaft_torque = max(load.highest_shaft_torque,
-                                        largest_near(rows, degree, unit, SHAFT, 1.0, linear, workspace))
+                                        largest_near(rows, degree, unit, SHAFT, 1.0, high_at, linear, workspace))
     if low - room < load.lowest_shaft_torque:
         load.lowest_shaft_torque = min(load.lowest_shaft_torque,
-                                       -largest_near(rows, degree, unit, SHAFT, -1.0, linear, workspace))
+                                       -largest_near(rows, degree, unit, SHAFT, -1.0, low_at, linear, workspace))
