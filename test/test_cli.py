@@ -134,6 +134,21 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     assert (ended.returncode, ended.stderr) == (1, "")
 
 
+@pytest.mark.parametrize(("words", "status"), [("scenes >&-", 0), ("scenes --show fig20 2>&-", 2)])
+def test_what_is_printed_to_a_closed_stream_is_nowhere(words: str, status: int) -> None:
+    ended = subprocess.run(["sh", "-c", f'exec "$0" -m tcc_sim {words}', sys.executable], capture_output=True,
+                           check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (status, b"", b"")
+
+
+def test_a_name_that_the_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}
+    words = ["fmu", "fig02", "--sources-only", "--out", str(tmp_path / "gr\u00fcn.fmu")]
+    ended = subprocess.run([sys.executable, "-m", "tcc_sim", *words], capture_output=True, env=environment, text=True,
+                           check=True)
+    assert "gr\\xfcn.fmu: FMI 2.0" in ended.stdout
+
+
 @pytest.mark.parametrize("name", ["driveline_node", "recorder_node", "slip_controller_node"])
 def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch,
                                         capsys: pytest.CaptureFixture[str]) -> None:
