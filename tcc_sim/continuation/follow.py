@@ -15,12 +15,15 @@ import numpy as np
 from tcc_sim.continuation.detection import ClosedBranch, period_doubling_end, special_points_between
 from tcc_sim.continuation.newton import newton
 from tcc_sim.continuation.palc import (
+    FLAT,
     Solution,
     StepSize,
+    behind,
     corrector,
     next_solution,
     null_direction,
     oriented,
+    predictor,
     solution_at,
     tangent_of,
 )
@@ -163,7 +166,7 @@ def _onward(state: State) -> ContinuationPoint | None:
 def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
     """The point at the end of the range where the next step would pass it; the step is shortened until one is found."""
     here, step_size, solution = state.here, state.step_size, state.here.solution
-    size, slope = here.shooting.size, here.slope
+    size, slope, settings = here.shooting.size, here.slope, step_size.settings
     while step_size.length > step_size.smallest:
         bound = 1.0 if slope > 0.0 else 0.0
         room = bound - float(solution.z[size])
@@ -173,16 +176,20 @@ def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
             return here
         row = np.zeros(len(solution.z))
         row[size] = 1.0
-        guess = solution.z + room / slope * solution.tangent
+        known, way = behind(solution, state.before, FLAT.weights, settings.nodes), room / slope
+        for _ in range(2):
+            way += (room - float(predictor(known, way)[size])) / slope
+        guess = solution.z + predictor(known, way)
         guess[size] = bound
-        farthest = step_size.settings.farthest * step_size.length
-        found = corrector(here.shooting, guess, row, farthest=farthest)
+        farthest = settings.farthest * step_size.length
+        found = corrector(here.shooting, guess, row, farthest=farthest,
+                          first=here.shooting.coarse if step_size.missed > settings.missed else None)
         if found is not None and found.distance <= farthest:
             tangent = found.tangent if float(found.tangent @ solution.tangent) > 0.0 else -found.tangent
             new = solution_at(found.z, found.found, tangent)
-            if float(tangent @ solution.tangent) > step_size.settings.turn and new.sign == solution.sign:
+            if float(tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
                 return point_at(here.shooting, new)
-        step_size.length *= step_size.settings.shorter
+        step_size.length *= settings.shorter
     return None
 
 
