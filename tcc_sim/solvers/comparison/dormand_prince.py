@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import RK45
 
-from tcc_sim.solvers.comparison.runge_kutta import KEPT_PER_CYCLE, slopes
+from tcc_sim.solvers.comparison.runge_kutta import KEPT_PER_CYCLE, rates
 from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats
@@ -94,15 +94,6 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
 
 
 @compiled
-def _rates(t: float, y: Floats, terms: Any, out: Floats, row: int) -> None:
-    """y' into a row of `out`; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
-    out[row, 0], out[row, 2] = slopes(t, y[0], y[1], y[2], terms)
-    out[row, 1] = y[2]
-    if len(y) > 3:
-        out[row, 3] = y[0] + y[2]
-
-
-@compiled
 def _stages(t: float, h: float, y: Floats, new: Floats, k: Floats, terms: Any, tables: Tables) -> None:
     """The slopes of a step from y into rows 1 to 6 of k, and the state at its end into `new`."""
     for s in range(1, 7):
@@ -111,7 +102,7 @@ def _stages(t: float, h: float, y: Floats, new: Floats, k: Floats, terms: Any, t
             for j in range(s):
                 total += k[j, i] * (tables.stages[s, j] if s < 6 else tables.weights[j])
             new[i] = y[i] + h * total
-        _rates(t + h * (tables.times[s] if s < 6 else 1.0), new, terms, k, s)
+        rates(t + h * (tables.times[s] if s < 6 else 1.0), new, terms, k[s])
 
 
 @compiled
@@ -147,7 +138,7 @@ def _advance(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: A
     n, marks = len(y), wanted.marks
     t, h, last = at[0], at[1], at[2]
     used, steps, mark, rejected = 0, 0, 0, False
-    _rates(t, y, terms, k, 0)
+    rates(t, y, terms, k[0])
     while t < end and steps < AT_ONCE and used + len(marks) - mark + PIECES + 2 < len(rows):
         smallest = SMALLEST * max(abs(t), 1e-300)
         if not rejected:

@@ -90,6 +90,15 @@ def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: An
 
 
 @compiled
+def rates(t: float, y: Floats, terms: Any, out: Floats) -> None:
+    """y' of (1), (2) into `out`; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
+    out[0], out[2] = slopes(t, y[0], y[1], y[2], terms)
+    out[1] = y[2]
+    if len(y) > 3:
+        out[3] = y[0] + y[2]
+
+
+@compiled
 def _advance(start: float, h: float, count: int, stride: int, y: Floats, terms: Terms, out: Floats) -> int:
     """Take `count` steps in place.
 

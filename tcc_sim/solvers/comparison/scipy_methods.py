@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 import warnings
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.dormand_prince import GOES_ON, march, prepare
-from tcc_sim.solvers.comparison.runge_kutta import slopes
+from tcc_sim.solvers.comparison.runge_kutta import rates
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
@@ -26,46 +27,10 @@ POINTS = 256
 """Points kept per engine cycle or natural period, the shorter, where the steps are longer; at most 64 per step."""
 
 
-def rk45(problem: Problem) -> Trajectory:
-    """Dormand and Prince's explicit method of order 5(4) in the steps of `scipy.integrate.RK45`, compiled."""
-    return _solve(problem, "rk45", RK45)
-
-
-def dop853(problem: Problem) -> Trajectory:
-    """Dormand and Prince's explicit method of order 8(5,3): `scipy.integrate.DOP853`."""
-    return _solve(problem, "dop853", DOP853)
-
-
-def radau(problem: Problem) -> Trajectory:
-    """Radau IIA of order 5, implicit: `scipy.integrate.Radau`."""
-    return _solve(problem, "radau", Radau)
-
-
-def bdf(problem: Problem) -> Trajectory:
-    """Backward differentiation of order 1 to 5, Gear's method: `scipy.integrate.BDF`."""
-    return _solve(problem, "bdf", BDF)
-
-
-def lsoda(problem: Problem) -> Trajectory:
-    """Adams and backward differentiation with automatic switching, of ODEPACK: `scipy.integrate.LSODA`."""
-    return _solve(problem, "lsoda", LSODA)
-
-
-@compiled
-def _rates(t: float, y: Floats, terms: Terms, out: Floats) -> None:
-    """See `rates_of`."""
-    slip, plate = slopes(t, y[0], y[1], y[2], terms)
-    out[0] = slip
-    out[1] = y[2]
-    out[2] = plate
-    if len(y) > 3:
-        out[3] = y[0] + y[2]
-
-
 def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
     """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
     out = np.empty_like(y)
-    _rates(t, y, terms, out)
+    rates(t, y, terms, out)
     return out
 
 
@@ -73,7 +38,7 @@ def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
 def _rates_along(t: Floats, y: Floats, terms: Terms, out: Floats) -> None:
     """See `rates_along`."""
     for i in range(len(t)):
-        _rates(t[i], y[i], terms, out[i])
+        rates(t[i], y[i], terms, out[i])
 
 
 def rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
@@ -118,9 +83,15 @@ def _scales(problem: Problem, terms: Terms) -> Floats:
     return np.array([*scales, 1.0] if problem.flywheel_angle else scales)
 
 
-def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
-    """March `method` and keep its dense output at the samples, the cycle ends and enough points for the extremes."""
-    terms = terms_of(problem.system)
+METHODS = {"rk45": RK45, "dop853": DOP853, "radau": Radau, "bdf": BDF, "lsoda": LSODA}
+"""Dormand and Prince's explicit methods of order 5(4), whose steps are compiled, and 8(5,3); Radau IIA of order 5;
+backward differentiation of order 1 to 5; and, of ODEPACK, Adams' methods with automatic switching to it.
+"""
+
+
+def _solve(problem: Problem, name: str) -> Trajectory:
+    """March a method and keep its dense output at the samples, the cycle ends and enough points for the extremes."""
+    terms, method = terms_of(problem.system), METHODS[name]
     rtol = SOLVERS[name].default if problem.rtol is None else problem.rtol
     s = problem.state
     y0 = np.array([s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle][:4 if problem.flywheel_angle else 3])
@@ -143,12 +114,15 @@ def _solve(problem: Problem, name: str, method: Any) -> Trajectory:
     kept[-1] = True
     cycles = None
     if len(times) > 1:
-        rates = rates_along(times, states, terms)
-        cycles = cycles_from_samples(times, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
+        slopes = rates_along(times, states, terms)
+        cycles = cycles_from_samples(times, states[:, 0], slopes[:, 0], states[:, 1], states[:, 2], slopes[:, 2],
                                      starts=starts_of(problem.system, problem.start_cycle, times[-1]),
                                      stick_speed=stick_speed_of(terms), linear=terms.linear)
     return assemble(problem, name, times[kept], states[kept], cycles=cycles, status=status, detail=detail,
                     statistics=Statistics(steps=steps, seconds=seconds))
+
+
+rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHODS)
 
 
 def _solver(name: str, method: Any, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:

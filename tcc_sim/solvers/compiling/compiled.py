@@ -262,9 +262,7 @@ def fast(function: Function) -> Function:
 
 smoothed = compiled(friction.smoothed)
 smoothed_and_slope = compiled(friction.smoothed_and_slope)
-sliding = compiled(friction.sliding)
 engine_torque = compiled(equations.engine_torque)
 saturation_torque = compiled(equations.saturation_torque)
 accelerations = compiled(equations.accelerations)
-interface_torque = compiled(equations.interface_torque)
 reached = compiled(course.reached)
