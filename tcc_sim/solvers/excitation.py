@@ -3,6 +3,10 @@ pressure at 0 sets in and ends.
 
 Time is `tau`, seconds into an engine cycle. The sines of the engine torque repeat with the cycle; the load's phase at
 the start of the cycle is `shift` (rad), so that no large angle loses digits however long a run is.
+
+Where frequency and means vary in time there is a `course`, one piece of `model.course` as a row, else None: sines have
+a quadratic phase then, and means are linear. Times of the row are seconds into the engine cycle, phases those since its
+start, and the rates of waves and load are per rad of phi.
 """
 
 from __future__ import annotations
@@ -13,11 +17,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.model import course as of
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.series import COLUMNS, ENGINE, LOAD, add_sine, sine_and_cosine
+from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
 
 TWO_PI = 2.0 * math.pi
+Pulsation = Any
+"""(Tsp in N m, omega_f in rad/s or rad/rad, psi in rad), or None for a constant load; with a course always there."""
+UNTIL, STARTED, SHIFT = range(of.LOAD_RATE + 1, of.LOAD_RATE + 4)
+"""Columns of a row behind those of a course: how long the piece holds; when the cycle started, s since time 0, and the
+load's phase there, rad.
+"""
+GRID = math.pi / 8.0
+"""Step in the load's angle within which the load less its clamp has one extremum at most."""
+BISECTIONS = 60
+PAST = 1e-7
+"""Part of such a step behind a root in which no other is looked for."""
+
 
 WAVE = np.dtype([("rate", np.float64), ("amplitude", np.float64), ("phase", np.float64), ("sine", np.float64),
                  ("cosine", np.float64)])
@@ -36,61 +53,131 @@ def waves_of(terms: Terms) -> NDArray[Any]:
     return np.array(rows, WAVE)
 
 
+reached = fast(of.reached)
+
+
+@fast
+def frequency_at(tau: float, row: Any) -> float:
+    """omega at tau by a row, rad/s."""
+    return float(row[of.FREQUENCY] + row[of.FREQUENCY_RATE] * (tau - row[of.TIME]))
+
+
 @fast
 def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: Any, mean_load: float,
-           pulsation: tuple[float, float, float] | None, drive: Any) -> None:
+           pulsation: Pulsation, course: Any, drive: Any) -> None:
     """Fill `drive` and the sines and cosines of `waves` at tau; Ts is 0 where `loaded` is False."""
-    torque = mean_torque
-    torque_rate = 0.0
+    phase, omega, torque, torque_rate, load, load_rate = tau, 1.0, mean_torque, 0.0, mean_load, 0.0
+    if course is not None:
+        phase, torque, load = reached(tau, course)
+        omega, shift = frequency_at(tau, course), course[SHIFT]
+        torque_rate, load_rate = course[of.TORQUE_RATE], course[of.LOAD_RATE]
     for i in range(waves.shape[0]):
-        sine, cosine = sine_and_cosine(waves[i].rate * tau + waves[i].phase)
+        sine, cosine = sine_and_cosine(waves[i].rate * phase + waves[i].phase)
         waves[i].sine = sine
         waves[i].cosine = cosine
         torque += waves[i].amplitude * sine
-        torque_rate += waves[i].amplitude * waves[i].rate * cosine
+        torque_rate += waves[i].amplitude * waves[i].rate * omega * cosine
     drive.torque = torque
     drive.torque_rate = torque_rate
-    drive.load = mean_load if loaded else 0.0
+    drive.load = load if loaded else 0.0
     drive.load_rate = 0.0
     if pulsation is not None:
-        sine, cosine = sine_and_cosine(pulsation[1] * tau + shift)
+        sine, cosine = sine_and_cosine(pulsation[1] * phase + shift)
         drive.load_sine = sine
         drive.load_cosine = cosine
         if loaded:
-            drive.load = max(mean_load + pulsation[0] * sine, 0.0)
-            drive.load_rate = pulsation[0] * pulsation[1] * cosine
+            drive.load = max(load + pulsation[0] * sine, 0.0)
+            drive.load_rate = load_rate + pulsation[0] * pulsation[1] * omega * cosine
 
 
 @fast
-def expand_excitation(rows: Any, count: int, unit: float, loaded: bool, mean_torque: float, waves: Any,
-                      mean_load: float, pulsation: tuple[float, float, float] | None, drive: Any) -> None:
+def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bool, mean_torque: float, waves: Any,
+                      mean_load: float, pulsation: Pulsation, course: Any, drive: Any) -> None:
     """The first `count` Taylor coefficients in t/unit of Te and Ts, about where `drive` and `waves` are.
 
     Of a load that does not vary only coefficient 0 is written.
     """
-    for k in range(COLUMNS):
-        rows[ENGINE, k] = 0.0
-    rows[ENGINE, 0] = mean_torque
-    for i in range(waves.shape[0]):
-        add_sine(rows, ENGINE, count, waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine,
-                 waves[i].rate * unit)
-    if pulsation is None:
-        rows[LOAD, 0] = mean_load if loaded else 0.0
+    if course is not None:
+        expand_varying(rows, count, unit, tau, loaded, waves, pulsation, course, drive)
     else:
         for k in range(COLUMNS):
-            rows[LOAD, k] = 0.0
-        if loaded:
-            rows[LOAD, 0] = mean_load
-            add_sine(rows, LOAD, count, pulsation[0] * drive.load_sine, pulsation[0] * drive.load_cosine,
-                     pulsation[1] * unit)
+            rows[ENGINE, k] = 0.0
+        rows[ENGINE, 0] = mean_torque
+        for i in range(waves.shape[0]):
+            add_sine(rows, ENGINE, count, waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine,
+                     waves[i].rate * unit)
+        if pulsation is None:
+            rows[LOAD, 0] = mean_load if loaded else 0.0
+        else:
+            for k in range(COLUMNS):
+                rows[LOAD, k] = 0.0
+            if loaded:
+                rows[LOAD, 0] = mean_load
+                add_sine(rows, LOAD, count, pulsation[0] * drive.load_sine, pulsation[0] * drive.load_cosine,
+                         pulsation[1] * unit)
 
 
 @fast
-def clamp_edge(tau: float, end: float, shift: float, mean_load: float,
-               pulsation: tuple[float, float, float] | None) -> tuple[float, bool]:
-    """The next time at which the clamp of Ts at 0 sets in or ends, at most `end`, and whether Ts is above 0 until then.
+def add_chirp(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float, growth: float) -> None:
+    """Add the first `count` coefficients of the sine of a quadratic angle to a row.
+
+    Its derivative is (rate + growth x) times the cosine, which is the recurrence.
+    """
+    sine_before, cosine_before = 0.0, 0.0
+    for k in range(count):
+        rows[row, k] += sine
+        following = (rate * cosine + growth * cosine_before) * INVERSE[k + 1]
+        cosine_before, cosine = cosine, -(rate * sine + growth * sine_before) * INVERSE[k + 1]
+        sine_before, sine = sine, following
+
+
+@fast
+def expand_varying(rows: Any, count: int, unit: float, tau: float, loaded: bool, waves: Any,
+                   pulsation: Pulsation, row: Any, drive: Any) -> None:
+    """`expand_excitation` by a row."""
+    rate, growth = frequency_at(tau, row) * unit, row[of.FREQUENCY_RATE] * unit * unit
+    _, torque, load = reached(tau, row)
+    for k in range(count):
+        rows[ENGINE, k] = 0.0
+        rows[LOAD, k] = 0.0
+    rows[ENGINE, 0] = torque
+    rows[ENGINE, 1] = row[of.TORQUE_RATE] * unit
+    for i in range(waves.shape[0]):
+        wave = waves[i]
+        add_chirp(rows, ENGINE, count, wave.amplitude * wave.sine, wave.amplitude * wave.cosine, wave.rate * rate,
+                  wave.rate * growth)
+    if loaded:
+        rows[LOAD, 0] = load
+        rows[LOAD, 1] = row[of.LOAD_RATE] * unit
+        add_chirp(rows, LOAD, count, pulsation[0] * drive.load_sine, pulsation[0] * drive.load_cosine,
+                  pulsation[1] * rate, pulsation[1] * growth)
+
+
+@fast
+def load_phase(ratio: float, pulsation: Pulsation, cycle: int) -> float:
+    """The load's phase at the start of an engine cycle, rad: whole turns are taken off before anything is rounded.
+
+    The ratio of the frequencies is parted by T. J. Dekker's method (Numerische Mathematik 18, 1971), so that the
+    product of its greater part and the number of the cycle is exact.
     """
     if pulsation is None:
+        return 0.0
+    else:
+        large = 134217729.0 * ratio
+        head = large - (large - ratio)
+        whole, rest = head * cycle, (ratio - head) * cycle
+        return float(TWO_PI * ((whole - math.floor(whole)) + (rest - math.floor(rest))) + pulsation[2])
+
+
+@fast
+def clamp_edge(tau: float, end: float, shift: float, mean_load: float, pulsation: Pulsation,
+               course: Any) -> tuple[float, bool]:
+    """The next time at which the clamp of Ts at 0 sets in or ends, or the course goes on otherwise, at most `end`, and
+    whether Ts is above 0 until then.
+    """
+    if course is not None:
+        return edge_varying(tau, end, pulsation, course)
+    elif pulsation is None:
         return end, mean_load > 0.0
     else:
         amplitude, rate = pulsation[0], pulsation[1]
@@ -111,3 +198,59 @@ def clamp_edge(tau: float, end: float, shift: float, mean_load: float,
             until = end
         middle = rate * (0.5 * (tau + until)) + shift
         return until, mean_load + amplitude * math.sin(middle) > 0.0
+
+
+@fast
+def torque_beside_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
+    """Te at tau less a mean, N m."""
+    phase, now, _ = reached(tau, row)
+    torque = float(now - mean)
+    for i in range(waves.shape[0]):
+        torque += waves[i].amplitude * sine_and_cosine(waves[i].rate * phase + waves[i].phase)[0]
+    return torque
+
+
+@fast
+def load_and_rate(tau: float, pulsation: Pulsation, row: Any) -> tuple[float, float]:
+    """Ts before the clamp, N m, and its change in a second."""
+    phase, _, load = reached(tau, row)
+    sine, cosine = sine_and_cosine(pulsation[1] * phase + row[SHIFT])
+    return (load + pulsation[0] * sine,
+            row[of.LOAD_RATE] + pulsation[0] * pulsation[1] * frequency_at(tau, row) * cosine)
+
+
+@fast
+def bisected(low: float, high: float, which: int, pulsation: Pulsation, row: Any) -> float:
+    """Where the load (`which` 0) or its rate (1) changes its sign between low and high: just behind it."""
+    rising = load_and_rate(high, pulsation, row)[which] > 0.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        if (load_and_rate(middle, pulsation, row)[which] > 0.0) == rising:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@fast
+def edge_varying(tau: float, end: float, pulsation: Pulsation, row: Any) -> tuple[float, bool]:
+    """`clamp_edge` by a row: at most where the piece ends."""
+    until = min(end, row[UNTIL])
+    before, after = reached(tau, row)[2], reached(until, row)[2]
+    if abs(pulsation[0]) <= min(before, after):
+        return until, max(before, after) > 0.0
+    step = GRID / (pulsation[1] * max(frequency_at(tau, row), frequency_at(until, row)))
+    low = min(tau + PAST * step, 0.5 * (tau + until))
+    value, rate = load_and_rate(low, pulsation, row)
+    loaded = value > 0.0
+    while low < until:
+        high = min(low + step, until)
+        value, following = load_and_rate(high, pulsation, row)
+        if (rate > 0.0) != (following > 0.0):
+            turn = bisected(low, high, 1, pulsation, row)
+            if (load_and_rate(turn, pulsation, row)[0] > 0.0) != loaded:
+                return bisected(low, turn, 0, pulsation, row), loaded
+        if (value > 0.0) != loaded:
+            return bisected(low, high, 0, pulsation, row), loaded
+        low, rate = high, following
+    return until, loaded

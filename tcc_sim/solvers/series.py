@@ -19,9 +19,9 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import row_of, unrolled
 
-SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD, EXCESS, TANH = range(8)
-"""Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts; E, T."""
-ROWS = 8
+SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
+"""Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts."""
+ROWS = 6
 
 ORDER_MAXIMUM = 30
 FRICTION_ORDER_MAXIMUM = 22
@@ -101,7 +101,7 @@ def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[A
 
 
 def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, decay: Any, excess: Any, sigma: Any,
-           tanh: Any, sech: Any, kept: Any) -> Iterator[int]:
+           tanh: Any, sech: Any) -> Iterator[int]:
     """Coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
 
     Each series waits for the one before it, so what v_k adds last of all is one product: the slope of mubar now times
@@ -115,7 +115,6 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
     sign : value of T where it does not vary: the sign of v, or 0 without load
     decay, excess : rate -alpha sgn(v) and value of (r - 1) exp(-alpha |v|); None where it does not vary
     sigma, tanh, sech : sigma, tanh(sigma v) and 1 - tanh^2; None where T does not vary
-    kept : not None to have the rows EXCESS and TANH filled too
     """
     flywheel, plate = unit / linear[0], unit / linear[1]
     both, damping, stiffness = flywheel + plate, plate * linear[2], plate * linear[3]
@@ -128,7 +127,6 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
     stiff = both * load[0] * slope
     pairs = [None if decay is None else (weighted, e), None if tanh is None else (weighted, s),
              None if decay is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
-    factors = [] if kept is None else [(EXCESS, e)] * (decay is not None) + [(TANH, t)] * (tanh is not None)
     packed: list[Any] = []
     for k in range(ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM):
         spring = damping * u[k] + stiffness * x[k]
@@ -156,8 +154,6 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
         u.append(part * (plate * friction - spring))
         x.append(part * unit * u[k])
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
-        for row, factor in factors:
-            rows[row, k] = factor[k]
         if k % 2 == 1 and k >= 7:
             yield k + 1
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, TORQUE_AMPLITUDE, key_derivatives
+from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats
 
 SCALES = np.array([10.0, 0.1, 10.0])
@@ -50,18 +53,35 @@ class Stroboscopic(NamedTuple):
         return self.derivatives[:, 3:]
 
 
-class Prepared(Protocol):
-    """A system with keys, ready to be evaluated at many states."""
+class Prepared(ABC):
+    """A system with keys, ready to be evaluated at many states.
 
-    period: float
+    changes : (len(NUMBERS), P) `key_derivatives`
+    terms : the scene's, and those that it has not but that there are derivatives by
+    period, count : engine cycle, s; columns of the derivatives
+    """
+
+    def __init__(self, system: System, keys: tuple[str, ...]) -> None:
+        system.check_repeats("a map of the section")
+        self.changes = key_derivatives(system, keys)
+        self.period, self.count = system.cycle, 3 + len(keys)
+        terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
+        if terms.torque is None and self.changes[TORQUE_AMPLITUDE].any():
+            terms = terms._replace(torque=(0.0, omega))
+        if terms.pulsation is None and self.changes[LOAD_AMPLITUDE].any():
+            terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
+        if terms.stribeck is None and self.changes[EXCESS_RATIO].any():
+            terms = terms._replace(stribeck=(0.0, system.friction.decay))
+        self.terms = terms
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
-        ...
+        return self.each(state[None], [start], [end], margins)[0]
 
-    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
+    @abstractmethod
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
+             margins: bool = False) -> list[Stroboscopic]:
         """`over` for several starts, states (m, 3)."""
-        ...
 
 
 def prepared(system: System, keys: tuple[str, ...], rtol: float) -> Prepared:
@@ -69,10 +89,10 @@ def prepared(system: System, keys: tuple[str, ...], rtol: float) -> Prepared:
     if system.friction.law == "set_valued":
         from tcc_sim.solvers.event_driven import stroboscopic as event_driven
 
-        return event_driven.Prepared(system, keys, rtol)
+        return event_driven.SetValued(system, keys, rtol)
     from tcc_sim.solvers.smoothed import stroboscopic as smoothed
 
-    return smoothed.Prepared(system, keys, rtol)
+    return smoothed.Smoothed(system, keys, rtol)
 
 
 def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,

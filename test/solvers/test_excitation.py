@@ -1,6 +1,7 @@
 """Torque and load against the equations of the model, and the edges of the clamp against its closed form."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -27,10 +28,10 @@ def test_values_rates_and_coefficients_are_those_of_the_model(name):
     shift = terms.pulsation[2] if terms.pulsation else 0.0
     unit = 1e-3
     for tau in (0.0, 0.011, 0.03):
-        _, loaded = excitation.clamp_edge(tau, 1.0, shift, terms.mean_load, terms.pulsation)
-        excitation.excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
-        excitation.expand_excitation(rows, 20, unit, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-                                     drive)
+        _, loaded = excitation.clamp_edge(tau, 1.0, shift, terms.mean_load, terms.pulsation, None)
+        excitation.excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
+        excitation.expand_excitation(rows, 20, unit, tau, loaded, terms.mean_torque, waves, terms.mean_load,
+                                     terms.pulsation, None, drive)
         h = 1e-6
 
         def torque(t):
@@ -54,7 +55,7 @@ def test_the_clamp_sets_in_and_ends_where_the_sine_meets_minus_its_mean(amplitud
     mean, rate, shift = 2.0, 10.0, 0.4
     tau, seen = 0.0, []
     while tau < 2.0:
-        until, loaded = excitation.clamp_edge(tau, 2.0, shift, mean, (amplitude, rate, shift))
+        until, loaded = excitation.clamp_edge(tau, 2.0, shift, mean, (amplitude, rate, shift), None)
         middle = mean + amplitude * math.sin(rate * 0.5 * (tau + until) + shift)
         assert loaded == (middle > 0.0)
         assert until > tau
@@ -67,6 +68,14 @@ def test_the_clamp_sets_in_and_ends_where_the_sine_meets_minus_its_mean(amplitud
 
 
 def test_a_load_that_stays_above_zero_has_no_edges():
-    assert excitation.clamp_edge(0.3, 2.0, 0.0, 2.0, (1.0, 10.0, 0.0)) == (2.0, True)
-    assert excitation.clamp_edge(0.3, 2.0, 0.0, 2.0, None) == (2.0, True)
-    assert excitation.clamp_edge(0.3, 2.0, 0.0, 0.0, None) == (2.0, False)
+    assert excitation.clamp_edge(0.3, 2.0, 0.0, 2.0, (1.0, 10.0, 0.0), None) == (2.0, True)
+    assert excitation.clamp_edge(0.3, 2.0, 0.0, 2.0, None, None) == (2.0, True)
+    assert excitation.clamp_edge(0.3, 2.0, 0.0, 0.0, None, None) == (2.0, False)
+
+
+@pytest.mark.parametrize("ratio", [0.7, 2.0 / 3.0, 1.37])
+@pytest.mark.parametrize("cycle", [1, 999_983, 9_999_991])
+def test_the_loads_phase_loses_no_digits_after_many_cycles(ratio, cycle):
+    exact = 2.0 * math.pi * float(Fraction(ratio) * cycle % 1) + 0.25
+    found = excitation.load_phase(ratio, (1.0, ratio, 0.25), cycle)
+    assert math.remainder(found - exact, 2.0 * math.pi) == pytest.approx(0.0, abs=4e-15)

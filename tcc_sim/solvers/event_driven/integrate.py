@@ -24,7 +24,7 @@ from tcc_sim.solvers.event_driven.step import (
     stick_arc,
 )
 from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
-from tcc_sim.solvers.excitation import TWO_PI, clamp_edge, excite
+from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
 from tcc_sim.solvers.loads import keep_breakaway, keep_loads
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.step_output import (
@@ -56,14 +56,14 @@ AHEAD = 0.6
 class Setup(NamedTuple):
     """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
 
-    phase : omega_f/omega, and psi (rad)
+    ratio : omega_f/omega
     event_limit : most events of one engine cycle
     """
 
     bounds: Bounds
     terms: Terms
     waves: Any
-    phase: tuple[float, float]
+    ratio: float
     event_limit: int
 
 
@@ -87,23 +87,15 @@ class Memory(NamedTuple):
 
 
 @fast
-def load_phase(ratio: float, phase: float, cycle: float) -> float:
-    """The load's phase, rad, at the start of a cycle: the fraction of ratio times cycle is taken without rounding."""
-    large = 134217729.0 * ratio
-    head = large - (large - ratio)
-    whole, rest = head * cycle, (ratio - head) * cycle
-    return float(TWO_PI * ((whole - math.floor(whole)) + (rest - math.floor(rest))) + phase)
-
-
-@fast
 def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
     """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
     state.load_edge = math.inf
     state.length = fresh_length(terms.linear)
     loaded = terms.mean_load > 0.0
     if bounds.clamped:
-        state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation)
-    excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation,
+                                             None)
+    excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
     state.mode = mode_of(state.slip_speed, loaded, state.plate_angle, state.plate_speed, drive, bounds.ratio,
                          bounds.torque_tolerance, terms.linear)
     state.at_rest = 1 if state.slip_speed == 0.0 and state.mode != FREE else 0
@@ -115,7 +107,7 @@ def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, go
     """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
     remaining = min(goal, state.load_edge) - state.tau
     excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-           drive)
+           None, drive)
     if nodes is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
         if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
             return stiff_arc(bounds, terms, waves, state, drive, remaining, rows, nodes, matrices, workspace)
@@ -164,7 +156,7 @@ def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
                                                                        and state.slip_speed >= 0.0)
     if step.event == REST or (stopped and state.at_rest == 0 and step.event != LAW_VARIES):
         state.slip_speed = 0.0
-        excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, drive)
+        excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
         state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
                                   terms.linear)
         state.at_rest = 1
@@ -240,7 +232,7 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
 
     Goes on where `memory` is; returns how it ended. `angle` is None where theta1 is not asked for.
     """
-    bounds, terms, waves, phase, event_limit = setup
+    bounds, terms, waves, ratio, event_limit = setup
     state, drive, counters, output, (rows, workspace, nodes, matrices) = memory
     period = bounds.period
     all_cycles = whole + (1 if rest > 0.0 else 0)
@@ -251,7 +243,7 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
             counters.cycle_steps = 0
             counters.cycle_events = 0
         if state.mode == UNKNOWN:
-            state.shift = load_phase(phase[0], phase[1], float(first + n))
+            state.shift = load_phase(ratio, terms.pulsation, first + n)
             begin(bounds, terms, waves, state, drive)
             state.first_mode = state.mode
         goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
@@ -275,7 +267,7 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
         if output.cycle > n:
             state.tau -= period
             state.load_edge -= period
-            state.shift = load_phase(phase[0], phase[1], float(first + output.cycle))
+            state.shift = load_phase(ratio, terms.pulsation, first + output.cycle)
         counters.steps += 1
         counters.cycle_steps += 1
         if event:

@@ -13,7 +13,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.integrate import Memory, Setup, advance, begin, load_phase, note_move, settle
+from tcc_sim.solvers.event_driven.integrate import Memory, Setup, advance, begin, note_move, settle
 from tcc_sim.solvers.event_driven.margins import lane_value, note_arrival, note_gradient, note_step, smallest_dip
 from tcc_sim.solvers.event_driven.sensitivity import (
     LANES,
@@ -27,6 +27,7 @@ from tcc_sim.solvers.event_driven.sensitivity import (
 )
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone
+from tcc_sim.solvers.excitation import load_phase
 from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, NOT_FINITE, STEP_LIMIT
 from tcc_sim.solvers.terms import Terms
@@ -165,12 +166,12 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
     wanted, least : whether margins are looked for, and where they are kept
     work, places : a record of VARIATION and an array (3) to work in
     """
-    bounds, terms, waves, phase, _ = setup
+    bounds, terms, waves, ratio, _ = setup
     state, drive, counters, output, (rows, workspace, _, _) = memory
     numbers, columns, heights, climbs = disturbed
     period, n = bounds.period, 0
     total = passes + (1 if tail > 0.0 else 0)
-    state.shift = load_phase(phase[0], phase[1], float(first))
+    state.shift = load_phase(ratio, terms.pulsation, first)
     begin(bounds, terms, waves, state, drive)
     state.first_mode = state.mode
     if state.mode == STICK:
@@ -214,6 +215,6 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
             if n < total:
                 state.tau -= period
                 state.load_edge -= period
-                state.shift = load_phase(phase[0], phase[1], float(first + n))
+                state.shift = load_phase(ratio, terms.pulsation, first + n)
                 note_start(n, state.slip_speed, columns, heights, climbs)
     return DONE

@@ -41,7 +41,7 @@ def setup_of(system: System, rtol: float) -> Setup:
     waves.setflags(write=False)
     return Setup(bounds_of(terms, system.cycle, rtol),
                  terms._replace(torque=None, harmonics=None, smoothing=None), waves,  # They are the waves.
-                 (system.pressure.frequency_ratio, system.pressure.phase), event_limit(terms, system.cycle))
+                 system.pressure.frequency_ratio, event_limit(terms, system.cycle))
 
 
 def work_of(bounds: Bounds) -> Work:

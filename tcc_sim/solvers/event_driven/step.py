@@ -76,7 +76,8 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
               workspace: Any) -> Step:
     """A step in stick of at most `remaining` seconds, to breakaway where |lambda| = r Ts."""
     unit = 1.0 / bounds.stick_rate
-    expand_excitation(rows, LINEAR_ORDER + 1, unit, True, mean_torque, waves, mean_load, pulsation, drive)
+    expand_excitation(rows, LINEAR_ORDER + 1, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None,
+                      drive)
     for k in range(LINEAR_ORDER + 1):
         rows[SLIP, k] = 0.0
     rows[ANGLE, 0] = state.plate_angle
@@ -172,11 +173,12 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             acceleration = abs((drive.torque - friction) / linear[0] - pull / linear[1])
             slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * stribeck[1] * excess
             unit = 1.0 / (bounds.slip_rate + stribeck[1] * acceleration + slope)
-            expand_excitation(rows, order, unit, True, mean_torque, waves, mean_load, pulsation, drive)
-            series.expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None, None)
+            expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
+            series.expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None)
     if not falling:
-        expand_excitation(rows, order, unit, mode != FREE, mean_torque, waves, mean_load, pulsation, drive)
-        series.expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None, None)
+        expand_excitation(rows, order, unit, state.tau, mode != FREE, mean_torque, waves, mean_load, pulsation, None,
+                          drive)
+        series.expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None)
     longest = remaining / unit
     x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
     if stribeck is not None and falling:

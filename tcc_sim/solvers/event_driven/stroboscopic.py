@@ -28,12 +28,11 @@ from tcc_sim.solvers.key_derivatives import (
     LOAD_PHASE,
     NUMBERS,
     TORQUE_AMPLITUDE,
-    key_derivatives,
 )
 from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT
-from tcc_sim.solvers.stroboscopic import Stroboscopic
-from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
+from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats, event_sequence
 
 WHY = {NOT_FINITE: "the state is not finite", STEP_LIMIT: "its derivatives take too many steps in one engine cycle",
@@ -47,14 +46,14 @@ SLOWEST = 1e-30
 """Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
 
 
-class Prepared:
-    """A system with keys, ready to be evaluated at many states."""
+class SetValued(Prepared):
+    """By the exact engine."""
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
-        system.check_repeats("a map of the section")
-        numbers = key_derivatives(system, keys)
-        terms = exact_terms(system, numbers)
-        self.period, self.count = system.cycle, 3 + len(keys)
+        super().__init__(system, keys)
+        terms, numbers = self.terms, self.changes
+        if terms.stribeck is not None:
+            terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST)))
         bounds, waves = exact_bounds(terms, system, FINER * rtol, numbers), waves_of(terms)
         if bounds.stiff_slip and bounds.slip_rate * bounds.period > REACH * bounds.steps:
             raise InputError(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over "
@@ -68,17 +67,18 @@ class Prepared:
             terms = terms._replace(pulsation=(0.0, self.rates.load, pressure.phase))
         # The engine's sines are in the waves, and one compiled kernel serves with and without a pulsating load.
         self.setup = Setup(bounds, terms._replace(torque=None, harmonics=None, smoothing=None), waves,
-                           (pressure.frequency_ratio, pressure.phase), EVENTS_PER_CYCLE)
+                           pressure.frequency_ratio, EVENTS_PER_CYCLE)
         self.blocks = -(-self.count // LANES)
         self.numbers = np.zeros((self.blocks * LANES, len(NUMBERS)))
         self.numbers[3:self.count] = numbers.T
 
-    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
-        """`over` for several starts, states (m, 3)."""
-        return [self.over(*each) for each in zip(states, starts, ends)]
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
+             margins: bool = False) -> list[Stroboscopic]:
+        """`over` for several starts, states (m, 3), one after the other."""
+        return [self._over(*each, margins) for each in zip(states, starts, ends)]
 
-    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
-        """From the phase `start` to the phase `end`, in engine cycles."""
+    def _over(self, state: Floats, start: float, end: float, margins: bool) -> Stroboscopic:
+        """See `over`."""
         first, last = math.floor(start), math.floor(end)
         tail = (end - last) * self.period
         n = last - first + (1 if tail > 0.0 else 0)
@@ -104,15 +104,6 @@ class Prepared:
             event_sequence([*seen["before"][:1], *seen["after"]] or [last_state["first_mode"]]), heights,
             peaks[:, :self.count], float(output[0]["stick_time"]), seen.tolist(),
             least[:, :GRADIENT + self.count] if margins else None)
-
-
-def exact_terms(system: System, numbers: Floats) -> Terms:
-    """The terms of a system, with the decay of the friction coefficient where derivatives need it."""
-    terms = terms_of(system)
-    if terms.stribeck is None and not numbers[EXCESS_RATIO].any():
-        return terms
-    excess = terms.stribeck[0] if terms.stribeck is not None else 0.0
-    return terms._replace(stribeck=(excess, max(system.friction.decay, SLOWEST)))
 
 
 def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:

@@ -10,18 +10,19 @@ import math
 from typing import Any
 
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_beside_mean
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_tables import (
     DEGREE,
     FROM_ANGLE,
     FROM_MEAN,
     FROM_SPEED,
+    FROM_WAVES,
     NODES,
     TERMS,
     C,
     Tables,
 )
-from tcc_sim.solvers.smoothed.drive import grip_at_nodes, weigh_torque
 from tcc_sim.solvers.smoothed.series_step import fastest
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.stages import (
@@ -50,12 +51,35 @@ CONVERGED = 0.01
 
 @fast
 def weigh(state: Any, h: float, limits: Limits, mean_torque: float, waves: Any, course: Any, work: Any) -> None:
-    """How much of every source there is at the start of a step."""
+    """How much of every source there is: the start, and the sines of the torque and their quadratures, or the torque at
+    the nodes.
+    """
     weights = work.weights
     weights[FROM_ANGLE] = state.plate_angle
     weights[FROM_SPEED] = state.plate_speed + limits.kappa * state.slip_speed
     weights[FROM_MEAN] = mean_torque
-    weigh_torque(state.tau, h, mean_torque, waves, course, weights)
+    if course is None:
+        for i in range(waves.shape[0]):
+            wave = waves[i]
+            weights[FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
+            weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
+    else:
+        for i in range(NODES):
+            weights[FROM_WAVES + i] = torque_beside_mean(state.tau + C[i] * h, mean_torque, waves, course)
+
+
+@fast
+def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float, pulsation: Pulsation,
+                  course: Any, drive: Any, grip: Any) -> None:
+    """beta Ts at the nodes of a collocation step."""
+    cosine, sine = turn.cosine, turn.sine
+    for i in range(NODES):
+        load = mean_load
+        if course is not None:
+            load = load_and_rate(tau + C[i] * h, pulsation, course)[0]
+        elif pulsation is not None:
+            load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
+        grip[i] = beta * load if loaded else 0.0
 
 
 @fast

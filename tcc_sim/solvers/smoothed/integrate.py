@@ -11,12 +11,11 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.excitation import TWO_PI
+from tcc_sim.solvers.excitation import STARTED, clamp_edge, excite, load_phase
 from tcc_sim.solvers.loads import keep_loads
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
-from tcc_sim.solvers.smoothed.drive import edge_after, excite_now, started
 from tcc_sim.solvers.smoothed.sensitivity_carried import carry
 from tcc_sim.solvers.smoothed.sensitivity_step import resolved
 from tcc_sim.solvers.smoothed.series_step import Friction, friction_here, series_step
@@ -160,6 +159,15 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
 
 
 @fast
+def started(cycle: int, period: float, course: Any) -> float:
+    """When the engine cycle of this number started, s."""
+    if course is None:
+        return cycle * period
+    else:
+        return float(course[STARTED])
+
+
+@fast
 def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limits, terms: Terms, memory: Memory,
          store: Store, angle: Any) -> None:
     """Loads, samples, extremes, transitions and section of a step; `cut` is where in it the cycle ends."""
@@ -197,7 +205,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
     """
     limits, terms, ratio, waves, tables = setup
     state, control, drive, work, counters, output = memory
-    period, shift = limits.period, phase_of(first + output.cycle, ratio, terms.pulsation)
+    period, shift = limits.period, load_phase(ratio, terms.pulsation, first + output.cycle)
     while True:
         end = (count - output.cycle) * period + tail
         if not state.tau < end:
@@ -207,9 +215,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
             return FULL
         tau = state.tau
-        edge, loaded = edge_after(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
+        edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
         stop = min(edge, end)
-        excite_now(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.course, drive)
+        excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.course, drive)
         place = locate(state, loaded, control, limits, terms, drive)
         friction = friction_here(place, state, limits, terms, drive)
         if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
@@ -247,14 +255,5 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if after >= period:
             state.tau -= period
             begin_cycle(state, control)
-            shift = phase_of(first + output.cycle, ratio, terms.pulsation)
+            shift = load_phase(ratio, terms.pulsation, first + output.cycle)
         after_step(step, x, control, limits, tables)
-
-
-@fast
-def phase_of(cycle: int, ratio: float, pulsation: tuple[float, float, float] | None) -> float:
-    """Phase of the load at the start of an engine cycle, rad: whole turns are taken off before anything is rounded."""
-    if pulsation is None:
-        return 0.0
-    else:
-        return TWO_PI * ((ratio * cycle) % 1.0) + pulsation[2]

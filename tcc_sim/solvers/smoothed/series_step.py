@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, expand
-from tcc_sim.solvers.smoothed.drive import expand_drive
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import ACCEPTED, FAILED, FALLING, LAYER, SLIDING, Place, Step
 from tcc_sim.solvers.smoothed.step_size import converging_length, series_length
@@ -64,7 +64,7 @@ def expand_falling(order: int, rows: Any, unit: float, terms: Terms, sign: float
                    pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """The series where tanh is 1 and the exponential varies, which it does with a Stribeck term only."""
     if stribeck is not None:
-        expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, excess, None, None, None, None)
+        expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, excess, None, None, None)
 
 
 @fast
@@ -73,10 +73,10 @@ def expand_layer(order: int, rows: Any, unit: float, terms: Terms, sigma: float,
     """The series where tanh varies."""
     if stribeck is None:
         expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh,
-               friction.sech, None)
+               friction.sech)
     else:
         expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, friction.excess, sigma,
-               friction.tanh, friction.sech, None)
+               friction.tanh, friction.sech)
 
 
 @fast
@@ -119,14 +119,14 @@ def series_step(place: Place, friction: Friction, remaining: float, loaded: bool
     rows[SLIP, 0] = state.slip_speed
     rows[ANGLE, 0] = state.plate_angle
     rows[SPEED, 0] = state.plate_speed
-    expand_drive(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-                 terms.course, drive)
+    expand_excitation(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
+                      terms.course, drive)
     if place.region == LAYER:
         expand_layer(order, rows, unit, terms, limits.sigma, place.sign, friction, terms.pulsation, terms.stribeck)
     elif place.region == FALLING:
         expand_falling(order, rows, unit, terms, place.sign, friction.excess, terms.pulsation, terms.stribeck)
     else:
-        expand(order, rows, unit, terms.linear, place.sign, terms.pulsation, None, None, None, None, None, None)
+        expand(order, rows, unit, terms.linear, place.sign, terms.pulsation, None, None, None, None, None)
     x = series_length(rows, order, place.slip_tolerance, place.speed_tolerance)
     x = min(x, min(remaining, 0.5 * limits.period) / unit)
     if not x > 0.0:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.model.course import FREQUENCY, FREQUENCY_RATE, TIME, pieces
+from tcc_sim.solvers.excitation import SHIFT, STARTED, UNTIL, load_phase
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.smoothed.integrate import Setup, phase_of
-from tcc_sim.solvers.varying import SHIFT, STARTED, UNTIL
+from tcc_sim.solvers.smoothed.integrate import Setup
 from tcc_sim.trajectory import Floats
 
 BATCH = 4096
@@ -50,7 +50,7 @@ def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch
             return
         near = NEAR * period
         inner = course[:, TIME][(course[:, TIME] > start + near) & (course[:, TIME] < end - near)].tolist()
-        shift = phase_of(first + n, setup.ratio, terms.pulsation)
+        shift = load_phase(setup.ratio, terms.pulsation, first + n)
         limits, phase = setup.limits._replace(period=period), 0.0
         for begin, stop in zip([start, *inner], [*inner, end]):
             row = row_of(course, begin, stop, start, phase, shift)

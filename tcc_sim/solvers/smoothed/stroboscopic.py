@@ -15,15 +15,14 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiling.compiled import Partial
-from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
+from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, NUMBERS
 from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, Room, integrate_parts
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED
 from tcc_sim.solvers.smoothed.solve import KINDS, setup_of
 from tcc_sim.solvers.smoothed.state import Memory
 from tcc_sim.solvers.step_output import CYCLE, DONE, MOVE, STATUSES, Store
-from tcc_sim.solvers.stroboscopic import Stroboscopic
-from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.trajectory import Floats, event_sequence
 
 
@@ -39,33 +38,19 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
     shared = room_of(1, 2, 1)[0].shared
     shared["slopes"], shared["averaged"] = 0.0, 1
     try:
-        Prepared(system, (), rtol).over(state, cycle, cycle + 1)
+        Smoothed(system, (), rtol).over(state, cycle, cycle + 1)
         found: Floats = shared["slopes"].copy()
     finally:
         shared["averaged"] = 0
     return found
 
 
-def terms_for(system: System, changes: Floats) -> Terms:
-    """The scene's terms, and those that it has not but that `changes` (numbers, keys) take a derivative by."""
-    terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-    if terms.torque is None and changes[TORQUE_AMPLITUDE].any():
-        terms = terms._replace(torque=(0.0, omega))
-    if terms.pulsation is None and changes[LOAD_AMPLITUDE].any():
-        terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
-    if terms.stribeck is None and changes[EXCESS_RATIO].any():
-        terms = terms._replace(stribeck=(0.0, system.friction.decay))
-    return terms
-
-
-class Prepared:
-    """A system with keys, ready to be evaluated at many states."""
+class Smoothed(Prepared):
+    """By the engine of the smoothed law; a smooth flow has no margins."""
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
-        system.check_repeats("a map of the section")
-        changes = key_derivatives(system, keys)
-        terms = terms_for(system, changes)
-        self.period, self.count = system.cycle, 3 + len(keys)
+        super().__init__(system, keys)
+        terms, changes = self.terms, self.changes
         # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
         self.setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
         ladder = collocation_tables.ladder_of(self.setup.limits.fastest, self.period)
@@ -76,11 +61,8 @@ class Prepared:
         for k in range(3, self.count):
             self.by[k // LANES, :, k % LANES] = changes[:, k - 3]
 
-    def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
-        """From the phase `start` to the phase `end`, in engine cycles; a smooth flow has no margins."""
-        return self.each(state[None], [start], [end])[0]
-
-    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float]) -> list[Stroboscopic]:
+    def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
+             margins: bool = False) -> list[Stroboscopic]:
         """`over` for several starts, states (m, 3), by one compiled call."""
         groups, count, period = len(self.by), len(states), self.period
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
