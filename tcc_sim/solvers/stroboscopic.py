@@ -59,17 +59,20 @@ class Prepared(ABC):
     changes : (len(NUMBERS), P) `key_derivatives`
     terms : the scene's, and those that it has not but that there are derivatives by
     period, count : engine cycle, s; columns of the derivatives
+    fastest : rate of the fastest sine by whose amplitude there are derivatives, rad/s, 0 for none: no step is longer
+        than its series hold, for the motion need not show it
     """
 
     def __init__(self, system: System, keys: tuple[str, ...]) -> None:
         system.check_repeats("a map of the section")
         self.changes = key_derivatives(system, keys)
         self.period, self.count = system.cycle, 3 + len(keys)
-        terms, omega, p = terms_of(system), system.engine.frequency, system.pressure
-        if terms.torque is None and self.changes[TORQUE_AMPLITUDE].any():
-            terms = terms._replace(torque=(0.0, omega))
-        if terms.pulsation is None and self.changes[LOAD_AMPLITUDE].any():
-            terms = terms._replace(pulsation=(0.0, p.frequency_ratio * omega, p.phase))
+        terms, omega, self.fastest = terms_of(system), system.engine.frequency, 0.0
+        if self.changes[TORQUE_AMPLITUDE].any():
+            terms, self.fastest = terms._replace(torque=terms.torque or (0.0, omega)), omega
+        if self.changes[LOAD_AMPLITUDE].any():
+            pulsation = terms.pulsation or (0.0, system.pressure.frequency_ratio * omega, system.pressure.phase)
+            terms, self.fastest = terms._replace(pulsation=pulsation), max(self.fastest, pulsation[1])
         if terms.stribeck is None and self.changes[EXCESS_RATIO].any():
             terms = terms._replace(stribeck=(0.0, system.friction.decay))
         self.terms = terms

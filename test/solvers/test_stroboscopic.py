@@ -90,6 +90,16 @@ def test_equal_coefficients_have_one_sided_derivatives(law: str) -> None:
     assert not found.by_parameter[:, 3].any()
 
 
+@both
+@pytest.mark.parametrize("mean", [225e3, 600e3])
+def test_a_fast_sine_of_no_amplitude_has_derivatives_by_it(law: str, mean: float) -> None:
+    """Steps would pass over it where they are as long as the motion allows, through slip and stick."""
+    system = replace(BASE, {"pressure.mean": mean, "pressure.frequency_ratio": 25.0, "friction.law": law})
+    found = stroboscopic_map(system, START, 2, start_cycle=3, parameters=("pressure.amplitude",))
+    assert apart(found.by_parameter[:, 0], lambda d: end(replace(system, {"pressure.amplitude": d}), START), 1e3,
+                 SIZES, by=one_sided) < 1e-4
+
+
 @pytest.mark.parametrize(("start", "stop", "key"), [(0.0, 0.3, MU_K), (0.5, 1.0, OMEGA)])
 def test_derivatives_are_those_of_the_variational_equations(start: float, stop: float, key: str) -> None:
     system = load_scene("fig02").system

@@ -46,13 +46,16 @@ EXCESS, HOLD, FALL, LOAD_CHANGE, MIXED, SINE, LOAD_SINE = range(ROWS, ROWS + 7)
 """Rows of the step's series beside those of the motion: exp(-alpha |v|), that times Ts, dTf/dv, change of Ts, a
 product; sin(omega t) and the load's sine."""
 class Rates(NamedTuple):
-    """omega and omega_f, rad/s; Tsp, N m; whether any disturbance changes the first sine of Te, or that of Ts."""
+    """omega and omega_f, rad/s; Tsp, N m; whether any disturbance changes the first sine of Te, or that of Ts; and
+    `stroboscopic.Prepared.fastest`.
+    """
 
     engine: float
     load: float
     amplitude: float
     of_engine: bool
     of_load: bool
+    fastest: float
 
 
 VARIATION = np.dtype([("rows", np.float64, (ROWS + 7, COLUMNS)), ("force", np.float64, (3 * COLUMNS, LANES)),

@@ -85,12 +85,12 @@ def vary(mode: int, falls: bool, order: int, length: float, rates: Rates, terms:
 
 
 @fast
-def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, state: Any) -> float:
+def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, fastest: float, state: Any) -> float:
     """Length up to which the series of disturbances hold, s, whatever the motion shows of the rates they have."""
     mode, inertia = state.mode, linear[1]
     if mode == STICK:
         inertia += linear[0]
-    rate = math.sqrt(linear[3] / inertia) + linear[2] / inertia
+    rate = max(math.sqrt(linear[3] / inertia) + linear[2] / inertia, fastest)
     if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
         fall = stribeck[1] * stribeck[0] * math.exp(-stribeck[1] * abs(state.slip_speed))
         return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
@@ -142,7 +142,7 @@ def resolved_step(finish: float, setup: Setup, rates: Rates, memory: Memory,
     state, drive, counters, _, (rows, workspace, _, _) = memory
     mode, tau, shift = state.mode, state.tau, state.shift
     goal = min(finish, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
-                                          state))
+                                          rates.fastest, state))
     while True:
         step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
         counters.steps += 1

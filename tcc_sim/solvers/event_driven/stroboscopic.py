@@ -62,7 +62,8 @@ class SetValued(Prepared):
                              "cycle; those of friction.law smoothed step over it")
         rate, pressure = system.engine.frequency, system.pressure
         self.rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude,
-                           bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()))
+                           bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()),
+                           self.fastest)
         if terms.pulsation is None:
             terms = terms._replace(pulsation=(0.0, self.rates.load, pressure.phase))
         # The engine's sines are in the waves, and one compiled kernel serves with and without a pulsating load.

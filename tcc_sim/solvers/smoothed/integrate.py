@@ -44,6 +44,8 @@ from tcc_sim.solvers.terms import Terms
 EDGE = 1e-6
 """Relative width at the edge of a region within which a state counts as inside: steps end there to a tenth of it."""
 
+COLLOCATION_REACH = 2.0
+"""Longest collocation step that shows a sine, per series step that does."""
 MOVES_AT_ONCE = 2 * COLUMNS
 """Most transitions of one step."""
 
@@ -128,9 +130,13 @@ def step_on(place: Place, friction: Friction, to_edge: float, to_stop: float, lo
         step = series_step(place, friction, to_stop, loaded, state, limits, terms, waves, drive, work)
         x = step.x
         if tangent is not None:
-            x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive)
+            x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive,
+                         tangent.shared.reach)
     else:
-        step = collocation_step(place, to_edge, loaded, state, control, limits, terms, waves, drive, tables, work,
+        longest = to_edge
+        if tangent is not None:
+            longest = min(longest, COLLOCATION_REACH * tangent.shared.reach)
+        step = collocation_step(place, longest, loaded, state, control, limits, terms, waves, drive, tables, work,
                                 counters)
         x = min(step.x, to_stop / step.unit) if step.status != REFUSED else 0.0
     return step, x

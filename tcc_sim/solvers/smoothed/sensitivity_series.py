@@ -58,11 +58,11 @@ peak : of the largest |slip speed| of the cycle
 
 SHARED = np.dtype([("series", np.float64, (7, COLUMNS)), ("basis", np.float64, TERMS), ("slip", np.float64, NODES + 1),
                    ("angle", np.float64, NODES), ("speed", np.float64, NODES), ("peak", np.float64),
-                   ("averaged", np.int64), ("slopes", np.float64, 3)])
+                   ("averaged", np.int64), ("slopes", np.float64, 3), ("reach", np.float64)])
 """Room that the lanes share: rows LAW to SCRATCH; Chebyshev polynomials where a step is asked, and what the slip speeds
 at its nodes add there to slip speed (that at the start first), plate angle and plate speed + kappa slip speed; the
 largest |slip speed| of the cycle so far; whether the integrals of `sensitivity_carried.add_slopes` are asked for, and
-they.
+they; the longest series step that shows a sine by whose amplitude there are derivatives, s.
 """
 
 

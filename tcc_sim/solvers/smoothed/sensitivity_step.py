@@ -43,17 +43,20 @@ from tcc_sim.solvers.terms import Terms
 
 @fast
 def resolved(step: Step, place: Place, friction: Friction, rows: Any, stribeck: Stribeck, control: Any, limits: Limits,
-             terms: Terms, drive: Any) -> float:
+             terms: Terms, drive: Any, reach: float) -> float:
     """The part of a series step over which the series of its changes hold too.
 
     The motion may have forgotten what decays: in stick it is on its slow manifold, and a step is as long as the creep's
     series allow. A change of the start, or of the scene, is not on it and decays with friction's own rate. And where
-    mu_k is nearly mu_s the motion does not know the exponential that mu_s/mu_k changes it by.
+    mu_k is nearly mu_s the motion does not know the exponential that mu_s/mu_k changes it by, nor, beyond `reach`
+    seconds, a sine of no amplitude.
     """
     rate = terms.linear[2] / terms.linear[1]
     if place.region == LAYER:
         rate += limits.beta * drive.load * max(friction.slope, 0.0)
-    x = min(step.x, limits.resolved / (rate * step.unit)) if rate > 0.0 else step.x
+    x = min(step.x, reach / step.unit)
+    if rate > 0.0:
+        x = min(x, limits.resolved / (rate * step.unit))
     if stribeck is not None and place.region != SLIDING:
         while stribeck[1] * (abs(rows[SLIP, 1]) + abs(rows[SLIP, 2]) * x) * x > limits.resolved:
             x *= 0.85

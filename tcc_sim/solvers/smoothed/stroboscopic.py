@@ -25,6 +25,9 @@ from tcc_sim.solvers.step_output import CYCLE, DONE, MOVE, STATUSES, Store
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.trajectory import Floats, event_sequence
 
+SINE = 0.7
+"""Angle of a sine within a series step that shows it, per `Limits.resolved`, which takes it that changes decay."""
+
 
 def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
     """The integrals over engine cycle number `cycle` of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), by quadrature on the
@@ -55,7 +58,8 @@ class Smoothed(Prepared):
         self.setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
         ladder = collocation_tables.ladder_of(self.setup.limits.fastest, self.period)
         self.torque = collocation_tables.response(terms.linear, *ladder).torque
-        groups = math.ceil(self.count / LANES)
+        limits, groups = self.setup.limits, math.ceil(self.count / LANES)
+        self.reach = SINE * limits.resolved / self.fastest if self.fastest > 0.0 else math.inf
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(groups)]
         self.by = np.zeros((groups, len(NUMBERS), LANES))
         for k in range(3, self.count):
@@ -68,7 +72,7 @@ class Smoothed(Prepared):
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
         room, solve = room_of(groups, most, count)
-        room.groups["by"], room.groups["forced"] = self.by, self.forced
+        room.groups["by"], room.groups["forced"], room.shared["reach"] = self.by, self.forced, self.reach
         for k, (first, last, start, end) in enumerate(spans):
             room.parts[k] = (first, last - first, (start - first) * period, (end - last) * period, states[k], DONE, 0,
                              0.0)
