@@ -61,13 +61,12 @@ def repeats_after(cycles: Cycles) -> int | None:
     over at least the last `settled_window` cycles less one period.
     """
     points: Floats = cycles.section
-    scale = sizes_of(points[-DEFAULTS.settled_window:], cycles.highest[-DEFAULTS.settled_window:])
-    for period in range(1, MAXIMUM_PERIOD + 1):
-        if len(points) <= 2 * period:
-            return None
+    near = DEFAULTS.settled * sizes_of(points[-DEFAULTS.settled_window:], cycles.highest[-DEFAULTS.settled_window:])
+    away = (np.abs(points[-2:-2 - MAXIMUM_PERIOD:-1] - points[-1]) > near).any(axis=1)
+    for period in (np.flatnonzero(~away) + 1).tolist():
         number = np.arange(len(points))
         image = len(points) - period + (number - len(points)) % period
-        far = (np.abs(points - points[image]) > DEFAULTS.settled * scale).any(axis=1)
+        far = (np.abs(points - points[image]) > near).any(axis=1)
         after = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
         if len(points) - 1 - after >= max(DEFAULTS.settled_window // 2, 2 * period):
             return after
