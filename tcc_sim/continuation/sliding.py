@@ -128,8 +128,9 @@ def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, Continuati
         found = solved(kind, left, right, near)
         if found is not None:
             return left, right, found
-        at = left if left.orbit.residual <= right.orbit.residual else right
-        residual = max(margin_residual(kind, (near[0].margins, near[1].margins)), at.orbit.residual)
+        # The margin may vanish on one side alone, and the bracket need not be narrow.
+        residual, at = min(((max(margin_residual(kind, (m.margins,)), s.orbit.residual), s)
+                            for s, m in zip((left, right), near)), key=lambda side: side[0])
         # Where the bracket is as narrow as rounding, both of its ends may be on one side, without the margin that
         # vanishes; those of the chord are looked at too then.
         if best is None or residual < best[2].residual:
