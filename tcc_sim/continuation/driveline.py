@@ -14,9 +14,9 @@ from tcc_sim.continuation.settings import DEFAULTS as SETTINGS
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
-from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
 from tcc_sim.solvers.stroboscopic import SCALES, Prepared, Stroboscopic, prepared
+from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Cycles
 
 
@@ -109,12 +109,12 @@ class DrivelineMap:
         return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
                            tuple(heights))
 
-    def cycles_from_start(self, values: Values, count: int) -> Cycles:
-        """So many engine cycles of the motion from the scene's initial state; the exact engine's as finely as its map,
-        for what is found from them depends on the side of a border on which they end.
+    def settled(self, values: Values, most: int) -> tuple[Cycles, int]:
+        """`settled_from_start` of the scene; the exact engine's as finely as its map, for what is found from it depends
+        on the side of a border on which it ends.
         """
         rtol = self.tolerance if self.piecewise else None
-        return solve(self.system_at(values), cycles=count, rtol=rtol).solved_cycles
+        return settled_from_start(self.system_at(values), most, rtol=rtol)
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""

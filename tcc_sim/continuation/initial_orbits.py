@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.analysis.summary import runaway_cause, slip_grows
 from tcc_sim.continuation.branch import Branch, Origin
 from tcc_sim.continuation.diagram import point_of
@@ -44,7 +43,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         None was found; it says where in the range motions settle in a period.
     """
     base = map_.forcing_period
-    cycles, own = _settled(map_, value, DEFAULTS.settling)
+    cycles, own = map_.settled((value,), DEFAULTS.settling)
     starts = range(len(cycles.section) - 1 - (len(cycles.section) - 1) % base, len(cycles.section) // 2, -base)
     wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
     for count in [] if slip_grows(cycles) else wanted:
@@ -59,16 +58,6 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
     raise NumericalFailure(_nothing_found(map_, span, value, cycles, period, wanted))
 
 
-def _settled(map_: DrivelineMap, value: float, counts: Sequence[int]) -> tuple[Cycles, int]:
-    """The cycles of the motion from the scene's initial state, as many as it takes to settle, and its period or 0."""
-    for count in counts:
-        cycles = map_.cycles_from_start((value,), count)
-        own = periodicity(cycles[count // 2:]).period
-        if own or slip_grows(cycles):
-            break
-    return cycles, own
-
-
 def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycles: Cycles, period: int | None,
                    wanted: Sequence[int]) -> str:
     """Why no branch is begun at a value, and where one may begin instead."""
@@ -81,7 +70,7 @@ def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycle
                "that come back closest")
     for other in sorted(np.linspace(span.low, span.high, DEFAULTS.elsewhere).tolist(), key=lambda x: abs(x - value)):
         try:
-            found, own = _settled(map_, other, DEFAULTS.settling[:1])
+            found, own = map_.settled((other,), DEFAULTS.settling_elsewhere)
         except FAILURES:
             continue
         if own and (period is None or own == period):

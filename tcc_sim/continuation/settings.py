@@ -156,8 +156,9 @@ class Settings:
                                    "stable segments are one")
     narrowest: float = quantity(1e-3, "width, relative to the range, below which a segment is left out: on canards "
                                 "stability comes and goes within less")
-    settling: tuple[int, ...] = quantity((300, 1200, 4800), "lengths after which a scene is asked whether it has "
-                                         "settled; after the last ones it is taken for aperiodic", "engine cycles")
+    settling: int = quantity(4800, "time after which a motion that repeats nowhere is taken for aperiodic",
+                             "engine cycles")
+    settling_elsewhere: int = quantity(300, "the same at other values of the range", "engine cycles")
     longest_start: int = quantity(16, "longest period to begin with that may be asked for", "engine cycles")
     deepest_switch: int = quantity(8, "most generations of doubled branches that may be asked for")
     guesses: int = quantity(8, "section points from which a first orbit is looked for")

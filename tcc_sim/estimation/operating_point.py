@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
@@ -21,9 +21,8 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import SCALES, prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
-from tcc_sim.sweeps import steady_state
-from tcc_sim.sweeps.steady_state import Start
-from tcc_sim.trajectory import Floats, State
+from tcc_sim.sweeps.steady_state import settled_from_start
+from tcc_sim.trajectory import Floats
 
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
@@ -165,14 +164,9 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
 
 def _settled(system: System) -> tuple[int, Floats]:
     """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
-    found = steady_state.settle(system, Start(State.at_start(system), 0), DEFAULTS.cycles, rtol=1e-9)
-    found.run.raise_for_status()
-    cycles = found.cycles
-    assert cycles is not None  # Whole cycles were asked for.
-    kept = cycles[len(cycles) // 2 if found.after is None else found.after:]
-    period = periodicity(kept).period
+    cycles, period = settled_from_start(system, DEFAULTS.cycles, rtol=1e-9)
     if period == 0:
-        if not kept.stick_time.any() and abs(system.engine.mean_torque) > system.saturation_mean:
+        if not cycles.stick_time[len(cycles) // 2:].any() and abs(system.engine.mean_torque) > system.saturation_mean:
             raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, sizes_of
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity, sizes_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -52,6 +52,21 @@ def settle(system: System, start: Start, most: int, **how: Any) -> Settled:
         cycles = concatenated(parts)
         after = repeats_after(cycles) if done >= DEFAULTS.settled_window else None
     return Settled(run, cycles, after)
+
+
+def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, int]:
+    """The cycles of the motion that a scene's initial state leads to, and its period in cycles; 0 for none up to 16.
+
+    Raises
+    ------
+    NumericalFailure
+        The solver stopped early.
+    """
+    found = settle(system, Start(State.at_start(system), 0), most, **how)
+    found.run.raise_for_status()
+    cycles = found.cycles
+    assert cycles is not None  # Whole cycles were asked for.
+    return cycles, periodicity(cycles[len(cycles) // 2 if found.after is None else found.after:]).period
 
 
 def repeats_after(cycles: Cycles) -> int | None:
