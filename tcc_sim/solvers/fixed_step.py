@@ -265,9 +265,7 @@ def solve(problem: Problem) -> Trajectory:
     """
     step = problem.step or 1e-3
     terms = terms_of(problem.system)
-    begin, flywheel = problem.state, True if problem.flywheel_angle else None
-    state = np.array([begin.slip_speed, begin.plate_angle, begin.plate_speed,
-                      begin.flywheel_angle][:4 if flywheel else 3])
+    state, flywheel = np.array(problem.first), True if problem.flywheel_angle else None
     t, states = np.array([problem.start]), state[None, :].copy()
     try:
         n = substeps(terms, step)

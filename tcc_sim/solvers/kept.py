@@ -30,11 +30,11 @@ class Kept:
     """
 
     def __init__(self, problem: Problem, output: Any, columns: int, more: int = 0) -> None:
-        start, count = problem.state, problem.whole_cycles
+        count = problem.whole_cycles
         self.problem, self.output, self.seconds = problem, output, 0.0
         self.samples = np.empty((problem.samples_per_cycle * (count + 1), columns))
         self.cycles = np.zeros((count + 2, CYCLE.itemsize // 8))
-        self.cycles[0, :3] = start.slip_speed, start.plate_angle, start.plate_speed
+        self.cycles[0, :3] = problem.state.numbers
         self.loads = room_for_loads(problem)
         self.moves: list[NDArray[Any]] = []
         self.store = Store(self.cycles.view(CYCLE)[:, 0], self.samples, problem.samples_per_cycle,
@@ -61,7 +61,7 @@ class Kept:
         highest, lowest, stick_time = self.cycles[:whole, 3:].T.copy()
         cycles = Cycles(self.cycles[:whole + 1, :3].copy(), highest, lowest, stick_time,
                         loads_of(self.loads, problem, whole))
-        states = samples[:, :4 if problem.flywheel_angle else 3]
+        states = samples[:, :len(problem.first)]
         return assemble(problem, solver, t, states, modes=samples[:, 4].astype(np.int8) if modes else None,
                         cycles=cycles, transitions=transitions, status=status, detail=detail,
                         statistics=dataclasses.replace(statistics, seconds=self.seconds))

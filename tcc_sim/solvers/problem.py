@@ -52,6 +52,12 @@ class Problem:
     """Engine cycle of the run from which on the loads of clutch and shaft are worked out; None for none."""
 
     @property
+    def first(self) -> tuple[float, ...]:
+        """The numbers of the initial state, with theta1 where it is asked for."""
+        angle = (self.state.flywheel_angle,) if self.flywheel_angle else ()
+        return *self.state.numbers, *angle
+
+    @property
     def start(self) -> float:
         """Start time, s."""
         return float(self.system.cycle_start(self.start_cycle))

@@ -205,6 +205,12 @@ def largest_mean_torque(terms: Terms) -> float:
     return abs(terms.mean_torque) if terms.course is None else float(np.abs(terms.course[:, TORQUE]).max())
 
 
+def torque_swing(terms: Terms) -> float:
+    """The sum of the amplitudes of the engine torque, N m."""
+    first = terms.torque[0] if terms.torque is not None else 0.0
+    return first + (float(terms.harmonics[:, 1].sum()) if terms.harmonics is not None else 0.0)
+
+
 def natural_frequency(terms: Terms) -> float:
     """omega_n = sqrt(K23/I2), rad/s."""
     return math.sqrt(terms.linear[3] / terms.linear[1])

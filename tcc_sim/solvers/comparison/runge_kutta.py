@@ -32,9 +32,7 @@ def rk4(problem: Problem) -> Trajectory:
     terms = terms_of(problem.system)
     step = SOLVERS["rk4"].default if problem.step is None else problem.step
     cycle = problem.system.cycle
-    s = problem.state
-    y = np.array([s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle])
-    width = 4 if problem.flywheel_angle else 3
+    y, width = np.array([*problem.state.numbers, problem.state.flywheel_angle]), len(problem.first)
     samples = problem.sample_times()
     total = (problem.end - problem.start) / step
     if total > STEPS:

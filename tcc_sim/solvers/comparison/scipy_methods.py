@@ -93,8 +93,7 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     """March a method and keep its dense output at the samples, the cycle ends and enough points for the extremes."""
     terms, method = terms_of(problem.system), METHODS[name]
     rtol = SOLVERS[name].default if problem.rtol is None else problem.rtol
-    s = problem.state
-    y0 = np.array([s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle][:4 if problem.flywheel_angle else 3])
+    y0 = np.array(problem.first)
     options: dict[str, Any] = {"rtol": rtol, "atol": rtol * _scales(problem, terms)}
     samples, ends = problem.sample_times(), problem.cycle_starts()
     marks = np.union1d(samples, np.minimum(ends, samples[-1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed
+from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
 EXACT = 1e-16
 """Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
@@ -61,7 +61,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     """The constants of a system whose engine cycle is `period`, for a relative tolerance."""
     flywheel, plate, damping, stiffness = terms.linear
     ratio = 1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)
-    torque = max(abs(terms.mean_torque) + swing(terms) + ratio * peak_load(terms), 1e-300)
+    torque = max(abs(terms.mean_torque) + torque_swing(terms) + ratio * peak_load(terms), 1e-300)
     tolerance = 1e-12 * torque
     scale = torque / math.sqrt(stiffness * plate)
     excitation = excitation_frequency(terms)
@@ -83,9 +83,3 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
         steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
         steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate))
-
-
-def swing(terms: Terms) -> float:
-    """The sum of the amplitudes of the engine torque, N m."""
-    first = terms.torque[0] if terms.torque is not None else 0.0
-    return first + (float(terms.harmonics[:, 1].sum()) if terms.harmonics is not None else 0.0)

@@ -179,19 +179,21 @@ def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int,
         np.cos(angles, out=waves[:, :, 0])
         np.sin(angles, out=waves[:, :, 1])
         sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (known.torque @ waves).transpose(0, 2, 1)
-    named = sources.view(SOURCE)[..., 0]
-    named.setflags(write=False)
-    return Tables(known.rungs, named, turns_of(load_rate, top, levels))
+    return _tables(known, sources, load_rate, top)
 
 
 @lru_cache(maxsize=16)
 def nodal_tables(linear: Linear, top: int, levels: int) -> Tables:
     """The tables of a system whose torque is given at the nodes: there are NODES sources of it, one for each."""
     known = response(linear, top, levels)
-    sources = np.concatenate([known.fixed, known.torque.transpose(0, 2, 1)], axis=1)
+    return _tables(known, np.concatenate([known.fixed, known.torque.transpose(0, 2, 1)], axis=1), 0.0, top)
+
+
+def _tables(known: Response, sources: Floats, load_rate: float, top: int) -> Tables:
+    """The tables with these sources, (levels, sources, numbers of a SOURCE)."""
     named = np.ascontiguousarray(sources).view(SOURCE)[..., 0]
     named.setflags(write=False)
-    return Tables(known.rungs, named, turns_of(0.0, top, levels))
+    return Tables(known.rungs, named, turns_of(load_rate, top, len(sources)))
 
 
 @lru_cache(maxsize=16)

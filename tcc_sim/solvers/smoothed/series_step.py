@@ -60,23 +60,20 @@ def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive:
 
 
 @fast
-def expand_falling(order: int, rows: Any, unit: float, terms: Terms, sign: float, excess: float,
-                   pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
-    """The series where tanh is 1 and the exponential varies, which it does with a Stribeck term only."""
-    if stribeck is not None:
-        expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, excess, None, None, None)
-
-
-@fast
-def expand_layer(order: int, rows: Any, unit: float, terms: Terms, sigma: float, sign: float, friction: Friction,
-                 pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
-    """The series where tanh varies."""
-    if stribeck is None:
-        expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh,
-               friction.sech)
-    else:
-        expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, friction.excess, sigma,
-               friction.tanh, friction.sech)
+def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float, place: Place, friction: Friction,
+                  pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
+    """The series of the motion, with what of the law varies in the region: the exponential, and in the layer tanh."""
+    sign = place.sign
+    if place.region == LAYER:
+        if stribeck is None:
+            expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh, friction.sech)
+        else:
+            expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, friction.excess, sigma,
+                   friction.tanh, friction.sech)
+    elif place.region == SLIDING:
+        expand(order, rows, unit, terms.linear, sign, pulsation, None, None, None, None, None)
+    elif stribeck is not None:
+        expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, friction.excess, None, None, None)
 
 
 @fast
@@ -121,12 +118,7 @@ def series_step(place: Place, friction: Friction, remaining: float, loaded: bool
     rows[SPEED, 0] = state.plate_speed
     expand_excitation(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
                       terms.course, drive)
-    if place.region == LAYER:
-        expand_layer(order, rows, unit, terms, limits.sigma, place.sign, friction, terms.pulsation, terms.stribeck)
-    elif place.region == FALLING:
-        expand_falling(order, rows, unit, terms, place.sign, friction.excess, terms.pulsation, terms.stribeck)
-    else:
-        expand(order, rows, unit, terms.linear, place.sign, terms.pulsation, None, None, None, None, None)
+    expand_region(order, rows, unit, terms, limits.sigma, place, friction, terms.pulsation, terms.stribeck)
     x = series_length(rows, order, place.slip_tolerance, place.speed_tolerance)
     x = min(x, min(remaining, 0.5 * limits.period) / unit)
     if not x > 0.0:

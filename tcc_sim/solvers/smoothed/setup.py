@@ -7,8 +7,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from tcc_sim.model import friction
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
 from tcc_sim.solvers.terms import (
@@ -19,6 +17,7 @@ from tcc_sim.solvers.terms import (
     peak_load,
     steps_allowed,
     stick_speed_of,
+    torque_swing,
 )
 
 LOCAL = 0.1
@@ -112,9 +111,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
         creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, (1.0 - FLAT_PEAK) * peak
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
     far = layer if stribeck is None else far_of(max(stribeck[0], excess), stribeck[1], rtol, layer)
-    amplitudes = 0.0 if terms.harmonics is None else float(np.abs(terms.harmonics[:, 1]).sum())
-    torques = largest_mean_torque(terms) + amplitudes + peak_load(terms)
-    torques += 0.0 if terms.torque is None else abs(terms.torque[0])
+    torques = largest_mean_torque(terms) + torque_swing(terms) + peak_load(terms)
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
     strength = beta * peak_load(terms)

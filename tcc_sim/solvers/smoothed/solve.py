@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Iterator
 
 import numpy as np
 
+from tcc_sim.model.course import FREQUENCY, FREQUENCY_RATE, TIME, pieces
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
 from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem
@@ -25,15 +27,21 @@ from tcc_sim.solvers.smoothed import integrate as kernel
 from tcc_sim.solvers.smoothed.setup import Limits, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
 from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, STATE, WORK, Memory
-from tcc_sim.solvers.smoothed.stretches import longest_and_shortest_cycle, stretches_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import OUTPUT
 from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
-from tcc_sim.trajectory import State, Statistics, Status, Trajectory
+from tcc_sim.trajectory import Floats, State, Statistics, Status, Trajectory
 
 STEPS_AT_FIRST = 400_000
 """Steps of a solve before those of its cycles are counted."""
 
+BATCH = 4096
+"""Engine cycles in one call of the compiled loop."""
+NEAR = 1e-9
+"""Corners that lie nearer to the end of a cycle, in cycles, count as there."""
+
+Stretch = tuple[kernel.Setup, int, float]
+"""One call: with what, up to how many cycles from the start of the solve, and how many seconds of the one after."""
 KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
 
 
@@ -105,18 +113,69 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
 
 def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
     """Solve stretch by stretch."""
-    memory, start = scratch.at(problem.state, setup.limits), problem.state
+    memory = scratch.at(problem.state, setup.limits)
     setup = setup._replace(waves=setup.waves.copy())
-    kept = Kept(problem, memory.output, 4 if problem.flywheel_angle else 3)
+    kept = Kept(problem, memory.output, len(problem.first))
     limit = STEPS_AT_FIRST + setup.limits.steps * (problem.whole_cycles + 1)
     for own, cycles, rest in stretches_of(problem, setup):
         status = kept.run(kernel.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
         if status is not Status.DONE:
             break
     *last, tau = memory.state.item()
-    first = start.slip_speed, start.plate_angle, start.plate_speed, start.flywheel_angle
-    columns = kept.samples.shape[1]
     steps, rejected, iterations, iterations_max = memory.counters.item()
-    return kept.trajectory("smoothed", status, first[:columns], tuple(last[:columns]), tau,
+    return kept.trajectory("smoothed", status, problem.first, tuple(last[:len(problem.first)]), tau,
                            "the state grew without bound" if status is Status.NOT_FINITE else "",
                            Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM))
+
+
+def stretches_of(problem: Problem, setup: kernel.Setup) -> Iterator[Stretch]:
+    """The calls that make a solve: many cycles at once, or, where the excitation varies in time, piece by piece."""
+    if setup.terms.course is not None:
+        yield from _varying(problem, setup, setup.terms.course)
+        return
+    count = problem.whole_cycles
+    for cycles in range(BATCH, count, BATCH):
+        yield setup, cycles, 0.0
+    yield setup, count, problem.rest
+
+
+def _varying(problem: Problem, setup: kernel.Setup, course: Floats) -> Iterator[Stretch]:
+    """Engine cycle by engine cycle, and within one from corner to corner."""
+    first, count, terms = problem.start_cycle, problem.whole_cycles, setup.terms
+    starts = problem.system.cycle_start(first + np.arange(count + 2)).tolist()
+    for n in range(count + 1):
+        start, following = starts[n], starts[n + 1]
+        period, end = following - start, problem.end if n == count else following
+        if end - start < NEAR * period:
+            return
+        near = NEAR * period
+        inner = course[:, TIME][(course[:, TIME] > start + near) & (course[:, TIME] < end - near)].tolist()
+        shift = load_phase(setup.ratio, terms.pulsation, first + n)
+        limits, phase = setup.limits._replace(period=period), 0.0
+        for begin, stop in zip([start, *inner], [*inner, end]):
+            row = row_of(course, begin, stop, start, phase, shift)
+            whole = n < count and stop == following
+            own = setup._replace(limits=limits, terms=terms._replace(course=row))
+            yield own, n + whole, 0.0 if whole else stop - start
+            past = stop - begin
+            phase += past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past)
+
+
+def row_of(course: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
+    """The row that the kernel is given from `begin` to `stop`, s, within the cycle that started at `start`; `phase` is
+    that since then, and `shift` the load's at the start, rad.
+    """
+    k = int(pieces(course, 0.5 * (begin + stop)))
+    piece, past = course[k], begin - course[k, TIME]
+    row = np.empty(SHIFT + 1)
+    row[TIME], row[1] = begin - start, phase
+    for column in range(FREQUENCY, len(piece), 2):
+        row[column], row[column + 1] = piece[column] + piece[column + 1] * past, piece[column + 1]
+    ends = course[k + 1, TIME] if k + 1 < len(course) else math.inf
+    row[UNTIL], row[STARTED], row[SHIFT] = max(ends, stop) - start, start, shift
+    return row
+
+
+def longest_and_shortest_cycle(course: Floats) -> tuple[float, float]:
+    """Bounds of the length of an engine cycle, s."""
+    return 2.0 * math.pi / float(course[:, FREQUENCY].min()), 2.0 * math.pi / float(course[:, FREQUENCY].max())
