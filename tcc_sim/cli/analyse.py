@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         results["orders"] = orders.as_json()
         lines += order_lines(orders)
     if arguments.out is not None:
-        write_samples(arguments.out, samples, recording.scene.text(), head=True)
+        write_samples(arguments.out, samples, recording.scene.text(), recorded=True)
     draw(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, lambda: results, lines)
     return 0

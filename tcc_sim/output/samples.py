@@ -15,16 +15,15 @@ from tcc_sim.trajectory import Trajectory
 if TYPE_CHECKING:
     from tcc_sim.basins.compute import Axis, Basins
 
-ARRAYS = tuple(Trajectory.UNITS)
-"""Arrays of the .npz file and columns of the .csv file: s, rad/s, rad, rad/s, N m, N m, N m, and -1, 0, 1."""
 SUFFIXES = (".npz", ".csv", ".mcap")
 
 
-def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, head: bool = False) -> None:
+def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, recorded: bool = False) -> None:
     """Write every sample of `trajectory`.
 
-    A .npz holds the units too, in the order of ARRAYS, and the scene (YAML), as a .mcap does. A .csv keeps every digit;
-    with `head` the units and the scene stand before its columns, in lines that begin with #.
+    A .npz holds the units too, in the order of its arrays, and the scene (YAML), as a .mcap does. A .csv keeps every
+    digit. What was `recorded` under a commanded pressure has that too, Pa, where it is known throughout; and before the
+    columns of its .csv stand the units and the scene, in lines that begin with #.
 
     Raises
     ------
@@ -32,22 +31,25 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, head: 
         Another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
+    columns: dict[str, Any] = {**trajectory.columns()}
+    units, system, load = dict(Trajectory.UNITS), trajectory.system, trajectory.saturation_torque
+    if recorded and system is not None and system.pressure.source == "topic" and np.isfinite(load).all():
+        columns["actuation_pressure"], units["actuation_pressure"] = load / system.torque_per_pressure, "Pa"
     with draft(path) as part:
         if path.suffix == ".mcap":
             from tcc_sim.recording.trajectory_bag import write_trajectory
 
             write_trajectory(part, trajectory, scene_text)
         elif path.suffix == ".npz":
-            np.savez(part, **{name: getattr(trajectory, name) for name in ARRAYS},
-                     units=np.array(list(Trajectory.UNITS.values())), scene=np.array(scene_text))
+            np.savez(part, **columns, units=np.array(list(units.values())), scene=np.array(scene_text))
         else:
-            columns = [getattr(trajectory, name).tolist() for name in ARRAYS]
-            units = ", ".join(f"{name} ({unit})" if unit else name for name, unit in Trajectory.UNITS.items())
+            named = ", ".join(f"{name} ({unit})" if unit else name for name, unit in units.items())
+            rows = zip(*(values.tolist() for values in columns.values()))
             with part.open("w", encoding="utf-8", newline="\n") as file:
-                if head:
-                    file.writelines(f"# {line}\n" for line in (units, *scene_text.splitlines()))
-                file.write(",".join(ARRAYS) + "\n")
-                file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns))
+                if recorded:
+                    file.writelines(f"# {line}\n" for line in (named, *scene_text.splitlines()))
+                file.write(",".join(columns) + "\n")
+                file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
 def write_basins(path: Path, found: Sequence[Basins], over: Axis | None) -> None:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from driveline_bags import bag, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -91,6 +92,19 @@ def test_the_command_takes_a_table(tmp_path, capsys):
 def test_what_analyse_and_simulate_write_is_a_table_of_inputs(tmp_path):
     scene = load_scene("fig02")
     run = solve(scene, cycles=2, samples_per_cycle=50)
-    write_samples(tmp_path / "run.csv", run, scene.text(), head=True)
+    write_samples(tmp_path / "run.csv", run, scene.text(), recorded=True)
     torque = driven_by(load_scene("commands"), tmp_path / "run.csv").system.inputs.torque
     assert torque[:, 1].tolist() == run.engine_torque.tolist()
+
+
+def test_what_analyse_writes_of_a_commanded_pressure_drives_as_the_recording_does(tmp_path, capsys):
+    """A sine at 1 kHz, held by the one from row to row and by the other through its tick, which ends there."""
+    scene = load_scene("commands")
+    path = bag(tmp_path / "run", ticked(scene, 400, torque=lambda k: 300.0 + 200.0 * math.sin(0.15 * k),
+                                        pressure=lambda k: 2e5 + 5e4 * math.cos(0.07 * k)), scene)
+    assert main(["analyse", str(path), "--out", str(tmp_path / "run.csv")]) == 0
+    inputs, recorded = (driven_by(scene, it).system.inputs for it in (tmp_path / "run.csv", path))
+    assert inputs.pressure[1:, 1] == pytest.approx(recorded.pressure[:, 1])
+    assert inputs.torque[1:, 1] == pytest.approx(recorded.torque[:, 1])
+    with (tmp_path / "run.csv").open() as lines:
+        assert next(lines).endswith("actuation_pressure (Pa)\n")
