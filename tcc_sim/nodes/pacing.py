@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from array import array
 from collections.abc import Callable
 
 import numpy as np
@@ -17,7 +16,7 @@ LEAD, LEAD_PART = 3e-5, 0.1
 """Most real time, s and as a part of the period, that a sleep ends ahead of the deadline; the rest is waited for
 awake.
 """
-_LEAD_UP, _LEAD_DOWN = 3_000, 1_000
+_LEAD_UP, _LEAD_DOWN = 3e3, 1e3
 """Steps, ns, of the lead after a wake-up that was later or earlier than it: it follows the upper quartile."""
 
 
@@ -48,15 +47,16 @@ class Pacer:
         self.late_ticks = 0
         self.missed_ticks = 0
         self.lateness_max = 0.0
-        self._most_lead = lead * 1e9
+        self._lead_limit = lead * 1e9
         self._lead = 0.0
-        self._recent = array("d", bytes(8 * kept))
+        self._recent = [0.0] * kept
         self.anchor()
 
     def anchor(self) -> None:
         """Count deadlines from now: at the start, after a pause, after a change of the period."""
         self._anchor = self._first = self._last = float(self._clock())
         self._anchor_tick = self._first_tick = self.ticks
+        self._most_lead = min(self._lead_limit, LEAD_PART * self.period_ns)
 
     @property
     def drift(self) -> float:
@@ -69,23 +69,17 @@ class Pacer:
         False as soon as `interrupted()` holds, which is looked at every SLICE: the deadline is then still the next one.
         """
         deadline = self._anchor + (self.ticks - self._anchor_tick + 1) * self.period_ns
-        now = self._clock()
+        now = float(self._clock())
         while now < deadline:
             if interrupted():
                 return False
-            asked = deadline - now - self._lead
-            if asked > SLICE * 1e9:
-                self._sleep(SLICE)
-                now = self._clock()
-            elif asked > 0.0:
-                self._sleep(asked * 1e-9)
-                began, now = now, self._clock()
-                if now - began - asked > self._lead:
-                    self._lead = min(self._lead + _LEAD_UP, self._most_lead, LEAD_PART * self.period_ns)
-                else:
-                    self._lead = max(self._lead - _LEAD_DOWN, 0.0)
-            else:
-                now = self._clock()
+            began, asked = now, deadline - now - self._lead
+            if asked > 0.0:
+                self._sleep(min(asked * 1e-9, SLICE))
+            now = float(self._clock())
+            if 0.0 < asked <= SLICE * 1e9:
+                lead = self._lead + (_LEAD_UP if now - began - asked > self._lead else -_LEAD_DOWN)
+                self._lead = min(max(lead, 0.0), self._most_lead)
         late = now - deadline
         lateness = late * 1e-9
         self._recent[self.ticks % len(self._recent)] = lateness
@@ -97,12 +91,12 @@ class Pacer:
             self.late_ticks += 1
         if lateness > CATCH_UP:
             self.missed_ticks += int(late // self.period_ns)
-            self._anchor, self._anchor_tick = float(now), self.ticks
+            self._anchor, self._anchor_tick = now, self.ticks
         return True
 
     def latenesses(self) -> NDArray[np.float64]:
         """Lateness of the last ticks, s, in no order."""
-        return np.array(self._recent)[:self.ticks]
+        return np.array(self._recent[:self.ticks])
 
     def lateness(self) -> tuple[float, float]:
         """Median and 99th percentile of the lateness of the last ticks, s."""
