@@ -50,8 +50,8 @@ class Friction(Group):
     decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_together(self) -> None:
+        """Raise InputError unless mu_s/mu_k is 1 to 20."""
         if self.kinetic_coefficient > self.static_coefficient:
             raise InputError("friction.kinetic_coefficient is "
                              f"{apart(self.kinetic_coefficient, self.static_coefficient)}; it must be at most "
@@ -105,8 +105,8 @@ class Engine(Excitation):
     mean_torque_values: tuple[float, ...] = quantity((), "Tm at these times, likewise in the place of "
                                                      "engine.mean_torque", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_together(self) -> None:
+        """Raise InputError unless profiles and harmonics have as many values in each list."""
         check_profile("engine.frequency", self.frequency_times, self.frequency_values)
         check_profile("engine.mean_torque", self.mean_torque_times, self.mean_torque_values)
         if len(self.harmonic_amplitudes) != len(self.harmonic_phases):
@@ -131,8 +131,8 @@ class Pressure(Excitation):
     mean_values: tuple[float, ...] = quantity((), "Pm at these times, linear between them and constant afterwards; "
                                               "pressure.mean is then not used", "Pa", 0.0, PRESSURE_MAXIMUM)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_together(self) -> None:
+        """Raise InputError unless the profile has as many values as times."""
         check_profile("pressure.mean", self.mean_times, self.mean_values)
 
 
@@ -318,5 +318,7 @@ def replace(system: System, values: Mapping[str, object]) -> System:
             raise InputError(f"{key} is not used where {key}_times is given; change that profile instead")
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked
-    groups: dict[str, Any] = {g: dataclasses.replace(getattr(system, g), **fields) for g, fields in changes.items()}
-    return dataclasses.replace(system, **groups)
+    out = object.__new__(System)  # Its fields are known to be right; a branch asks for one for every motion.
+    vars(out).update(vars(system), **{g: getattr(system, g).changed(fields) for g, fields in changes.items()})
+    vars(out).pop("course", None)
+    return out

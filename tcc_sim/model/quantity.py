@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from tcc_sim.errors import InputError
 
 Value = float | str | tuple[float, ...]
+Same = TypeVar("Same", bound="Group")
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,17 @@ class Group:
             meaning.check(key, value)
             if isinstance(value, int) and not isinstance(value, bool):
                 object.__setattr__(self, name, float(value))
+        self.check_together()
+
+    def check_together(self) -> None:
+        """Raise InputError unless values that are allowed by themselves are so together."""
+
+    def changed(self: Same, values: Mapping[str, Value]) -> Same:
+        """The group with values that are allowed by themselves in the place of its own, checked together."""
+        out = object.__new__(type(self))
+        vars(out).update(vars(self), **values)
+        out.check_together()
+        return out
 
     @classmethod
     @cache
