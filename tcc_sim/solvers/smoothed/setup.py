@@ -5,7 +5,8 @@ orders.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 from tcc_sim.model import friction
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
@@ -117,7 +118,6 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     strength = beta * peak_load(terms)
     base_rate = (math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
                  + load_frequency(terms))
-    order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma,
@@ -126,9 +126,16 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
         creep_speed=creep_speed, base_rate=base_rate, fastest=base_rate + strength * sigma * peak,
         strength=strength, beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
-        order=order, linear_order=order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
-        resolved=math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
-        forgotten=-math.log(local), steps=steps_allowed(terms, period))
+        steps=steps_allowed(terms, period), **of_tolerance(local))
+
+
+@lru_cache(maxsize=16)
+def of_tolerance(local: float) -> dict[str, Any]:
+    """The limits that follow from the tolerance of one step alone, by name."""
+    order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
+    return {"order": order, "linear_order": order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
+            "resolved": math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
+            "forgotten": -math.log(local)}
 
 
 def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:
