@@ -80,10 +80,19 @@ class RerunStream:
         self._controlled = controlled
         self._extents: deque[Floats] = deque(maxlen=layout.PORTRAIT_CYCLES)
         self._axes: layout.PhaseAxes | None = None
+        try:
+            self._open(name, spawn, url)
+        except BaseException:
+            if file is not None:
+                file.unlink(missing_ok=True)
+            raise
+
+    def _open(self, name: str, spawn: bool, url: str | None) -> None:
+        """Begin to send, with the layout of the views."""
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
-        shown = layout.blueprint(cycle, controlled)
+        shown, file = layout.blueprint(self._cycle, self._controlled), self._file
         if file is not None:
             _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
             self.recording.save(file, default_blueprint=shown)

@@ -14,6 +14,7 @@ from full_disk import full_disk
 from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, MissingPackage, TccError
 from tcc_sim.trajectory import Cycles
+from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -91,6 +92,16 @@ def test_an_existing_file_is_not_overwritten(tmp_path):
     assert path.read_text() == "mine"
     with pytest.raises(InputError, match="cannot be written"):
         RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "no" / "run.rrd")
+
+
+def test_what_ends_before_anything_is_shown_leaves_no_file(monkeypatch, tmp_path):
+    def interrupted(*words):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(layout, "blueprint", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RerunStream("run", 0.04, 400.0, file=tmp_path / "run.rrd")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_one_goal_and_a_url_that_answers():
