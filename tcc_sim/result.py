@@ -13,6 +13,8 @@ ASKED_FOR, SPREAD = {"asked_for": True}, {"spread": True}
 """Metadata of dataclass fields: JSON has not what is None because nobody asked for it; and it has the fields of a
 dataclass in the place of the field that holds it.
 """
+PLAIN = {str, int, bool, type(None)}
+"""Types of values that are in JSON as they are; most of a result is, and numbers."""
 
 
 class Described:
@@ -44,15 +46,19 @@ def json_of(value: Any) -> Any:
     """A value as JSON has it: a dataclass as its fields by name, NumPy's arrays and numbers as Python's, and null for a
     number that is not finite.
     """
+    if type(value) is float:
+        return value if math.isfinite(value) else None
+    if type(value) in PLAIN:
+        return value
     if is_dataclass(value):
         value = dict(_items(value))
     if isinstance(value, Mapping):
         return {str(key): json_of(each) for key, each in value.items()}
     if hasattr(value, "tolist"):
-        value = value.tolist()
+        return json_of(value.tolist())
     if isinstance(value, (list, tuple)):
         return [json_of(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return value
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:
