@@ -40,7 +40,8 @@ def test_a_scene_is_shown_as_a_file_to_start_from(tmp_path: Path, capsys: pytest
 
 @pytest.mark.parametrize("words",
                          [[], ["sceens"], ["scenes", "--all"], ["scenes", "more"], ["sweep"], ["sweep", "fig02"],
-                                   ["sweep", "fig02", "--over"], ["recover"]])
+                                   ["sweep", "fig02", "--over"], ["recover"],
+                                   ["claims", "--json", "a", "--markdown", "a"]])
 def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str],
                                                            capsys: pytest.CaptureFixture[str]) -> None:
     refused(words, capsys)
@@ -107,6 +108,7 @@ def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str
     (MissingPackage("install tcc_sim[view]"), 1, "tcc-sim: install tcc_sim[view]\n"),
     (NumericalFailure("the step became too small"), 1, "tcc-sim: the step became too small\n"),
     (FileNotFoundError(2, "No such file or directory", "a.json"), 1, "tcc-sim: a.json: No such file or directory\n"),
+    (OSError(36, "File name too long", "aaa"), 2, "tcc-sim: aaa: File name too long\n"),
     (OSError(28, "No space left on device"), 1, "tcc-sim: No space left on device\n"),
     (KeyboardInterrupt(), 130, "tcc-sim: interrupted\n")])
 def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, status: int, line: str,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import io
 import os
 import sys
@@ -116,7 +117,7 @@ def main(argv: list[str] | None = None) -> int:
     except OSError as error:
         reason = one_line(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
         print(f"tcc-sim: {reason}", file=sys.stderr)
-        return 1
+        return 2 if error.errno == errno.ENAMETOOLONG else 1
     except KeyboardInterrupt:
         print("tcc-sim: interrupted", file=sys.stderr)
         return 130

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file, present
+from tcc_sim.cli.arguments import check_outputs, present
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
 
@@ -31,9 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.paper.pages import claims_page, counts_of, errata_page, pressure_sentence
     from tcc_sim.result import json_of
 
-    for path in (arguments.json, arguments.markdown, arguments.errata):
-        if path is not None:
-            new_file(path, arguments.force)
+    check_outputs(arguments, (), arguments.markdown, arguments.errata)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
 
