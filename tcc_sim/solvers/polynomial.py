@@ -12,7 +12,6 @@ from typing import Any
 
 from tcc_sim.solvers.bernstein import (
     BERNSTEIN,
-    DEGREE_MAXIMUM,
     HALVINGS,
     HIGH,
     LEFT,
@@ -225,7 +224,9 @@ def one_way(degree: int, noise: float, workspace: Any) -> bool:
 @fast
 def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float,
                 workspace: Any) -> tuple[float, float]:
-    """`extremes` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
+    """`highest` and `lowest` widened by what a polynomial reaches over [0, x_end], to rounding; its Bernstein
+    coefficients are in the workspace already.
+    """
     if not (workspace[BERNSTEIN, HIGH] > highest or workspace[BERNSTEIN, LOW] < lowest):
         return highest, lowest
     start, end = workspace[BERNSTEIN, 0], workspace[BERNSTEIN, degree]
@@ -252,14 +253,3 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
             highest, lowest = max(highest, v), min(lowest, v)
         top = search_on(workspace, top, degree, changes, shortest)
     return highest, lowest
-
-
-@fast
-def extremes(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float,
-             workspace: Any) -> tuple[float, float]:
-    """`highest` and `lowest` widened by what the polynomial reaches over [0, x_end], to rounding."""
-    to_bernstein(c, row, degree, x_end, workspace)
-    return extremes_of(c, row, degree, x_end, highest, lowest, workspace)
-
-__all__ = ["DEGREE_MAXIMUM", "WORKSPACE", "crossing_of", "extremes", "extremes_of", "first_crossing", "one_way",
-           "stick_crossing", "to_bernstein", "value", "value_and_slope", "values", "variation"]

@@ -6,6 +6,7 @@ and may run across the end of that cycle; its polynomials are the rows SLIP, ANG
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any, NamedTuple
 
@@ -106,6 +107,24 @@ def keep_stick(output: Any, start: float, end: float, cut: float, unit: float) -
 
 
 @fast
+def end_of_cycle(tau: float, after: float, period: float, unit: float, x: float) -> float:
+    """Where in [0, x] of a step from `tau` to `after` the engine cycle ends; infinity where it does not."""
+    if after == period:
+        return x
+    return min((period - tau) / unit, x) if after >= period else math.inf
+
+
+@fast
+def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> None:
+    """Keep a transition, where any are kept and there is room."""
+    if moves is not None and output.moves < moves.shape[0]:
+        moves[output.moves].time = time
+        moves[output.moves].before = before
+        moves[output.moves].after = after
+        output.moves += 1
+
+
+@fast
 def stays(mode: int, stick_speed: float, workspace: Any) -> bool:
     """Whether the slip speed is in `mode` all the step, by its Bernstein coefficients."""
     low, high = workspace[BERNSTEIN, LOW], workspace[BERNSTEIN, HIGH]
@@ -135,11 +154,7 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
             behind += keep_stick(output, start, at, cut, unit)
             keep_breakaway(loads, output.cycle if at < cut else output.cycle + 1)
             new = 1 if polynomial.value(rows, SLIP, degree, at) > 0.0 else -1
-        if output.moves < moves.shape[0]:
-            moves[output.moves].time = time + at * unit
-            moves[output.moves].before = mode
-            moves[output.moves].after = new
-            output.moves += 1
+        note_move(time + at * unit, mode, new, output, moves)
         mode = new
         start = at
         there = abs(workspace[BERNSTEIN, degree]) <= stick_speed

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.bernstein import DEGREE_MAXIMUM, to_bernstein
 
 WORKSPACE = np.zeros(polynomial.WORKSPACE)
 GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)
@@ -14,9 +15,15 @@ GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)
 
 def row_of(coefficients):
     """Coefficients as row 1 of an array whose other places would show if they were read."""
-    c = np.full((3, polynomial.DEGREE_MAXIMUM + 3), 1e300)
+    c = np.full((3, DEGREE_MAXIMUM + 3), 1e300)
     c[1, :len(coefficients)] = coefficients
     return c, len(coefficients) - 1
+
+
+def extremes(c, row, degree, end, highest, lowest):
+    """`highest` and `lowest` widened by what the polynomial reaches over [0, end]."""
+    to_bernstein(c, row, degree, end, WORKSPACE)
+    return polynomial.extremes_of(c, row, degree, end, highest, lowest, WORKSPACE)
 
 
 def exact(coefficients, x):
@@ -175,10 +182,10 @@ def test_extremes(seed):
         inner = [float(z.real) for z in slope if abs(z.imag) < 1e-4 and 0.0 < z.real < end]
         values = [float(exact(a, x)) for x in (0.0, end, *inner)]
         size = sum(abs(b) * end**k for k, b in enumerate(a))
-        highest, lowest = polynomial.extremes(c, 1, degree, end, a[0], a[0], WORKSPACE)
+        highest, lowest = extremes(c, 1, degree, end, a[0], a[0])
         assert highest == pytest.approx(max(values), abs=2e-13 * size)
         assert lowest == pytest.approx(min(values), abs=2e-13 * size)
-        assert polynomial.extremes(c, 1, degree, end, 1e9, -1e9, WORKSPACE) == (1e9, -1e9)
+        assert extremes(c, 1, degree, end, 1e9, -1e9) == (1e9, -1e9)
 
 
 @pytest.mark.parametrize("slope", [0.0, 1e-17, -1e-17])
@@ -187,14 +194,14 @@ def test_an_extreme_after_a_start_without_slope(slope):
     c, degree = row_of([0.0, slope, 3.0, -2.1])
     for sign in (1.0, -1.0):
         c[1, :4] *= sign
-        highest, lowest = polynomial.extremes(c, 1, degree, 1.2, 0.0, 0.0, WORKSPACE)
+        highest, lowest = extremes(c, 1, degree, 1.2, 0.0, 0.0)
         found = highest if c[1, 2] > 0.0 else lowest
         assert found == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
 
 
 def test_the_extremes_of_what_does_not_move():
     c, degree = row_of([2.0, 0.0, 0.0])
-    assert polynomial.extremes(c, 1, degree, 1.0, 2.0, 2.0, WORKSPACE) == (2.0, 2.0)
+    assert extremes(c, 1, degree, 1.0, 2.0, 2.0) == (2.0, 2.0)
 
 
 @pytest.mark.parametrize("mode", [-1, 0, 1])
@@ -240,7 +247,7 @@ def test_a_mode_entered_at_its_edge_is_not_left_at_once():
     assert marks == [0, -1, 0, 1]
 
 
-@pytest.mark.parametrize("degree", range(1, polynomial.DEGREE_MAXIMUM + 1))
+@pytest.mark.parametrize("degree", range(1, DEGREE_MAXIMUM + 1))
 def test_nothing_is_written_beyond_the_workspace(degree):
     """Its last row is filled by groups of four, at every degree."""
     height, width = polynomial.WORKSPACE

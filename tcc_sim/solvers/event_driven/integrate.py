@@ -35,10 +35,12 @@ from tcc_sim.solvers.step_output import (
     STEP_LIMIT,
     Store,
     end_cycle,
+    end_of_cycle,
     full,
     keep_cycle,
     keep_samples,
     keep_stick,
+    note_move,
 )
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
@@ -165,23 +167,16 @@ def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
 
 
 @fast
-def keep(step: Step, mode: int, tau: float, period: float, ends: bool, linear: Linear, rows: Any, output: Any,
+def keep(step: Step, mode: int, tau: float, after: float, period: float, linear: Linear, rows: Any, output: Any,
          store: Store, angle: Any, workspace: Any) -> None:
-    """Samples, extremes, time in stick, loads and section of a step that starts at `tau`; `ends` if it ends with the
-    cycle.
-    """
+    """Samples, extremes, time in stick, loads and section of a step from `tau` to `after`."""
     first, cycles = output.samples, store.cycles
     if store.per_cycle > 0:
         keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output, store.samples, angle)
         for i in range(first, output.samples):
             store.samples[i, 4] = mode
-    cut = math.inf
-    if ends:
-        cut = step.x
-    elif tau + step.x * step.unit >= period:
-        cut = min((period - tau) / step.unit, step.x)
-    keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, linear,
-               workspace)
+    cut = end_of_cycle(tau, after, period, step.unit, step.x)
+    keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, linear, workspace)
     if mode == STICK:
         behind = keep_stick(output, 0.0, step.x, cut, step.unit)
         output.highest, output.lowest = max(output.highest, 0.0), min(output.lowest, 0.0)
@@ -213,16 +208,6 @@ def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, moves
             return
         to_bernstein(rows, SLIP, step.degree, step.x, workspace)
         keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
-
-
-@fast
-def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> None:
-    """Keep a transition, where there is room for them."""
-    if moves is not None:
-        moves[output.moves].time = time
-        moves[output.moves].before = before
-        moves[output.moves].after = after
-        output.moves += 1
 
 
 @compiled
@@ -258,8 +243,7 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
         if step.x > 0.0:
-            keep(step, mode, tau, period, n == whole - 1 and state.tau == goal, terms.linear, rows, output, store,
-                 angle, workspace)
+            keep(step, mode, tau, state.tau, period, terms.linear, rows, output, store, angle, workspace)
         if event and state.mode != mode:
             note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
             if mode == STICK:

@@ -15,6 +15,7 @@ import numpy as np
 
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers.bernstein import WORKSPACE
 from tcc_sim.solvers.event_driven.integrate import COUNTERS, UNKNOWN, Memory, Setup, Work, integrate
 from tcc_sim.solvers.event_driven.modes import STATE
 from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
@@ -23,7 +24,6 @@ from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
-from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.step_output import OUTPUT
 from tcc_sim.solvers.terms import Terms, terms_of

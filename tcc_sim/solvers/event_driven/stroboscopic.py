@@ -13,6 +13,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers.bernstein import WORKSPACE
 from tcc_sim.solvers.event_driven.integrate import COUNTERS, UNKNOWN, Memory, Setup, Work
 from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
 from tcc_sim.solvers.event_driven.modes import STATE
@@ -29,7 +30,6 @@ from tcc_sim.solvers.key_derivatives import (
     NUMBERS,
     TORQUE_AMPLITUDE,
 )
-from tcc_sim.solvers.polynomial import WORKSPACE
 from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.solvers.terms import Terms

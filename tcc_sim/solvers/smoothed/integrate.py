@@ -36,9 +36,18 @@ from tcc_sim.solvers.smoothed.switching import (
     after_step,
     begin_cycle,
     choose_method,
-    not_a_number,
 )
-from tcc_sim.solvers.step_output import DONE, FULL, NOT_FINITE, STEP_LIMIT, STEP_TOO_SMALL, Store, full, record
+from tcc_sim.solvers.step_output import (
+    DONE,
+    FULL,
+    NOT_FINITE,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    Store,
+    end_of_cycle,
+    full,
+    record,
+)
 from tcc_sim.solvers.terms import Terms
 
 EDGE = 1e-6
@@ -140,14 +149,6 @@ def step_on(place: Place, friction: Friction, to_edge: float, to_stop: float, lo
                                 counters)
         x = min(step.x, to_stop / step.unit) if step.status != REFUSED else 0.0
     return step, x
-
-
-@fast
-def end_of_cycle(tau: float, after: float, period: float, unit: float, x: float) -> float:
-    """Where in [0, x] of a step from `tau` to `after` the engine cycle ends; infinity where it does not."""
-    if after == period:
-        return x
-    return min((period - tau) / unit, x) if after >= period else math.inf
 
 
 @fast
@@ -255,7 +256,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         keep(step, degree, x, cut, first, limits, terms, memory, store, angle)
         finish(degree, x, whole, setup, memory, angle)
         state.tau = after
-        if not_a_number(state.slip_speed + state.plate_angle + state.plate_speed):
+        if not abs(state.slip_speed + state.plate_angle + state.plate_speed) < math.inf:
             return NOT_FINITE
         counters.steps += 1
         if after >= period:

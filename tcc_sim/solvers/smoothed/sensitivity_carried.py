@@ -190,6 +190,3 @@ def carry(tangent: Any, method: int, place: Place, friction: Friction, step: Ste
                 now[0, lane] -= by[LOG_FREQUENCY, lane] * x * slip
                 now[1, lane] -= by[LOG_FREQUENCY, lane] * x * angle
                 now[2, lane] -= by[LOG_FREQUENCY, lane] * x * speed
-
-
-__all__ = ["carry"]

@@ -8,7 +8,6 @@ series of equal length follow each other, the mark of a step that stability limi
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from tcc_sim.solvers.compiling.compiled import fast
@@ -175,9 +174,3 @@ def begin_cycle(state: Any, control: Any) -> None:
     control.speed_before, control.speed_now = control.speed_now, abs(state.plate_speed)
     control.streak = 0
     control.patience = PATIENCE
-
-
-@fast
-def not_a_number(x: float) -> bool:
-    """Whether x is infinite or not a number."""
-    return not abs(x) < math.inf
