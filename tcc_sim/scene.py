@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
@@ -201,7 +201,11 @@ def load_scene(name_or_file: str | Path) -> Scene:
         raise InputError(f"{path}: {error}") from None
 
 
-def system_of(scene: Scene | System | str | Path) -> System:
+SceneLike: TypeAlias = Scene | System | str | Path
+"""A scene, its system, its name or its file."""
+
+
+def system_of(scene: SceneLike) -> System:
     """The physics of a scene, of a scene's name or file, or of what is a system already.
 
     Raises
@@ -209,9 +213,20 @@ def system_of(scene: Scene | System | str | Path) -> System:
     InputError
         As `load_scene`.
     """
+    return scene if isinstance(scene, System) else as_scene(scene).system
+
+
+def as_scene(scene: SceneLike) -> Scene:
+    """The scene of a name or a file, a scene as it is, or a system with the node's own options.
+
+    Raises
+    ------
+    InputError
+        As `load_scene`.
+    """
     if isinstance(scene, System):
-        return scene
-    return (scene if isinstance(scene, Scene) else load_scene(scene)).system
+        return Scene("system", scene)
+    return scene if isinstance(scene, Scene) else load_scene(scene)
 
 
 def parse_scene(text: str, name: str) -> Scene:

@@ -53,6 +53,16 @@ def test_a_scene_and_its_system_give_the_same():
     assert [s.records[0]["max_slip_speed"] for s in one.sweeps] == [s.records[0]["max_slip_speed"] for s in two.sweeps]
 
 
+def test_a_file_and_a_system_are_scenes_for_a_law_and_for_a_transfer_function(tmp_path):
+    scene = tcc_sim.load_scene("slip")
+    file = tmp_path / "slip.yaml"
+    file.write_text(scene.text())
+    runs = [tcc_sim.closed_loop(x, lambda reading: None, 0.01) for x in ("slip", file, scene, scene.system)]
+    assert len({run.slip_speed.tobytes() for run in runs}) == 1
+    found = [tcc_sim.linearise(x, frequencies=[10.0]).response.tobytes() for x in ("slip", file, scene, scene.system)]
+    assert len(set(found)) == 1
+
+
 def test_results_say_what_they_are_in_a_line_or_two():
     run = tcc_sim.solve(tcc_sim.load_scene("slip"), cycles=40, samples_per_cycle=50)
     found = tcc_sim.simulate("slip", cycles=40)

@@ -28,7 +28,7 @@ from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.recording.table import CHANNELS
 from tcc_sim.result import Result, json_of
-from tcc_sim.scene import Scene, load_scene
+from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.trajectory import Floats
 
 
@@ -88,7 +88,7 @@ class Identification(Result):
 
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
-             scene: Scene | str | None = None, noise: Mapping[str, float] | None = None, likelihood: str | None = None,
+             scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, likelihood: str | None = None,
              settings: Settings | None = None, gates: Gates | None = None,
              tick: Callable[[], None] | None = None) -> Identification:
     """Free parameters of a scene from a measurement.
@@ -97,7 +97,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     ----------
     measured : a Measurement, a table's file (.csv, `measurement.read_table`), or a recording
     free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset)
-    scene : scene, name or file: what is not free, and the inputs that were not measured; a recording has its own
+    scene : scene, system, name or file: what is not free, and what inputs were not measured; a recording has its own
     noise : standard deviation by channel, rad/s or rad; what is absent is estimated from the signal
     likelihood : key whose profile likelihood is wanted
     tick : called after every iteration
@@ -122,7 +122,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     """
     began = time.perf_counter()
     settings, gates = settings or Settings(), gates or Gates()
-    measured, scene = given(measured, load_scene(scene) if isinstance(scene, str) else scene)
+    measured, scene = given(measured, None if scene is None else as_scene(scene))
     starts = _starts(scene, free)
     keys = tuple(starts)
     _check(scene, keys, likelihood)

@@ -24,7 +24,7 @@ from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, se
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result, json_of
-from tcc_sim.scene import Scene, load_scene
+from tcc_sim.scene import SceneLike, system_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 
@@ -116,7 +116,7 @@ class Linearisation(Result):
                 "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "checked": json_of(self.checked)}
 
 
-def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure", output: str = "slip_speed",
+def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",
               slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0,
               tick: Callable[[], None] | None = None) -> Linearisation:
     """The transfer function from an input to an output about a settled motion.
@@ -149,8 +149,8 @@ def linearise(scene: Scene | System | str, *, input: str = "actuation_pressure",
     for name, asked_for, known in (("input", input, INPUTS), ("output", output, OUTPUTS)):
         if asked_for not in known:
             raise InputError(f"{name} is {asked_for!r}; it must be {' or '.join(known)}")
-    loaded = load_scene(scene) if isinstance(scene, str) else scene
-    system = loaded if isinstance(loaded, System) else loaded.system
+    system = system_of(scene)
+    system.check_repeats("a transfer function")
     asked = _frequencies(system, frequencies)
     if not 0 <= check <= len(asked):
         raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")

@@ -11,7 +11,7 @@ import numpy as np
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
-from tcc_sim.scene import Scene, load_scene
+from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats, Trajectory
 
@@ -140,7 +140,7 @@ class _Held:
         return True
 
 
-def closed_loop(scene: Scene | str, law: Callable[[Reading], Answer], seconds: float,
+def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: float,
                 rate: float = 1000.0) -> ControlledRun:
     """Run a control law against the driveline, one call a tick, as its node would run in lock-step with the driveline's
     node: the same answers give the same states to the last bit.
@@ -151,7 +151,7 @@ def closed_loop(scene: Scene | str, law: Callable[[Reading], Answer], seconds: f
 
     Parameters
     ----------
-    scene : a scene, its name or its file; an input whose source is topic is the law's
+    scene : a scene or a system, its name or its file; an input whose source is topic is the law's
     law : gives for the state (a Reading) a pressure (Pa), or engine torque (N m) and pressure; None for what the scene
         says where nobody commands it, its fallback
     seconds : of simulated time; whole ticks are taken
@@ -178,8 +178,7 @@ def closed_loop(scene: Scene | str, law: Callable[[Reading], Answer], seconds: f
     >>> bool(12.0 < run.slip_speed[1000:].mean() < 40.0)
     True
     """
-    scene = load_scene(scene) if isinstance(scene, str) else scene
-    scene = scene.with_values({"rate": rate, "pacing": "lockstep"})
+    scene = as_scene(scene).with_values({"rate": rate, "pacing": "lockstep"})
     if not 0.0 <= seconds * rate <= MOST_TICKS:
         raise InputError(f"seconds is {seconds:g}; it must be 0 to {MOST_TICKS / rate:g} s at {rate:g} Hz")
     plant = Plant(scene)

@@ -19,7 +19,7 @@ from tcc_sim.nodes.qos import LATCHED
 from tcc_sim.nodes.shared_memory import remove_ownerless
 from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.plant.closed_loop import INPUTS, Samples
-from tcc_sim.scene import Scene, load_scene
+from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun
 from tcc_sim.testing.worker import Worker
@@ -44,7 +44,7 @@ class Rig:
 
     Parameters
     ----------
-    scene : a scene, its name or its file
+    scene : a scene or a system, its name or its file
     changes : scene keys to change first
     rate : ticks a second, Hz
     faults : what happens to commands on their way
@@ -56,10 +56,9 @@ class Rig:
         A scene that the real-time solver cannot run, or wrong changes or faults.
     """
 
-    def __init__(self, scene: Scene | str, changes: Mapping[str, object] | None = None, rate: float = 1000.0,
+    def __init__(self, scene: SceneLike, changes: Mapping[str, object] | None = None, rate: float = 1000.0,
                  faults: Faults | Mapping[str, int] | None = None, patience: float = PATIENCE) -> None:
-        base = load_scene(scene) if isinstance(scene, str) else scene
-        wanted = base.with_values({**(changes or {}), "rate": rate, "pacing": "lockstep"})
+        wanted = as_scene(scene).with_values({**(changes or {}), "rate": rate, "pacing": "lockstep"})
         self._patience = patience
         self._lines = {name: Line(name, Faults.of(faults)) for name in INPUTS}
         self._node = DrivelineNode(wanted)
