@@ -78,7 +78,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     """
     first = _after_gap(cycles)
     points = _scaled(cycles, first)
-    most = min(maximum, len(points) // 3) if enough_after_a_gap(cycles) else 0
+    most = min(maximum, len(points) // 3) if not first or enough_after_a_gap(cycles) else 0
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)

@@ -135,7 +135,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         raise InputError("there is no whole engine cycle to summarise")
     seen = observed if count < len(cycles) else slice(None)
     highest, lowest = float(cycles.highest[seen].max()), float(cycles.lowest[seen].min())
-    steady = cycles[min(varied, len(cycles)):]
+    steady = cycles[min(varied, len(cycles)):] if varied else cycles
     runaway = slip_grows(steady)
     found = periodicity(steady, tolerance)
     if runaway:
