@@ -23,7 +23,7 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.file import SweepFile
-from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points
+from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points, swept
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Sweep
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -169,11 +169,12 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Atte
     """Every point that was not found yet, as it is done."""
     ready = _tasks(curves, plan, batch, points)
     following: deque[Task] = deque()
+    plans = [swept(curve.system, plan) for curve in curves]
 
     def submit(task: Task) -> Future[list[Point]]:
         c, indices, start = task
         systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
-        return executor.submit(solve_points, systems, values, plan, start)
+        return executor.submit(solve_points, systems, values, plans[c], start)
 
     for (c, indices, _), found in each_done(there, lambda: following.popleft() if following else next(ready, None),
                                             submit):
