@@ -184,7 +184,7 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
 
 def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> dict[str, float]:
     """The start of every free key, checked."""
-    asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys(free)
+    asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not asked:
         raise InputError("no key is free; name at least one")
     values, out = dict(values_of(scene.system)), {}

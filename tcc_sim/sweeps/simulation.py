@@ -9,6 +9,7 @@ import inspect
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -67,8 +68,11 @@ class Plan:
     def __post_init__(self) -> None:
         if self.direction not in DIRECTIONS:
             raise InputError(f"direction is {self.direction!r}; it must be {' or '.join(DIRECTIONS)}")
-        if not 1 <= self.cycles <= 10_000_000:
-            raise InputError(f"cycles is {self.cycles}; it must be 1 to 10000000")
+        for name in ("cycles", "discard"):
+            if isinstance(getattr(self, name), Integral):
+                object.__setattr__(self, name, int(getattr(self, name)))  # NumPy's are none for JSON.
+        if not (isinstance(self.cycles, int) and 1 <= self.cycles <= 10_000_000):
+            raise InputError(f"cycles is {self.cycles}; it must be a whole number, 1 to 10000000")
         if self.discard != "auto" and not (self.discard is None or isinstance(self.discard, int)):
             raise InputError(f"discard is {self.discard!r}; it must be a number of cycles or auto")
         if isinstance(self.discard, int) and self.discard < 0:

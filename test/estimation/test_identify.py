@@ -193,7 +193,8 @@ def test_any_even_rate_of_sampling_will_do(rate: float) -> None:
 def test_what_cannot_be_identified_is_said() -> None:
     data = measured()[0]
     for wrong, words in (({"clutch.area": 1.0}, "cannot be identified"), ({"friction.decai": 1.0}, "friction.decay"),
-                         ({"driveline.stiffness": -1.0}, "driveline.stiffness is -1"), ({}, "no key is free")):
+                         ({"driveline.stiffness": -1.0}, "driveline.stiffness is -1"), ({}, "no key is free"),
+                         ("friction.decai", "friction.decay")):
         with pytest.raises(InputError, match=words):
             identify(data, wrong, scene=FIG02)
 

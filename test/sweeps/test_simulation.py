@@ -117,6 +117,7 @@ def test_a_start_sets_the_phase_and_goes_on_where_another_run_ended() -> None:
 @pytest.mark.parametrize(("options", "words"), [
     ({"cycles": 10, "discard": 10}, "discard is 10"), ({"discard": -1}, "discard is -1"), ({"discard": 1.5}, "discard"),
     ({"duration": -1.0}, "duration is -1 s"), ({"duration": 0.1, "discard": 2}, "discard is 2"),
+    ({"cycles": 1.5}, "cycles is 1.5"), ({"cycles": "3"}, "cycles is 3"), ({"discard": np.int64(-1)}, "discard is -1"),
     ({"solver": "euler"}, "euler"), ({"cycle": 3}, "cycle is not a setting"), ({"cycles": 0}, "cycles is 0"),
     ({"section_points": -1}, "section_points is -1")])
 def test_wrong_input_is_refused(options: dict[str, object], words: str) -> None:
@@ -124,6 +125,13 @@ def test_wrong_input_is_refused(options: dict[str, object], words: str) -> None:
         simulate("fig02", **options)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="beside a plan"):
         simulate("fig02", Plan(), cycles=3)
+
+
+def test_whole_numbers_of_numpy_count_cycles() -> None:
+    found = simulate("slip", Plan(cycles=np.int64(9), discard=np.int64(4)))  # type: ignore[arg-type]
+    assert found.summary is not None
+    assert (found.summary.cycles, found.summary.discarded) == (9, 4)
+    assert json.loads(json.dumps({**found.as_json(), "cycles": found.summary.cycles}))["discarded"] == 4
 
 
 def test_a_failure_is_a_status_and_can_be_raised() -> None:
