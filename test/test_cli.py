@@ -143,6 +143,14 @@ def test_what_is_printed_to_a_closed_stream_is_nowhere(words: str, status: int) 
     assert (ended.returncode, ended.stdout, ended.stderr) == (status, b"", b"")
 
 
+@pytest.mark.parametrize(("words", "status"), [("--version >&-", 0), ("--nonsense 2>&-", 2)])
+def test_a_node_prints_to_a_closed_stream_as_well(words: str, status: int) -> None:
+    call = "from tcc_sim.nodes.executables import driveline_node; raise SystemExit(driveline_node())"
+    ended = subprocess.run(["sh", "-c", f'exec "$0" -c "$1" {words}', sys.executable, call], capture_output=True,
+                           check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (status, b"", b"")
+
+
 def test_a_name_that_the_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}
     words = ["fmu", "fig02", "--sources-only", "--out", str(tmp_path / "gr\u00fcn.fmu")]

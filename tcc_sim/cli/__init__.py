@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import difflib
 import errno
-import io
 import os
 import sys
 from importlib import import_module
@@ -18,7 +17,7 @@ from keyword import iskeyword
 from typing import NoReturn
 
 from tcc_sim.errors import InputError, TccError, one_line
-from tcc_sim.output.terminal import terminal_width, wrapped
+from tcc_sim.output.terminal import open_streams, terminal_width, wrapped
 
 GROUPS: dict[str, dict[str, str]] = {
     "the whole chain": {
@@ -97,7 +96,7 @@ def _check_verb(words: list[str]) -> str:
 def main(argv: list[str] | None = None) -> int:
     """Run one verb and give the exit status."""
     words = sys.argv[1:] if argv is None else argv
-    _open_streams()
+    open_streams()
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
         status: int = import_module(f"tcc_sim.cli.{module_of(arguments.verb)}").run(arguments)
@@ -121,18 +120,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("tcc-sim: interrupted", file=sys.stderr)
         return 130
-
-
-def _open_streams() -> None:
-    """Take whatever is printed: a stream that the caller closed takes it to nowhere, and one whose encoding lacks a
-    character gets that escaped.
-    """
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
-        elif isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
 
 
 def module_of(verb: str) -> str:

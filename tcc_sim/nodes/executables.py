@@ -20,7 +20,9 @@ def _run(name: str) -> int:
     from tcc_sim.errors import InputError, TccError
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.nodes.usage import asked_for, command_of
+    from tcc_sim.output.terminal import open_streams
 
+    open_streams()
     try:
         text = asked_for(name, sys.argv[1:])
         if text is None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import os
 import re
 import shutil
+import sys
 import textwrap
 
 NARROWEST = 40
@@ -39,3 +42,15 @@ def _indent(line: str, width: int) -> int:
 def say(text: str, *, flush: bool = False) -> None:
     """Print what a command has to say on standard output."""
     print(wrapped(text, terminal_width()), flush=flush)
+
+
+def open_streams() -> None:
+    """Take whatever is printed: a stream that the caller closed takes it to nowhere, and one whose encoding lacks a
+    character gets that escaped.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
