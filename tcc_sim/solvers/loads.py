@@ -122,15 +122,24 @@ def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, a
 
 
 @fast
+def wanted(loads: Any, cycle: int) -> bool:
+    """Whether the loads of an engine cycle are asked for."""
+    if loads is None:
+        return False
+    else:
+        return bool(loads[cycle].wanted > 0.0)
+
+
+@fast
 def keep_loads(loads: Any, rows: Any, degree: int, unit: float, x: float, cut: float, cycle: int,
                linear: Linear, workspace: Any) -> None:
     """Add a step over [0, x], which the end of the engine cycle cuts at `cut` (beyond x: not at all), to the records of
     LOADS from `cycle` on, as far as there are any and they are wanted.
     """
     if loads is not None:
-        if loads[cycle].wanted > 0.0:
+        if wanted(loads, cycle):
             add_part(rows, degree, unit, 0.0, min(x, cut), linear, loads[cycle], workspace)
-        if cut < x and loads[cycle + 1].wanted > 0.0:
+        if cut < x and wanted(loads, cycle + 1):
             add_part(rows, degree, unit, cut, x, linear, loads[cycle + 1], workspace)
 
 

@@ -12,7 +12,7 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import STARTED, clamp_edge, excite, load_phase
-from tcc_sim.solvers.loads import keep_loads
+from tcc_sim.solvers.loads import keep_loads, wanted
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
 from tcc_sim.solvers.smoothed.collocation_tables import Tables
@@ -156,9 +156,9 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
              angle: Any) -> None:
     """Fill the rows that a step leaves out as long as nobody asks for them: the plate's in creep, and theta1."""
     limits, _, _, _, tables = setup
-    state, control, _, work, _, _ = memory
+    state, control, _, work, _, output = memory
     if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle is not None
-                                    or store.loads is not None):
+                                    or wanted(store.loads, output.cycle)):
         fill_plate(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work)
     if angle is not None:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
