@@ -8,6 +8,7 @@ import socket
 import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
+from concurrent.futures import wait as wait_for
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import Event
+from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.trajectory import Cycles, Floats
 from tcc_sim.views import rerun_layout as layout
@@ -28,6 +30,8 @@ _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
 _TIMEOUT = 60.0
 """Longest wait for a viewer to take what was sent, s."""
+_ENDING = 3.0
+"""The same for Rerun to end after it failed, s: now and then it waits for ever for a writer that has ended."""
 
 
 class RerunStream:
@@ -176,9 +180,11 @@ class RerunStream:
         TccError
             The file was not written for another reason.
         """
+        ending = _ENDING
         try:
             if wait:
                 self.recording.flush(timeout_sec=_TIMEOUT)
+                ending = _TIMEOUT
         except Exception as error:
             reason = str(error).splitlines()[0]
             if self._file is None:
@@ -186,7 +192,9 @@ class RerunStream:
             _writable(self._file)
             raise TccError(f"the Rerun file was not written: {reason}") from None
         finally:
-            self.recording.disconnect()
+            done, _ = begun(self.recording.disconnect, "Rerun")
+            if not wait_for([done], ending).done:
+                self._rr.unregister_shutdown()  # The end of the process would wait likewise.
 
     def _mark(self, stamp_ns: int, text: str) -> None:
         """An event in the log and as a mark in the time series."""

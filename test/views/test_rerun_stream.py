@@ -5,6 +5,7 @@ import re
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, MissingPackage, TccError
 from tcc_sim.trajectory import Cycles
 from tcc_sim.views import rerun_layout as layout
+from tcc_sim.views import rerun_stream
 from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -232,6 +234,22 @@ def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, still, kind
     if not still:
         with pytest.raises(kind, match=said):
             stream.close()
+
+
+def test_a_rerun_that_does_not_end_is_left_behind(monkeypatch, tmp_path):
+    """Now and then it waits for ever for a writer that has ended, and would again when the process ends."""
+    import rerun
+
+    left, unregistered = threading.Event(), []
+    monkeypatch.setattr(rerun_stream, "_ENDING", 0.05)
+    monkeypatch.setattr(rerun, "unregister_shutdown", lambda: unregistered.append(True))
+    stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
+    disconnect = stream.recording.disconnect
+    monkeypatch.setattr(stream.recording, "disconnect", left.wait)
+    stream.close(wait=False)
+    assert unregistered == [True]
+    left.set()
+    disconnect()
 
 
 def test_a_disk_that_has_no_room_for_the_layout_is_refused_at_once(tmp_path):
