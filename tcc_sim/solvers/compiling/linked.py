@@ -87,8 +87,8 @@ def dispatcher(kernel: Kernel) -> Any:
 
 @contextmanager
 def _hurrying(context: Any) -> Iterator[None]:
-    """Numba in an eighth less time: it asks only once what a function is for arguments of some types, two floats in most
-    cases, and Python does not look for unreachable objects meanwhile.
+    """Numba in an eighth less time: it asks only once what a function is for arguments of some types, two floats in
+    most cases, and Python does not look for unreachable objects meanwhile.
     """
     resolve, collects = context.resolve_function_type, gc.isenabled()
     known: dict[Any, Any] = {}
