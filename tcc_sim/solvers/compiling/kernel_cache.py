@@ -23,7 +23,7 @@ from tcc_sim.errors import one_line
 
 Loaded = TypeVar("Loaded")
 
-SECONDS_PER_BYTE = 2.2e-4
+SECONDS_PER_BYTE = 1e-4
 """Compile time per byte of bytecode that a kernel reaches, s: measured on one core of 2.5 GHz, rounded."""
 WORTH_SAYING = 1.0
 """Compile time, s, from which on it is announced."""
