@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +134,25 @@ def concatenated(parts: Sequence[Cycles]) -> Cycles:
                   np.concatenate([p.lowest for p in parts]), np.concatenate([p.stick_time for p in parts]), joined,
                   np.concatenate([s[:-1] for s in starts[:-1]] + starts[-1:]) if len(starts) == len(parts) else None)
 
+
+class Orbits(NamedTuple):
+    """The section points of periodic motions, one after the other.
+
+    points : (k, n) in the natural sizes of the states
+    reach : (k,) squares of the distances within which a motion counts as there
+    cycle : (k,) number of the cycle, modulo `forcing`, at whose start a motion is there
+    following : (k,) index of the point after it
+    forcing : cycles after which the excitation repeats
+    """
+
+    points: Floats
+    reach: Floats
+    cycle: NDArray[np.int64]
+    following: NDArray[np.int64]
+    forcing: int
+
+
+NO_ORBITS = Orbits(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64), 1)
 
 NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
 """Modes: negative slip, stick, positive slip, and no load as the pressure is clamped at 0."""

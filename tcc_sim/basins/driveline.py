@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.basins.proximity import Orbits
 from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats, ParameterMap
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.sections import NOWHERE, Places, sections
+from tcc_sim.solvers.sections import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import NO_ORBITS, Orbits, State
 
 
 class DrivelineMotion:
@@ -34,11 +33,11 @@ class DrivelineMotion:
         self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate
         """How far slip can swing within a few cycles about its mean, rad/s."""
 
-    def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits | None = None) -> Floats:
+    def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:
         """(m, cycles + 1, 3) states at the starts of cycles first to first + cycles, NaN behind a failure and behind
         two points by one of the orbits.
         """
-        return sections(self.system, starts, first, cycles, self._rtol, NOWHERE if orbits is None else Places(*orbits))
+        return sections(self.system, starts, first, cycles, self._rtol, orbits)
 
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
         """(m,) whether slip is so fast that friction is constant, and the mean engine torque more than it can hold.

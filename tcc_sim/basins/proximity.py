@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.continuation.problem import Floats, ParameterMap
 from tcc_sim.result import Described
+from tcc_sim.trajectory import NO_ORBITS, Orbits
 
 UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that came to no attractor."""
@@ -20,29 +21,12 @@ Labels = NDArray[np.int64]
 Counts = NDArray[np.int64]
 
 
-class Orbits(NamedTuple):
-    """The section points of periodic attractors, one after the other.
-
-    points : (k, n) in the map's natural sizes
-    reach : (k,) squares of the capture radii
-    cycle : (k,) number of the cycle, modulo `forcing`, at whose start a motion is there
-    following : (k,) index of the point after it
-    forcing : cycles after which the map repeats
-    """
-
-    points: Floats
-    reach: Floats
-    cycle: NDArray[np.int64]
-    following: NDArray[np.int64]
-    forcing: int
-
-
 class Motion(Protocol):
     """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
 
     map: ParameterMap
 
-    def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits | None = None) -> Floats:
+    def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:
         """(m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles first to first + cycles.
 
         NaN from where one cannot be solved further, and where it need not be: behind two points by one of the orbits.

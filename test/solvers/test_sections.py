@@ -5,9 +5,9 @@ import pytest
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.sections import Places, sections
+from tcc_sim.solvers.sections import sections
 from tcc_sim.solvers.stroboscopic import SCALES
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import Orbits, State
 
 FALLING = {"friction.kinetic_coefficient": 0.225, "engine.frequency": 120.0, "pressure.frequency_ratio": 0.5}
 
@@ -40,7 +40,7 @@ def test_a_motion_ends_behind_two_points_by_places_that_follow_each_other_at_the
     whole = sections(system, start, 3, 8, rtol)[0]
     points, reach = whole[[6, 5]] / SCALES, np.full(2, 1e-10)
     for cycle, following, end in (([1, 0], [1, 0], 6), ([0, 1], [1, 0], 8), ([1, 0], [0, 1], 8)):
-        places = Places(points, reach, np.array(cycle), np.array(following), 2)
-        found = sections(system, start, 3, 8, rtol, places)[0]
+        orbits = Orbits(points, reach, np.array(cycle), np.array(following), 2)
+        found = sections(system, start, 3, 8, rtol, orbits)[0]
         np.testing.assert_allclose(found[:end + 1], whole[:end + 1], rtol=0.0, atol=1e-6)
         assert np.isnan(found[end + 1:]).all()
