@@ -57,6 +57,8 @@ COLLOCATION_REACH = 2.0
 """Longest collocation step that shows a sine, per series step that does."""
 MOVES_AT_ONCE = 2 * COLUMNS
 """Most transitions of one step."""
+GOES_ON = -1
+"""No way in which a call ends."""
 
 
 class Setup(NamedTuple):
@@ -201,6 +203,19 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
 
 
 @fast
+def ended(end: float, step_limit: int, memory: Memory, tangent: Any, store: Store) -> int:
+    """How a call ends before the next step, as `integrate` returns it, or GOES_ON."""
+    state, _, _, _, counters, output = memory
+    if not state.tau < end:
+        return DONE
+    if counters.steps + counters.rejected >= step_limit:
+        return STEP_LIMIT
+    if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
+        return FULL
+    return GOES_ON
+
+
+@fast
 def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
               store: Store, angle: Any) -> int:
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
@@ -215,12 +230,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
     period, shift = limits.period, load_phase(ratio, terms.pulsation, first + output.cycle)
     while True:
         end = (count - output.cycle) * period + tail
-        if not state.tau < end:
-            return DONE
-        if counters.steps + counters.rejected >= step_limit:
-            return STEP_LIMIT
-        if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
-            return FULL
+        status = ended(end, step_limit, memory, tangent, store)
+        if status != GOES_ON:
+            return status
         tau = state.tau
         edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
         stop = min(edge, end)
