@@ -13,15 +13,13 @@ from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
 
 RECORDING_TOLERANCE = 2e-3
 """Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse.
 """
-STAMP = 1e-9
-"""What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
 DRIFTING, AT_THE_END = 5e-3, 16
 """A cycle that differs by this part of the length of the last ones, so many, belongs to no period."""
 

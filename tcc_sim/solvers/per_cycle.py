@@ -11,6 +11,8 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
 from tcc_sim.trajectory import Cycles, Floats, Loads
 
+STAMP = 1e-9
+"""What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
 LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
 
@@ -96,7 +98,7 @@ def _check_times(t: Floats, starts: Floats) -> None:
     """Raise InputError where times of samples do not increase, or engine cycles do not lie within them."""
     if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
         raise InputError("sample times must be two or more and strictly increasing")
-    slack = 1e-9 + 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])  # Stamps are whole ns.
+    slack = STAMP + 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
     if starts[0] < t[0] - slack or (len(starts) > 1 and starts[-1] > t[-1] + slack):
         raise InputError(f"engine cycles from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
                          f"from {t[0]:g} to {t[-1]:g} s")
