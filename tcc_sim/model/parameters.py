@@ -265,6 +265,7 @@ QUANTITIES: dict[str, Quantity] = {
     group in GROUPS.items() for item in dataclasses.fields(group)}
 """Every scene key of the model with its meaning."""
 
+_FIELDS = [item.name for item in dataclasses.fields(System)]
 _PLACES = [(key, *key.split(".")) for key in QUANTITIES]
 DEFAULTS: dict[str, Value] = {key: getattr(GROUPS[group], name) for key, group, name in _PLACES}
 
@@ -319,6 +320,7 @@ def replace(system: System, values: Mapping[str, object]) -> System:
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked
     out = object.__new__(System)  # Its fields are known to be right; a branch asks for one for every motion.
-    vars(out).update(vars(system), **{g: getattr(system, g).changed(fields) for g, fields in changes.items()})
-    vars(out).pop("course", None)
+    for name in _FIELDS:
+        own = getattr(system, name)
+        vars(out)[name] = own.changed(changes[name]) if name in changes else own
     return out
