@@ -55,6 +55,12 @@ class MissingPackage(TccError, ImportError):
     """An optional package is not installed; the sentence names the extra that brings it."""
 
 
+def check_folder(path: Path) -> None:
+    """Raise InputError where a file has no directory to be in."""
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}")
+
+
 def check_suffix(path: Path, suffixes: Iterable[str], prefix: str = "") -> None:
     """Raise InputError where a file has none of some suffixes; `prefix` stands before its name in the sentence."""
     *first, last = suffixes

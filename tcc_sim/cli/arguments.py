@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, check_suffix, require
+from tcc_sim.errors import InputError, check_folder, check_suffix, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
 
@@ -53,8 +53,7 @@ def new_file(path: Path, force: bool = False) -> Path:
         raise InputError(f"{path} is a directory; name a file")
     if replaceable(path) and not force:
         raise InputError(f"{path} exists; it is not overwritten")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no directory {path.parent}")
+    check_folder(path)
     return path
 
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, check_folder
 from tcc_sim.sweeps.settings import DEFAULTS
 
 FORMAT = "tcc_sim sweep_points 1"
@@ -48,8 +48,7 @@ class SweepFile:
         self._kind, self._stream = kind, None
         if path is None:
             return
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: there is no directory {path.parent}")
+        check_folder(path)
         wanted: dict[str, Any] = json.loads(json.dumps({"format": form, **header}))
         first = encoded({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
         whole = self._read(path, wanted, first, take) if path.exists() else 0
