@@ -15,8 +15,8 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
+from tcc_sim.solvers.radau import chebyshev_to_powers, radau, to_chebyshev
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
-from tcc_sim.solvers.smoothed.collocation_tables import TO_POWERS, radau, to_chebyshev
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK
 
@@ -38,7 +38,7 @@ MATRICES = (3, NODES, NODES + 1)
 
 
 C, A = radau(NODES)
-POWERS = TO_POWERS[:NODES + 1, :NODES + 1].T @ to_chebyshev(C)
+POWERS = chebyshev_to_powers(NODES).T @ to_chebyshev(C)
 """Powers of the time in a step from the values at its start and at the nodes."""
 SQUARED = A @ A
 

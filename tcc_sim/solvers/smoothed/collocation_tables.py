@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model.equations import Linear
+from tcc_sim.solvers.radau import chebyshev_to_powers, radau, to_chebyshev
 
 NODES = 16
 DEGREE = NODES
@@ -82,30 +83,6 @@ class Response(NamedTuple):
     torque: Floats
 
 
-def radau(count: int) -> tuple[Floats, Floats]:
-    """Nodes c (count,) and matrix A (count, count) of Radau IIA.
-
-    The nodes are the zeros of P_s(2 c - 1) - P_(s-1)(2 c - 1), the last of them 1.
-    """
-    legendre = np.zeros(count + 1)
-    legendre[count], legendre[count - 1] = 1.0, -1.0
-    x = np.sort(np.real(np.polynomial.legendre.legroots(legendre)))
-    slope = np.polynomial.legendre.legder(legendre)
-    for _ in range(3):
-        x[:-1] -= np.polynomial.legendre.legval(x[:-1], legendre) / np.polynomial.legendre.legval(x[:-1], slope)
-    x[-1] = 1.0
-    basis = np.polynomial.legendre.legvander(x, count - 1)
-    integrals = np.stack([np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1))
-                          for unit in np.eye(count)], axis=1)
-    return (x + 1.0) / 2.0, 0.5 * np.linalg.solve(basis.T, integrals.T).T
-
-
-def to_chebyshev(nodes: Floats) -> Floats:
-    """The matrix that makes Chebyshev coefficients over [0, 1] of values at 0 and at the nodes."""
-    points = np.concatenate([[0.0], nodes])
-    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * points - 1.0, len(nodes))))
-
-
 C, A = radau(NODES)
 INVERSE = np.linalg.inv(A)
 TO_CHEBYSHEV = np.zeros((NODES + 1, TERMS))
@@ -114,11 +91,7 @@ TO_CHEBYSHEV[:, :DEGREE + 1] = to_chebyshev(C).T
 adds.
 """
 TO_POWERS = np.zeros((TERMS, TERMS))
-"""Row i: coefficients of T_i(2 x - 1) in powers of x."""
-for _i in range(DEGREE + 1):
-    TO_POWERS[_i, :_i + 1] = np.polynomial.Chebyshev.basis(_i, domain=[0.0, 1.0]).convert(
-        kind=np.polynomial.Polynomial).coef
-TO_POWERS = np.rint(TO_POWERS)
+TO_POWERS[:DEGREE + 1, :DEGREE + 1] = chebyshev_to_powers(DEGREE)
 
 
 def ladder_of(fastest: float, period: float) -> tuple[int, int]:
