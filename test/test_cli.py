@@ -123,6 +123,30 @@ def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, statu
     assert capsys.readouterr() == ("", line)
 
 
+def test_an_interrupted_command_waits_for_no_thread() -> None:
+    """A thread that compiles or solves a long motion cannot be told to stop."""
+    program = """
+import sys, threading
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from tcc_sim import cli
+
+def run(arguments):
+    begun = threading.Event()
+    ThreadPoolExecutor().submit(lambda: (begun.set(), threading.Event().wait()))
+    begun.wait()
+    print("as far as it came")
+    raise KeyboardInterrupt
+
+cli.VERBS["long"] = "take long"
+sys.modules["tcc_sim.cli.long"] = SimpleNamespace(add_arguments=lambda parser: None, run=run)
+sys.argv = ["tcc-sim", "long"]
+sys.exit(cli.main())
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "as far as it came\n", "tcc-sim: interrupted\n")
+
+
 def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     reading, writing = os.pipe()

@@ -12,6 +12,7 @@ import difflib
 import errno
 import os
 import sys
+from contextlib import suppress
 from importlib import import_module
 from keyword import iskeyword
 from typing import NoReturn
@@ -94,9 +95,18 @@ def _check_verb(words: list[str]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one verb and give the exit status."""
-    words = sys.argv[1:] if argv is None else argv
+    """Run one verb and give the exit status; as a program of its own it ends here where it is interrupted."""
     open_streams()
+    status = _status_of(sys.argv[1:] if argv is None else argv)
+    if argv is None and status == 130:
+        with suppress(OSError):
+            sys.stdout.flush()
+        os._exit(status)  # A thread that still compiles or solves would be waited for, and what it does is lost.
+    return status
+
+
+def _status_of(words: list[str]) -> int:
+    """Run one verb; the exit status, once what went wrong is said."""
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
         status: int = import_module(f"tcc_sim.cli.{module_of(arguments.verb)}").run(arguments)

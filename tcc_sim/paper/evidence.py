@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +19,7 @@ from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.point import Point, solve_point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
+from tcc_sim.sweeps.workers import workers
 from tcc_sim.trajectory import Floats, State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
@@ -107,7 +107,7 @@ class Evidence:
 
     def _each(self, sweep: Sweep) -> list[Summary | None]:
         """What every point of a sweep comes to."""
-        with ThreadPoolExecutor(self.jobs) as threads:
+        with workers(self.jobs, None) as (threads, _):
             return list(threads.map(self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
 
     def _settle(self, system: System, point: Point | None) -> Summary | None:

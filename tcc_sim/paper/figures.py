@@ -6,7 +6,6 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from tcc_sim.paper.seen_motions import motions_behind, motions_behind_each
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.point import handed_over, solve_point
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
+from tcc_sim.sweeps.workers import workers
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
@@ -128,7 +128,7 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
         return Coexisting(here, sweep.curve.values[here], float(largest[here]), periods[here],
                           Reached(found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
 
-    with ThreadPoolExecutor(jobs) as threads:
+    with workers(jobs, None) as (threads, _):
         rows = [row for row in threads.map(follow, pairs) if row is not None]
     return sorted(rows, key=lambda row: row.index)
 
