@@ -30,7 +30,7 @@ ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
     "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks",
               "paper.claims_interaction"],
-    "pandas": ["replay"], "distributed": ["sweeps.cluster"], "dask": ["sweeps.cluster"],
+    "pandas": ["replay"], "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["parameter_file", "scene", "recording", "messages", "output.provenance"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,

@@ -22,9 +22,8 @@ from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import Scene, system_of
+from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
 from tcc_sim.sweeps.file import SweepFile
-from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.workers import Attendance, each_done, workers
 
 FORMAT = "tcc_sim basin_rows 1"
 Row = tuple[list[int], list[int]]

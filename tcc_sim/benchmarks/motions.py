@@ -28,7 +28,7 @@ from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figure_results import Chart, ChartCurve, Curves, Figure
 from tcc_sim.paper.figures import figure_of, figure_system
-from tcc_sim.sweeps.processes import each_in_a_process, processes_for
+from tcc_sim.sweeps.executors import each_in_a_process, processes_for
 from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.views.basin_map import draw as draw_basins
 

@@ -20,8 +20,8 @@ from tcc_sim.benchmarks.timing import least_seconds
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.sweeps.executors import cores
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
-from tcc_sim.sweeps.workers import cores
 
 Record = dict[str, Any]
 ERROR = 1e-6

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check everything, linearise, write what was asked for, and print the result."""
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.output.files import draft
-    from tcc_sim.sweeps.progress import progress_bar
+    from tcc_sim.sweeps.executors import progress_bar
     from tcc_sim.sweeps.ranges import spaced
 
     scene = scene_of(arguments)

@@ -53,7 +53,7 @@ class Settings:
     converged: float = quantity(1e-6, "largest difference, relative to the size of the motion, of bump averages over "
                                 "the halves of a section on a torus")
 
-    # Tasks given to processes and clusters (`workers.py`, `cluster.py`).
+    # Tasks given to processes and clusters (`executors.py`).
     look: float = quantity(2.0, "time without a result after which it is asked whether those who work are still "
                            "there", "s")
     connect_timeout: float = quantity(8.0, "time that a scheduler has to answer", "s")

@@ -22,14 +22,13 @@ from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
+from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points, swept
-from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Sweep
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
-from tcc_sim.sweeps.workers import Attendance, each_done, workers
 
 Points = list[list[Point | None]]
 """Per curve and value what was found, None for what was not tried yet."""

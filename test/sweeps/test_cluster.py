@@ -19,7 +19,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.sweeps.cluster import cluster, within
+from tcc_sim.sweeps.executors import cluster, in_time
 from tcc_sim.sweeps.settings import Settings
 from tcc_sim.sweeps.sweep import Plan, sweep
 
@@ -108,9 +108,9 @@ def test_a_port_that_is_no_scheduler_is_given_up_in_time() -> None:
 def test_what_does_not_come_back_is_not_waited_for() -> None:
     never = threading.Event()
     with pytest.raises(TimeoutError):
-        within(time.monotonic() + 0.01, never.wait)
+        in_time(time.monotonic() + 0.01, never.wait)
     never.set()
-    assert within(time.monotonic() + 60.0, lambda: 3) == 3
+    assert in_time(time.monotonic() + 60.0, lambda: 3) == 3
 
 
 def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  # type: ignore[no-untyped-def]
@@ -127,7 +127,7 @@ def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  
             processes.append(started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
                                      "--local-directory", str(tmp_path / "w"), *quiet))
             client.wait_for_workers(1, timeout=120)
-        monkeypatch.setattr("tcc_sim.sweeps.cluster.DEFAULTS", Settings(patience=0.5))
+        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(patience=0.5))
         on_point(lambda count: processes[0].kill())
         assert main([*command, "--dask", address]) == 1
         said = capsys.readouterr().err

@@ -1,15 +1,33 @@
-"""Work in processes of which one is killed: what is done is kept, what is not is done again, and nothing waits."""
+"""Work in processes of which one is killed: what is done is kept, what is not is done again, and nothing waits.
+
+What a cluster does is in `test_cluster.py`; bars of long work leave nothing behind.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from tcc_sim.errors import WorkersLost
-from tcc_sim.sweeps.processes import each_in_a_process
+from tcc_sim.sweeps.executors import each_in_a_process
+
+REFUSED = """
+import multiprocessing
+
+def refuse(*_):
+    raise RuntimeError("a semaphore of the system was asked for")
+
+multiprocessing.RLock = refuse
+from tcc_sim.sweeps.executors import progress_bar
+
+with progress_bar("part", 3) as bar:
+    bar.update()
+"""
 
 
 def killed_once(mark: str) -> int:
@@ -41,3 +59,8 @@ def test_work_that_kills_whoever_does_it_is_given_up_in_one_line() -> None:
 
 def test_one_part_is_done_here() -> None:
     assert each_in_a_process(os.path.basename, ["a/b"]) == ["b"]
+
+
+def test_a_bar_asks_for_no_semaphore_which_an_ended_process_would_leave_behind() -> None:
+    ended = subprocess.run([sys.executable, "-c", REFUSED], text=True, capture_output=True, check=False, timeout=60)
+    assert (ended.returncode, ended.stderr) == (0, "")
