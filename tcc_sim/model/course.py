@@ -1,4 +1,5 @@
-"""Excitation that varies in time: engine frequency, mean torque and mean pressure, linear between given points.
+"""Excitation that varies in time: engine frequency, mean torque and mean pressure, linear between given points, or
+torque and pressure from data.
 
 The phase phi is the integral of the engine frequency omega from t = 0, exact for a linear omega, and the excitation is
 a function of it: Te = Tm(t) + sum_n Tpn sin(n phi + phi_n), P = Pm(t) + Pp sin(r phi + psi). Engine cycle n lasts from
@@ -10,12 +11,11 @@ there is none, and the phase is omega t.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from tcc_sim.model.inputs import Inputs, joined
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import Engine, Pressure, System
@@ -39,6 +39,35 @@ class Origin(NamedTuple):
 
 
 START = Origin()
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What drives a plant from outside, as lines: (k, 3) arrays of time (s), value there and change in a second.
+
+    torque : N m; None leaves the scene's own
+    pressure : Pa; None leaves the scene's own
+    end : time up to which they are known, s
+    """
+
+    torque: Floats | None
+    pressure: Floats | None
+    end: float
+
+
+def held_lines(t: Floats, values: Floats) -> Floats:
+    """Values held from each time to the next, as lines; before the first time it is the first value."""
+    return _from_the_start(np.stack([t, values, np.zeros(len(t))], axis=1))
+
+
+def joined_lines(t: Floats, values: Floats) -> Floats:
+    """Values joined by straight lines, constant outside."""
+    return _from_the_start(np.stack([t, values, np.append(np.diff(values) / np.diff(t), 0.0)], axis=1))
+
+
+def _from_the_start(lines: Floats) -> Floats:
+    """Lines that begin at time 0."""
+    return lines if lines[0, 0] <= 0.0 else np.concatenate([[[0.0, lines[0, 1], 0.0]], lines])
 
 
 def moved(origin: Origin, before: System, after: System, t: float) -> Origin:
@@ -86,7 +115,7 @@ def course_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, 
 
 def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float) -> Floats:
     """A profile as rows of time, value and rate; one row where there is none."""
-    return joined(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
+    return joined_lines(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
 
 
 def reached(t: Any, row: Any) -> Any:

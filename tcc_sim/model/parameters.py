@@ -20,8 +20,7 @@ from tcc_sim.model.profiles import LATEST, PROFILES, check_profile
 from tcc_sim.model.quantity import Group, Quantity, Value, apart, number_of, quantity
 
 if TYPE_CHECKING:
-    from tcc_sim.model.course import Floats
-    from tcc_sim.model.inputs import Inputs
+    from tcc_sim.model.course import Floats, Inputs
 
 FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
 """Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""

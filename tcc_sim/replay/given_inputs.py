@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.inputs import Inputs, held, joined
+from tcc_sim.model.course import Inputs, held_lines, joined_lines
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.recording.table import INPUTS, TIME, read_columns
 from tcc_sim.replay.recorded import read
@@ -49,9 +49,9 @@ def of_recording(path: Path) -> Inputs:
         if not known.any():
             lines.append(None)
         elif source == "topic":
-            lines.append(held(t[:-1][known[1:]], values[1:][known[1:]]))
+            lines.append(held_lines(t[:-1][known[1:]], values[1:][known[1:]]))
         else:
-            lines.append(joined(t[known], values[known]))
+            lines.append(joined_lines(t[known], values[known]))
     if all(line is None for line in lines):
         raise InputError(f"{path}: neither torque nor pressure was recorded")
     return Inputs(lines[0], lines[1], float(t[-1]))
@@ -73,7 +73,7 @@ def of_table(path: Path) -> Inputs:
         if len(wrong):
             raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
                              f"{meant.interval()}")
-    torque, pressure = (held(t, columns[name]) if name in columns else None for name in INPUTS)
+    torque, pressure = (held_lines(t, columns[name]) if name in columns else None for name in INPUTS)
     return Inputs(torque, pressure, float(t[-1]))
 
 
