@@ -121,7 +121,8 @@ class Scene:
         """
         if key not in KNOWN_KEYS:
             raise parameters.unknown_key(key, KNOWN_KEYS)
-        return self.values()[key]
+        group, _, name = key.rpartition(".")
+        return getattr(getattr(self.system, group) if group else self.operation, name)
 
     def text(self) -> str:
         """The scene as a parameter file with every key, from which the same scene is read back exactly."""
