@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
 from tcc_sim.model.parameters import System
-from tcc_sim.model.quantity import Quantity, quantity
+from tcc_sim.model.quantity import PROFILES, Quantity, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
 
 DEFAULT_SCENE = "fig02"
@@ -274,6 +274,30 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
     return values
 
 
+def parse_profiles(words: list[str]) -> dict[str, object]:
+    """KEY=T:V,T:V words of a command line as values of the keys KEY_times and KEY_values.
+
+    Raises
+    ------
+    InputError
+        A key without a profile, one given twice, or a point that is not two numbers.
+    """
+    found: dict[str, object] = {}
+    for word in words:
+        key, _, points = word.partition("=")
+        if key not in PROFILES:
+            raise InputError(f"--profile {word[:100]}: the keys that have a profile are {', '.join(PROFILES)}")
+        if f"{key}_times" in found:
+            raise InputError(f"--profile {key} is given twice")
+        try:
+            pairs = [tuple(map(float, point.split(":"))) for point in points.split(",")]
+        except ValueError:
+            pairs = [()]
+        if any(len(pair) != 2 for pair in pairs):
+            raise InputError(f"--profile {word[:100]} is not KEY=TIME:VALUE,TIME:VALUE,... in s and the key's unit")
+        found[f"{key}_times"], found[f"{key}_values"] = map(list, zip(*pairs))
+    return found
+
+
 __all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene",
-           "parse_assignments",
-           "parse_scene", "system_of"]
+           "parse_assignments", "parse_profiles", "parse_scene", "system_of"]

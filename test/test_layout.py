@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
-from tcc_sim.model.profiles import PROFILES
+from tcc_sim.model.quantity import PROFILES
 from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -40,9 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
-    from tcc_sim.model.profiles import parse_profiles
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.table import order_lines, simulation_lines
+    from tcc_sim.scene import parse_profiles
     from tcc_sim.sweeps.simulation import Plan, simulate
 
     scene = common.scene_of(arguments, parse_profiles(arguments.profile))

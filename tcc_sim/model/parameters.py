@@ -16,8 +16,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.profiles import LATEST, PROFILES, check_profile
-from tcc_sim.model.quantity import Group, Quantity, Value, apart, number_of, quantity
+from tcc_sim.model.quantity import LATEST, PROFILES, Group, Quantity, Value, apart, number_of, quantity
 
 if TYPE_CHECKING:
     from tcc_sim.model.course import Floats, Inputs
@@ -106,8 +105,8 @@ class Engine(Excitation):
 
     def check_together(self) -> None:
         """Raise InputError unless profiles and harmonics have as many values in each list."""
-        check_profile("engine.frequency", self.frequency_times, self.frequency_values)
-        check_profile("engine.mean_torque", self.mean_torque_times, self.mean_torque_values)
+        self.check_profile("frequency")
+        self.check_profile("mean_torque")
         if len(self.harmonic_amplitudes) != len(self.harmonic_phases):
             raise InputError(f"engine.harmonic_phases has {len(self.harmonic_phases)} values; it must have as many as "
                              f"engine.harmonic_amplitudes, {len(self.harmonic_amplitudes)}")
@@ -132,7 +131,7 @@ class Pressure(Excitation):
 
     def check_together(self) -> None:
         """Raise InputError unless the profile has as many values as times."""
-        check_profile("pressure.mean", self.mean_times, self.mean_values)
+        self.check_profile("mean")
 
 
 @dataclass(frozen=True)
@@ -267,6 +266,7 @@ QUANTITIES: dict[str, Quantity] = {
 _FIELDS = [item.name for item in dataclasses.fields(System)]
 _PLACES = [(key, *key.split(".")) for key in QUANTITIES]
 DEFAULTS: dict[str, Value] = {key: getattr(GROUPS[group], name) for key, group, name in _PLACES}
+
 
 def values_of(system: System) -> Iterator[tuple[str, Value]]:
     """Every scene key of `system` with its value, in the order of QUANTITIES."""

@@ -1,8 +1,11 @@
-"""What a scene key means, and groups of keys that check themselves: unit, allowed range or choices."""
+"""What a scene key means, and groups of keys that check themselves: unit, allowed range or choices; and profiles of the
+keys that may vary in time, linear between given points.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,6 +16,10 @@ from tcc_sim.errors import InputError
 
 Value = float | str | tuple[float, ...]
 Same = TypeVar("Same", bound="Group")
+PROFILES = ("engine.frequency", "engine.mean_torque", "pressure.mean")
+"""The keys that may vary in time; each has a list of times and a list of values."""
+MOST_POINTS, LATEST = 1000, 1e6
+"""Points that a profile may have, and its latest time, s."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,21 @@ class Group:
 
     def check_together(self) -> None:
         """Raise InputError unless values that are allowed by themselves are so together."""
+
+    def check_profile(self, name: str) -> None:
+        """Raise InputError unless the times and values of a field make a profile, or are both empty."""
+        key = f"{type(self).__name__.lower()}.{name}"
+        times, values = getattr(self, f"{name}_times"), getattr(self, f"{name}_values")
+        if len(times) != len(values):
+            raise InputError(f"{key}_values has {len(values)} values; it must have as many as {key}_times, "
+                             f"{len(times)}")
+        if len(times) > MOST_POINTS:
+            raise InputError(f"{key}_times has {len(times)} values; at most {MOST_POINTS} are allowed")
+        if times and times[0] != 0.0:
+            raise InputError(f"{key}_times begins at {times[0]:g} s; the first time must be 0")
+        for before, after in itertools.pairwise(times):
+            if not after > before:
+                raise InputError(f"{key}_times has {after:g} s after {before:g} s; the times must increase")
 
     def changed(self: Same, values: Mapping[str, Value]) -> Same:
         """The group with values that are allowed by themselves in the place of its own, checked together."""

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from tcc_sim.errors import InputError
 from tcc_sim.model.course import along, phase_at, time_at
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.profiles import parse_profiles
+from tcc_sim.scene import parse_profiles
 
 TIMES, VALUES = [0.0, 0.3, 0.4, 2.0], [80.0, 400.0, 90.0, 90.0]
 VARYING = replace(System(), {"engine.frequency_times": TIMES, "engine.frequency_values": VALUES,
