@@ -22,7 +22,7 @@ class Static:
 
 
 @dataclass(frozen=True)
-class Number:
+class Scalar:
     """double or int."""
 
     name: str
@@ -32,7 +32,7 @@ class Number:
 class Tuple:
     """Several numbers in a structure, ``_0``, ``_1`` and so on; `optional`: with a flag ``has``."""
 
-    parts: tuple[Number, ...]
+    parts: tuple[Scalar, ...]
     optional: bool = False
 
     @property
@@ -81,7 +81,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Record:
+class Struct:
     """A NamedTuple behind a pointer, with the types of its fields."""
 
     title: str
@@ -99,8 +99,8 @@ class Record:
         return f"typedef struct {{\n{lines}\n}} {self.title};"
 
 
-Kind = Static | Number | Tuple | Table | Row | Record
-DOUBLE, INT = Number("double"), Number("int")
+Kind = Static | Scalar | Tuple | Table | Row | Struct
+DOUBLE, INT = Scalar("double"), Scalar("int")
 
 
 def kind_name(kind: Kind) -> str:
@@ -110,7 +110,7 @@ def kind_name(kind: Kind) -> str:
     return kind.name
 
 
-def record_of(source: type[Any], tables: dict[str, tuple[int, str]]) -> Record:
+def struct_of(source: type[Any], tables: dict[str, tuple[int, str]]) -> Struct:
     """The structure of a NamedTuple.
 
     Parameters
@@ -119,7 +119,7 @@ def record_of(source: type[Any], tables: dict[str, tuple[int, str]]) -> Record:
     tables : columns of its arrays, and the macro that has the largest number of rows, by field
     """
     hints = typing.get_type_hints(source)
-    return Record(source.__name__, tuple((name, _kind(name, hints[name], tables)) for name in hints))
+    return Struct(source.__name__, tuple((name, _kind(name, hints[name], tables)) for name in hints))
 
 
 def _kind(name: str, hint: Any, tables: dict[str, tuple[int, str]]) -> Kind:

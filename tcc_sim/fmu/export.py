@@ -15,10 +15,16 @@ from importlib import resources
 from pathlib import Path
 
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Row, Static, record_of
-from tcc_sim.fmu.description import SOURCES, build_description, model_description
+from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Row, Static, struct_of
+from tcc_sim.fmu.description import (
+    SOURCES,
+    Variable,
+    build_description,
+    model_description,
+    variables,
+    variables_header,
+)
 from tcc_sim.fmu.printer import Library
-from tcc_sim.fmu.variables import Variable, header, variables
 from tcc_sim.model import friction
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
@@ -71,11 +77,11 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
              for name in ("tcc_model.h", "fmi_shared.h", SOURCES[version])}
     texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{_kernel()}"
-    parts = "".join([*texts.values(), header(scene, rows, identifier, "", step),
+    parts = "".join([*texts.values(), variables_header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])
     digest = hashlib.sha256(parts.encode()).hexdigest()
     token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
-    texts["tcc_variables.h"] = header(scene, rows, identifier, token, step)
+    texts["tcc_variables.h"] = variables_header(scene, rows, identifier, token, step)
     if version == 3:
         texts["buildDescription.xml"] = build_description(identifier)
     files = {"modelDescription.xml": model_description(version, scene, rows, identifier, token, step)}
@@ -90,7 +96,7 @@ def compiler() -> str | None:
     return next((found for name in COMPILERS if (found := shutil.which(name))), None)
 
 
-def compiled(fmu: Fmu, command: str) -> bytes:
+def binary_of(fmu: Fmu, command: str) -> bytes:
     """The binary for this machine.
 
     Raises
@@ -131,7 +137,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     command, names = compiler(), PLATFORMS.get((sys.platform, platform.machine()))
     folder = names[version - 2] if names else ""
     with_binary = not sources_only and command is not None and bool(folder)
-    binary = compiled(fmu, command) if with_binary and command is not None else b""
+    binary = binary_of(fmu, command) if with_binary and command is not None else b""
     with draft(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
         for name, text in fmu.files.items():
             file.writestr(zipfile.ZipInfo(name, DATE), text, zipfile.ZIP_DEFLATED)
@@ -144,7 +150,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
 
 def _kernel() -> str:
     """The tick in C99, all static; TCC_MOST_HARMONICS and TCC_MOST_PIECES say how large the arrays of Terms may be."""
-    terms = record_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "course": (8, "TCC_MOST_PIECES")})
+    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "course": (8, "TCC_MOST_PIECES")})
     of = dict(terms.fields)
     library = Library()
     library.declared(terms)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Number, Record, Refused, Row, Static, Table, Tuple, kind_name
+from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Refused, Row, Scalar, Static, Struct, Table, Tuple, kind_name
 
 if TYPE_CHECKING:
     from tcc_sim.fmu.printer import Library
@@ -64,7 +64,7 @@ class Expressions:
     def _number(self, node: ast.expr) -> Text:
         """An expression that is a number."""
         text, kind = self._expression(node)
-        if not isinstance(kind, Number):
+        if not isinstance(kind, Scalar):
             raise self._refused(node)
         return text, kind
 
@@ -85,7 +85,7 @@ class Expressions:
         if isinstance(node.value, ast.Name) and node.value.id not in self._kinds:
             return literal(self._resolved(node), self._refused(node))
         text, kind = self._expression(node.value)
-        if isinstance(kind, Record):
+        if isinstance(kind, Struct):
             for name, found in kind.fields:
                 if name == node.attr:
                     return f"{'&' if isinstance(found, Table) else ''}{text}->{name}", found

@@ -14,7 +14,7 @@ import textwrap
 from collections.abc import Callable
 from typing import Any
 
-from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Number, Record, Refused, Static, Table, Tuple, kind_name
+from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Refused, Scalar, Static, Struct, Table, Tuple, kind_name
 from tcc_sim.fmu.expressions import Expressions, Text, word
 
 PRELUDE = """\
@@ -60,10 +60,10 @@ class Library:
 
     def declared(self, kind: Kind) -> str:
         """A type's name; its structure is declared."""
-        if isinstance(kind, Record):
+        if isinstance(kind, Struct):
             for _, part in kind.fields:
                 self.declared(part)
-        if isinstance(kind, (Tuple, Table, Record)):
+        if isinstance(kind, (Tuple, Table, Struct)):
             self.structures.setdefault(kind.name, kind.declaration())
         return kind_name(kind)
 
@@ -210,7 +210,7 @@ class Function(Expressions):
                 kind = DOUBLE
             self._declare(target.id, kind, target)
             self._put(f"{word(target.id)} = {text[1:-1] if _enclosed(text) else text};")
-        elif isinstance(target, ast.Subscript) and isinstance(kind, Number):
+        elif isinstance(target, ast.Subscript) and isinstance(kind, Scalar):
             self._put(f"{self._subscript(target)[0]} = {text};")
         else:
             raise self._refused(target)
