@@ -30,7 +30,7 @@ from tcc_sim.paper.figure_results import Chart, ChartCurve, Curves, Figure
 from tcc_sim.paper.figures import figure_of, figure_system
 from tcc_sim.sweeps.executors import each_in_a_process, processes_for
 from tcc_sim.sweeps.ranges import values_of_range
-from tcc_sim.views.basin_map import draw as draw_basins
+from tcc_sim.views.basin_map import draw_basins
 
 CELLS, QUICK_CELLS = 500, 60
 NAMES = {19: "motions_chart_mu_k", 20: "motions_chart_psi"}

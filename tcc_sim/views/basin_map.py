@@ -20,7 +20,7 @@ MARKERS = "os^Dvp*"
 EXTRAS = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
 
 
-def draw(path: Path, found: Basins | Sequence[Basins], title: str = "", width: float = style.PAGE) -> Path:
+def draw_basins(path: Path, found: Basins | Sequence[Basins], title: str = "", width: float = style.PAGE) -> Path:
     """Draw one plane as a map, or several, one for each value of a key, as fractions against it."""
     planes = [found] if isinstance(found, Basins) else found
     with style.figure(width, (0.62 if planes[0].over is None else 0.5) * width) as picture:
@@ -44,7 +44,7 @@ def into(axes: Any, found: Basins | Sequence[Basins], legend: Mapping[str, Any] 
         _fractions(axes, planes, planes[0].over[0], [one.over[1] for one in planes if one.over is not None])
 
 
-def named(attractor: Attractor) -> str:
+def attractor_label(attractor: Attractor) -> str:
     """An attractor in a legend."""
     what = f"period {attractor.period}" if attractor.period else "no period"
     return f"{what}, largest slip speed {attractor.largest:.4g} rad/s"
@@ -72,7 +72,7 @@ def _map(axes: Any, found: Basins) -> list[Any]:
                   markeredgewidth=0.6 if attractor.period else 0.0, scalex=False, scaley=False, clip_on=True,
                   **style_of)
         handles.append(Patch(facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
-                             label=f"{named(attractor)} ({part:.3g} %)"))
+                             label=f"{attractor_label(attractor)} ({part:.3g} %)"))
     for label, (colour, name) in EXTRAS.items():
         if found.fraction(label) > 0.0:
             handles.append(Patch(facecolor=colour, edgecolor=style.GREY,

@@ -24,7 +24,7 @@ UNSTABLE = (0, (3, 1.5))
 
 def branch_diagram(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period."""
-    values = style.values_of(found)
+    values = style.json_values(found)
     curves = values.get("curves", [])
     with style.figure(width, 3.6 if not curves else 6.4) as drawn:
         axes = drawn.subplots(2 if curves else 1, 1, squeeze=False)[:, 0]
@@ -63,7 +63,7 @@ def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any
 
 def into(axis: Any, found: Any) -> None:
     """Draw lines of the branches and marks of their bifurcations into an axis."""
-    found = style.values_of(found)
+    found = style.json_values(found)
     axis.set(xlabel=label_of(found["over"]), ylabel="max |slip speed| (rad/s)")
     periods = sorted({b["period"] for b in found["branches"]})
     named: set[str] = set()

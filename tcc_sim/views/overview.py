@@ -77,7 +77,7 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
         maxima = drawn.add_subplot(grid[-1, 1] if wide else grid[-1, :])
         _histories(torques, slip, tail, control)
         _phase_portrait(phase, tail, summary)
-        draw_maxima(maxima, cycles, first_cycle, summary)
+        draw_cycle_maxima(maxima, cycles, first_cycle, summary)
         if control is not None and not controlled:
             mark_events(maxima, control.events, float(tail.t[-1]), tail.cycle)
         style.panel_titles((*panels, phase, maxima), [*titles, "Phase portrait", "Maxima"])
@@ -166,7 +166,7 @@ def _widened(limits: tuple[float, float]) -> tuple[float, float]:
     return low - 0.5 * missing, high + 0.5 * missing
 
 
-def draw_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
+def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
     """Largest slip speed of each cycle, those that the summary drops in grey."""
     number: NDArray[Any] = first_cycle + np.arange(len(cycles))
     largest = cycles.largest

@@ -15,8 +15,8 @@ from tcc_sim.output.files import replaceable
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
-from tcc_sim.views.manoeuvre import manoeuvre
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
+from tcc_sim.views.whole_runs import manoeuvre
 
 
 def check_picture(path: Path, width: str = "page") -> None:
@@ -88,10 +88,12 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
 
 LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "draw_grid", "draw_largest"),
-         "Scattered": ("scatter", "draw_scatter", "into"), "Motions": ("branch_diagram", "branch_diagram", "into"),
-         "Basins": ("basin_map", "draw", "into"), "Linearisation": ("estimation", "bode", "draw_gain"),
+         "Scattered": ("sweeps", "draw_scatter", "draw_scattered"),
+         "Motions": ("branch_diagram", "branch_diagram", "into"),
+         "Basins": ("basin_map", "draw_basins", "into"), "Linearisation": ("estimation", "bode", "draw_gain"),
          "Identification": ("estimation", "identification", "draw_fit"),
-         "Orders": ("order_map", "plot_orders", "into"), "Twin": ("twin", "draw_twin", "into")}
+         "Orders": ("whole_runs", "plot_orders", "draw_shaft_map"),
+         "Twin": ("whole_runs", "draw_twin", "draw_slip_speeds")}
 """By the name of a result's class its module here, and the functions for a whole picture and for an axis. The first
 takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches, and
 raises what `style.figure` and `style.save` do. What is a run, or has one, is drawn by `plot_run` and `overview`.

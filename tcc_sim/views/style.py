@@ -77,7 +77,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         yield drawn
 
 
-def values_of(result: Any) -> Mapping[str, Any]:
+def json_values(result: Any) -> Mapping[str, Any]:
     """A result as its JSON has it, whether it is one or was read back."""
     values: Mapping[str, Any] = result if isinstance(result, Mapping) else result.as_json()
     return values

@@ -1,10 +1,12 @@
-"""Pictures of a sweep: maxima and orbit diagram over one key, or a map over two."""
+"""Pictures of sweeps: maxima and orbit diagram over one key, a map over two; of scattered keys bands of quantiles over
+another key, or every result against every tolerance.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +15,18 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
+if TYPE_CHECKING:
+    from tcc_sim.sweeps.scatter import Scattered
+
 Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
 """Colour of a motion without period, and of a value that failed in a map."""
 PURE_STICK, RUNAWAY = -1, -2
 """Stand for the period of a motion that never slips, and of one whose slip grows, in a map."""
 REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN, "runaway": style.RUNAWAY}
+RESULTS = (("max_slip_speed", "max |slip speed|\n(rad/s)", 1.0), ("stick_fraction", "stick (%)", 100.0),
+           ("clutch_energy", "clutch energy (J)", 1.0))
+"""Results drawn of scattered keys, their axes, and the unit of the axis in that of the result."""
 JUMP, SHARPER = 0.05, 4.0
 """Neighbours are not joined where they differ by more than this part of the curve's range, and by so many times what
 the two pairs on either side of them do, as their median has it.
@@ -27,7 +35,7 @@ the two pairs on either side of them do, as their median has it.
 
 def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Maxima, the orbit diagram (plate angle on the section), and how long the clutch sticks, over one key."""
-    values = style.values_of(found)
+    values = style.json_values(found)
     with style.figure(width, 5.0, title) as drawn:
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
         x = numbers(values["values"])
@@ -46,7 +54,7 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
 
 def draw_maxima(axis: Any, found: Any) -> None:
     """The largest slip speed over one key, coloured by regime."""
-    values = style.values_of(found)
+    values = style.json_values(found)
     axis.set(xlabel=label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
     regimes = classes(values["regime"], values.get("runaway", []))
@@ -87,7 +95,7 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
 
 def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Two maps over two keys, rows second: the largest slip speed, and the period."""
-    values = style.values_of(found)
+    values = style.json_values(found)
     wide = width > 0.5 * (style.COLUMN + style.PAGE)
     with style.figure(width, 3.2 if wide else 5.6, title) as drawn:
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
@@ -102,7 +110,7 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
 
 def draw_largest(axis: Any, found: Any) -> None:
     """The largest slip speed over two keys as a map, a runaway in a colour of its own."""
-    values = style.values_of(found)
+    values = style.json_values(found)
     x, y = numbers(values["values"]), numbers(values["second_values"])
     largest = np.array([numbers(row) for row in values["max_slip_speed"]])
     away = runaways(values)
@@ -136,6 +144,55 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
     bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (engine cycles)")
     bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
     bar.ax.minorticks_off()
+
+
+def draw_scatter(path: Path, found: Scattered, title: str = "", width: float = style.PAGE) -> Path:
+    """Bands of the quantiles 0.05 to 0.95 over the swept key; without one, samples against each scattered key."""
+    keys = [] if found.over else [key for key, _, _ in found.tolerances.bounds][:4]
+    with style.figure(width, 5.0, title) as drawn:
+        axes = drawn.subplots(len(RESULTS), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)
+        for row, (name, label, scale) in zip(axes, RESULTS):
+            row[0].set_ylabel(label)
+            if found.over:
+                draw_band(row[0], found, name, scale)
+            else:
+                for axis, key in zip(row, keys):
+                    _samples(axis, found, name, key, scale)
+        for axis, key in zip(axes[-1], keys or [found.over]):
+            axis.set_xlabel(label_of(key))
+        style.legend_above(axes[0][0])
+        return style.save(drawn, path)
+
+
+def draw_scattered(axis: Any, found: Scattered) -> None:
+    """Draw the largest slip speed into an axis: its band over the swept key, or samples against the first scattered."""
+    if found.over:
+        draw_band(axis, found, "max_slip_speed")
+    else:
+        _samples(axis, found, "max_slip_speed", found.tolerances.bounds[0][0], 1.0)
+    axis.set(xlabel=label_of(found.over or found.tolerances.bounds[0][0]), ylabel="max |slip speed| (rad/s)")
+
+
+def draw_band(axis: Any, found: Scattered, name: str, scale: float = 1.0) -> None:
+    """Median and band of one result."""
+    x = found.sweeps[0].values
+    low, middle, high = scale * found.quantiles(name).T
+    axis.fill_between(x, low, high, color=style.SKY, alpha=0.45, linewidth=0.0, label="5 to 95 %")
+    axis.plot(x, middle, color=style.BLUE, linewidth=1.1, label="median")
+    if len(x) > 1:
+        axis.set_xlim(x.min(), x.max())
+
+
+def _samples(axis: Any, found: Scattered, name: str, key: str, scale: float) -> None:
+    """Samples of one result against one key, with their quantiles."""
+    values, y = found.tolerances.values()[key], scale * found.result(name)[:, 0]
+    records = [sweep.records[0] or {} for sweep in found.sweeps]
+    for regime, (colour, mine) in classes([r.get("regime") for r in records],
+                                          [r.get("runaway") for r in records]).items():
+        axis.plot(values[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
+                  color=colour, label=regime)
+    for level, line in zip(scale * found.quantiles(name)[0], (":", "-", ":")):
+        axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=line)
 
 
 def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:

@@ -76,7 +76,7 @@ def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_p
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(basin_map, "draw", interrupted)
+        patch.setattr(basin_map, "draw_basins", interrupted)
         assert main(words) == 130
     assert capsys.readouterr().err.endswith(f"tcc-sim: interrupted; the same command goes on from {files[0]}.part\n")
     assert [path.name for path in tmp_path.iterdir()] == ["b.npz.part"]

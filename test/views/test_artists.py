@@ -12,7 +12,7 @@ import pytest
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.trajectory import Cycles
-from tcc_sim.views import overview, style, sweeps, twin
+from tcc_sim.views import overview, style, sweeps, whole_runs
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +73,7 @@ def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(monkeypatch: p
     t = np.arange(-10.0, 31.0)
     run = SimpleNamespace(t=t, slip_speed=2.0 * t, cycle=1.0)
     found = SimpleNamespace(trajectory=run, t=t, slip_speed=3.0 * t, difference=-t)
-    twin.draw_twin(tmp_path / "a.png", found)
+    whole_runs.draw_twin(tmp_path / "a.png", found)
     start, end, difference = ([line.get_xydata().tolist() for line in axis.lines] for axis in seen)
     for lines, part in ((start, t[:9]), (end, t[-9:])):
         assert lines == [[[x, 3.0 * x] for x in part], [[x, 2.0 * x] for x in part]]
@@ -81,7 +81,7 @@ def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(monkeypatch: p
     assert seen[2].get_xlim() == (-10.0, 30.0)
     with style.figure() as drawn:
         axis = drawn.subplots()
-        twin.into(axis, found)
+        whole_runs.draw_slip_speeds(axis, found)
         assert all(len(line.get_xdata()) == len(t) for line in axis.lines)
 
 
@@ -91,7 +91,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     summary = SimpleNamespace(discarded=2, cycles=2, max_slip_speed=10.0)
     with style.figure() as drawn:
         axis = drawn.subplots()
-        overview.draw_maxima(axis, cycles, 7, summary)  # type: ignore[arg-type]
+        overview.draw_cycle_maxima(axis, cycles, 7, summary)  # type: ignore[arg-type]
         dropped, kept, line = axis.lines
         assert dropped.get_label() == "dropped (1 off scale)"
         assert dropped.get_xydata().tolist() == [[7.0, 90.0], [8.0, 8.0]]
@@ -102,7 +102,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     uneven = replace(cycles, starts=np.array([0.0, 1.0, 2.0, 3.0, 5.0]))
     with style.figure() as drawn:
         axis = drawn.subplots()
-        overview.draw_maxima(axis, uneven, 7, summary)  # type: ignore[arg-type]
+        overview.draw_cycle_maxima(axis, uneven, 7, summary)  # type: ignore[arg-type]
         assert axis.lines[1].get_xdata().tolist() == [2.0, 3.0]
         assert axis.get_xlabel() == "time (s)"
 

@@ -1,0 +1,181 @@
+"""Pictures of a run from its beginning to its end: a manoeuvre, its orders, and a simulation beside its recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tcc_sim.solvers import solve
+from tcc_sim.trajectory import Floats, State, Trajectory, integral
+from tcc_sim.views import style
+
+if TYPE_CHECKING:
+    from tcc_sim.analysis.orders import Orders
+
+SAMPLES, ENOUGH = 100, 16
+"""Samples in an engine cycle where the run is solved again, and those that serve as they are."""
+SHARP = 5000
+"""Most points of a line that is not made of dots in a drawing of lines."""
+SHOWN = 60.0
+"""Range of a map of orders, dB."""
+CUTS = (1.0, 2.0, 3.0, 4.0)
+LEAST = 1e-12
+"""Amplitudes below count as this one, so that they have a level."""
+TWIN_CYCLES = 8
+"""Engine cycles that are shown of the start and of the end beside a recording."""
+
+
+def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str = "") -> Path:
+    """Draw torques, slip speed with stick shaded, the shaft's torque and the clutch's heat over all of the time.
+
+    Parameters
+    ----------
+    run : with its system; one that kept few samples is solved again from its first state
+    width : inch
+    """
+    run = _sampled(run)
+    assert run.system is not None
+    driveline, dots = run.system.driveline, len(run.t) > SHARP
+    shaft = driveline.damping * run.plate_speed + driveline.stiffness * run.plate_angle
+    power = run.friction_torque * run.slip_speed
+    heat = integral(power, run.t)
+    with style.figure(width, 6.4, title) as drawn:
+        axes = drawn.subplots(4, 1, sharex=True, height_ratios=(1.2, 1.2, 1.0, 0.7))
+        torques, slip, beside, warm = axes
+
+        def line(axis: Any, values: Floats, colour: str, label: str = "", **look: Any) -> None:
+            axis.plot(run.t, values, color=colour, label=label or None, rasterized=dots, linewidth=0.8, **look)
+
+        line(torques, run.engine_torque, style.ORANGE, "engine")
+        line(torques, run.friction_torque, style.BLUE, "friction")
+        line(torques, run.saturation_torque, style.GREY, r"$\mu_k N R$", linestyle=(0, (4, 2)))
+        if run.system.friction_ratio > 1.0:
+            line(torques, run.system.friction_ratio * run.saturation_torque, style.GREY, r"$\mu_s N R$",
+                 linestyle=(0, (1, 1.5)))
+        torques.set_ylabel("torque (N m)")
+        line(slip, run.slip_speed, style.BLUE, "slip speed")
+        stuck = run.state == 0
+        if stuck.any():
+            slip.fill_between(run.t, 0.0, 1.0, where=stuck, transform=slip.get_xaxis_transform(), color=style.STICK,
+                              linewidth=0.0, zorder=0, label="stick", rasterized=dots)
+        slip.set_ylabel("slip speed (rad/s)")
+        line(beside, shaft, style.BLUE)
+        beside.set_ylabel("torque (N m)")
+        line(warm, heat * 1e-3, style.RED)
+        warm.set(xlabel="time (s)", ylabel="heat (kJ)", xlim=(run.t[0], run.t[-1]))
+        for axis in (torques, slip):
+            style.legend_above(axis)
+        style.panel_titles(axes, ["Torques", "Slip speed", "Shaft torque", "Heat in the clutch until then"])
+        return style.save(drawn, path)
+
+
+def _sampled(run: Trajectory) -> Trajectory:
+    """The run itself, or solved again with samples where it kept too few of them."""
+    length = float(run.t[-1] - run.t[0])
+    if run.system is None or run.t[0] != 0.0 or len(run.t) >= ENOUGH * length / run.cycle:
+        return run
+    first = State.of((run.slip_speed[0], run.plate_angle[0], run.plate_speed[0]))
+    return solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first).raise_for_status()
+
+
+def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw the orders over the engine frequency where it rises or falls all the time, else over time."""
+    along, name = _along(found)
+    wide = width > 0.5 * (style.COLUMN + style.PAGE)
+    with style.figure(width, 0.86 * width if wide else 2.6 * width) as drawn:
+        grid = drawn.add_gridspec(6, 2) if wide else drawn.add_gridspec(11, 1)
+        rows = [(slice(0, 3), 0), (slice(0, 3), 1), (slice(3, 6), 0), (slice(3, 5), 1), (5, 1)] if wide else [
+            (slice(0, 3), 0), (slice(3, 6), 0), (slice(6, 8), 0), (slice(8, 10), 0), (10, 0)]
+        shaft, slip, cuts, judder, heat = axes = [drawn.add_subplot(grid[place]) for place in rows]
+        draw_shaft_map(shaft, found)
+        _map(slip, found, found.slip_speed, "dB re 1 rad/s")
+        shown = [order for order in CUTS if order <= found.order[-1]]
+        for colour, order in zip(style.CYCLE, shown):
+            cuts.plot(along, level(found.cut(order)), color=colour, label=f"order {order:g}")
+        top = max(float(level(found.cut(order)).max()) for order in shown)
+        cuts.set(ylabel="shaft torque, dB re 1 N m", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
+        cuts.legend(ncols=2)
+        judder.plot(along, found.peak, color=style.BLUE, label="peak")
+        judder.plot(along, found.rms, color=style.BLUE, ls=":", label="rms")
+        judder.set(ylabel="slip about its\ncycle mean, rad/s", ylim=(0.0, None))
+        judder.legend()
+        heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
+        heat.set(ylabel="heat, kJ", xlabel=name, ylim=(0.0, None))
+        style.panel_titles(axes, ["Shaft torque", "Slip speed", "Orders of the shaft torque", "Judder",
+                                  "Heat until then"])
+        for axis in axes:
+            axis.set_xlim(float(along.min()), float(along.max()))
+        for axis in axes[:2] + axes[3:4] if wide else axes[:4]:
+            axis.set_xlabel("")
+            axis.tick_params(labelbottom=False)
+        if title:
+            drawn.suptitle(title, x=0.01, ha="left", fontsize=9, fontweight="bold")
+        return style.save(drawn, path)
+
+
+def draw_shaft_map(axis: Any, found: Orders) -> None:
+    """Draw the map of the shaft torque into an axis."""
+    _map(axis, found, found.shaft_torque, "dB re 1 N m")
+
+
+def _along(found: Orders) -> tuple[Floats, str]:
+    """What the orders are drawn over, and its name."""
+    steps = np.diff(found.frequency)
+    rises = len(steps) > 0 and bool(np.all(steps > 0.0) or np.all(steps < 0.0))
+    return (found.frequency, "engine frequency, rad/s") if rises else (found.time, "time, s")
+
+
+def level(amplitude: Floats) -> Floats:
+    """20 log10 of an amplitude, dB re 1 of its unit."""
+    return 20.0 * np.log10(np.maximum(amplitude, LEAST))
+
+
+def _map(axis: Any, found: Orders, amplitude: Floats, unit: str) -> None:
+    """One order map with its colour scale and the two linear modes."""
+    along, over = _along(found)
+    shown = found.order > 0.25
+    levels = level(amplitude[:, shown]).T
+    top = 5.0 * np.ceil(float(levels.max()) / 5.0)
+    image = axis.pcolormesh(along, found.order[shown], levels, cmap="magma", vmin=top - SHOWN, vmax=top,
+                            shading="nearest", rasterized=True)
+    axis.figure.colorbar(image, ax=axis, label=unit, pad=0.015, aspect=28,
+                         ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
+    axis.grid(False)
+    highest = float(found.order[-1])
+    for omega, name, beside in zip(found.modes, ("stuck", "slipping"), (0.42, 2.3)):
+        order = omega / found.frequency
+        axis.plot(along, np.where(order <= highest, order, np.nan), color="white", lw=0.9, ls=(0, (4, 2)))
+        if order.min() < 0.9 * highest and order.max() > 0.3:
+            at = int(np.argmin(np.abs(order - beside)))
+            axis.annotate(f"{name}, {omega:.0f} rad/s", (along[at], order[at]), xytext=(4, 2), color="white",
+                          textcoords="offset points", fontsize=6.5)
+    axis.set(xlabel=over, ylabel="order", ylim=(0.25, highest))
+
+
+def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw a simulation beside a recording: its start, its end, and the difference of all of it."""
+    span = TWIN_CYCLES * found.trajectory.cycle
+    begin, end = found.t[0], found.t[-1]
+    with style.figure(width, 0.75 * width) as drawn:
+        axes = drawn.subplots(3, 1)
+        for axis, low, high in ((axes[0], begin, min(begin + span, end)), (axes[1], max(end - span, begin), end)):
+            draw_slip_speeds(axis, found, low, high)
+        style.legend_above(axes[0])
+        axes[2].plot(found.t, found.difference, color=style.RED, linewidth=0.7)
+        axes[2].set(xlabel="time (s)", ylabel="difference (rad/s)")
+        axes[2].set_xlim(begin, end)
+        drawn.suptitle(f"{title}: {found}" if title else str(found), x=0.01, ha="left", fontsize=10.0)
+        style.panel_titles(axes, ["Start", "End", "Simulated less recorded"])
+        return style.save(drawn, path)
+
+
+def draw_slip_speeds(axis: Any, found: Any, low: float = -np.inf, high: float = np.inf) -> None:
+    """Draw both slip speeds of some time into an axis."""
+    run = found.trajectory
+    for t, slip, look in ((found.t, found.slip_speed, {"color": style.GREY, "linewidth": 2.4, "label": "recorded"}),
+                          (run.t, run.slip_speed, {"color": style.BLUE, "linewidth": 0.9, "label": "simulated"})):
+        shown = (t >= low) & (t <= high)
+        axis.plot(t[shown], slip[shown], **look)
+    axis.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
