@@ -17,9 +17,9 @@ from tcc_sim.paper.catalogue import NORMALISED, OMEGA_N, STATIC, paper_system
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
-from tcc_sim.sweeps.point import Point, solve_point
+from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
-from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
 from tcc_sim.trajectory import Floats, State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"

@@ -22,8 +22,7 @@ from tcc_sim.paper.figure_results import Coexisting, Curves, Figure, LawCurve, L
 from tcc_sim.paper.seen_motions import motions_behind, motions_behind_each
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.executors import workers
-from tcc_sim.sweeps.point import handed_over, solve_point
-from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""

@@ -1,21 +1,31 @@
-"""What sweeps give: the points along one scene key, or on a grid of two, as JSON, as columns, and in a line."""
+"""What sweeps give: a point at one value, points along one scene key, or on a grid of two; as JSON, columns, a line."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.damping import Damping, damping_as_json
+from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result
-from tcc_sim.sweeps.point import SUMMARY_KEYS, Point
+from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan
+from tcc_sim.sweeps.steady_state import Start
+from tcc_sim.trajectory import Floats, State
 
+SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles",
+                "discarded", "settled", "section_change", "solver", "elapsed_s", "runaway",
+                "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways")
+"""Keys of `simulate --json` that a sweep has per value."""
+MAY_BE_NAN = ("section_change", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque")
 NOT_SOLVED = "not solved: the sweep was interrupted"
 EXTRAS = ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
 """Keys per value that are there where they were asked for."""
@@ -27,6 +37,79 @@ COLUMNS: dict[str, float | int | bool | str] = {
     "lyapunov_exponent": np.nan, "lyapunov_low": np.nan,
     "lyapunov_high": np.nan, "lyapunov_diagnosis": "", "elapsed_s": np.nan, "status": ""}
 """Columns of a table with a line per value, and what stands where there is nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The result at one value.
+
+    value : of the key
+    summary : maxima, period, regime, with its section left to `section`; None where the solver failed
+    section : (n, 2) array, plate angle (rad) and slip speed (rad/s)
+    confirmed : whether the section has settled and further cycles stay on it
+    status : sentence of the solver
+    theta2 : (n,) array, plate angle on the section over the last cycles, oldest first; rad
+    damping, lyapunov : where asked for
+    end : where the motion goes on from
+    """
+
+    value: float
+    summary: Summary | None
+    section: Floats
+    confirmed: bool
+    status: str
+    theta2: Floats
+    damping: Damping | None
+    lyapunov: Lyapunov | None
+    end: Start
+
+    def as_json(self) -> dict[str, Any]:
+        """The point as JSON values; a failed one has null in every result."""
+        found = self.summary.as_json() if self.summary is not None else {}
+        out: dict[str, Any] = {"value": self.value, **{name: found.get(name) for name in SUMMARY_KEYS},
+                               "section": self.section.tolist(), "confirmed": self.confirmed, "status": self.status}
+        if len(self.theta2):
+            out["theta2"] = self.theta2.tolist()
+        if self.damping is not None:
+            out.update(damping_as_json(self.damping))
+        if self.lyapunov is not None:
+            out["lyapunov"] = self.lyapunov.as_json()
+        return out
+
+    def as_record(self) -> dict[str, Any]:
+        """`as_json` with the end of the motion: what the file of a sweep holds."""
+        return {**self.as_json(), "final": list(self.end.state.numbers), "final_cycle": self.end.cycle}
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any], system: System) -> Point:
+        """The point that `as_record` gave.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            A record that no point gives.
+        """
+        summary = None
+        if record["max_slip_speed"] is not None:
+            numbers = {name: record[name] for name in SUMMARY_KEYS}
+            unknown = {name: math.nan for name in MAY_BE_NAN if numbers[name] is None}
+            summary = Summary(**{**numbers, "section": [], **unknown})
+            if not all(isinstance(getattr(summary, name), (int, float)) for name in (
+                    "max_slip_speed", "min_slip_speed", "period", "stick_fraction", *MAY_BE_NAN)):
+                raise TypeError("not a number")
+        damping = lyapunov = None
+        if "equivalent_damping" in record:
+            weighted, negative = (math.nan if x is None else float(x)
+                                  for x in (record["equivalent_damping"], record["negative_slope_mean"]))
+            damping = Damping(weighted, negative, -system.driveline.damping)
+        if "lyapunov" in record:
+            values: dict[str, Any] = {k: math.nan if v is None else v for k, v in record["lyapunov"].items()}
+            lyapunov = Lyapunov(**values)
+        v, angle, speed = map(float, record["final"])
+        return Point(float(record["value"]), summary, np.array(record["section"], dtype=np.float64).reshape(-1, 2),
+                     bool(record["confirmed"]), str(record["status"]),
+                     np.array(record.get("theta2", []), dtype=np.float64).reshape(-1), damping, lyapunov,
+                     Start(State(v, angle, speed), int(record["final_cycle"])))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ what.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,14 +22,15 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
+from tcc_sim.solvers import SOLVERS, choose
 from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
 from tcc_sim.sweeps.file import SweepFile
-from tcc_sim.sweeps.point import Point, handed_over, point_of, solve_points, swept
-from tcc_sim.sweeps.results import Curve, Grid, Sweep
+from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, with_plan_fields
+from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
 Points = list[list[Point | None]]
@@ -127,7 +130,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     def take(c: int, i: int, record: dict[str, Any]) -> None:
         if not (0 <= c < len(curves) and 0 <= i < len(curves[c].values)):
             raise ValueError(f"the sweep has no value {i} of curve {c}")
-        points[c][i] = point_of(record, curves[c].at(i))
+        points[c][i] = Point.from_record(record, curves[c].at(i))
 
     try:
         with workers(jobs, dask) as (executor, there), closing(
@@ -168,7 +171,7 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Atte
     """Every point that was not found yet, as it is done."""
     ready = _tasks(curves, plan, batch, points)
     following: deque[Task] = deque()
-    plans = [swept(curve.system, plan) for curve in curves]
+    plans = [with_sweep_tolerance(curve.system, plan) for curve in curves]
 
     def submit(task: Task) -> Future[list[Point]]:
         c, indices, start = task
@@ -213,6 +216,56 @@ def _order(curve: Curve, plan: Plan) -> list[int]:
         return list(range(len(curve.values)))
     rising = [int(i) for i in np.argsort(curve.values, kind="stable")]
     return rising if plan.direction == "up" else rising[::-1]
+
+
+def solve_point(system: System, value: float, plan: Plan, start: Start | None = None) -> Point:
+    """Solve one point of a sweep from `start`, or from the system's own initial state.
+
+    A numerical failure is the status of the point, with no summary; the state at which it stopped is not passed on.
+    """
+    found = simulate(system, with_sweep_tolerance(system, plan), start=start)
+    summary, section = found.summary, np.empty((0, 2))
+    if summary is not None:
+        section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
+        summary = dataclasses.replace(summary, section=[])
+    return Point(value, summary, section, found.confirmed, found.status, found.angles, found.damping, found.lyapunov,
+                 found.end)
+
+
+def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
+    """The plan with the tolerance of a sweep where it gives none; to settle, a section must repeat more closely."""
+    entry = SOLVERS[choose(system, plan.solver)]
+    if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= DEFAULTS.rtol:
+        return plan
+    return dataclasses.replace(plan, rtol=DEFAULTS.rtol)
+
+
+def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan, start: Start | None) -> list[Point]:
+    """Points one after the other; up and down go on from the end of the one before."""
+    points: list[Point] = []
+    for k, (system, value) in enumerate(zip(systems, values)):
+        if k and plan.direction != "cold":
+            start = handed_over(systems[k - 1], points[-1].end, system)
+        points.append(solve_point(system, value, plan, start))
+    return points
+
+
+def handed_over(before: System, end: Start, system: System) -> Start:
+    """Where a system takes up the motion of another one.
+
+    The state is that on the section, so the phase of the torque and of its harmonics goes on. The phase of the load is
+    2 pi (omega_f/omega) n + psi at cycle n: it goes on too where both systems have the same ratio, whatever the engine
+    frequency. Where the ratio is another one, n is the cycle of the first thousand at which the load is nearest to
+    where the other one left it, so that psi keeps its meaning.
+    """
+    ratio, earlier = system.pressure.frequency_ratio, before.pressure.frequency_ratio
+    repeats = common_cycles(system)
+    if ratio == earlier or repeats == 1:
+        return Start(end.state, end.cycle % repeats if repeats else end.cycle)
+    trial = np.arange(repeats or DEFAULTS.phases_tried)
+    turn = ratio * trial - earlier * end.cycle + (system.pressure.phase - before.pressure.phase) / (2.0 * math.pi)
+    apart = np.abs(turn - np.round(turn))
+    return Start(end.state, int(np.flatnonzero(apart <= apart.min() + 1e-9)[0]))
 
 
 __all__ = ["Curve", "Grid", "Plan", "Sweep", "curves_of", "sweep", "sweep_curves", "sweep_grid"]

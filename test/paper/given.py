@@ -16,7 +16,7 @@ from tcc_sim.paper.evidence import Settled
 from tcc_sim.paper.figure_results import Curves, Figure, MapCurve
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.sweeps.exponents import Lyapunov
-from tcc_sim.sweeps.point import Point
+from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
 from tcc_sim.trajectory import State

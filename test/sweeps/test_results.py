@@ -19,7 +19,7 @@ from tcc_sim.model.parameters import replace
 from tcc_sim.output.sweep_table import sweep_lines
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.point import point_of
+from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.sweep import Curve, Plan, curves_of, sweep, sweep_curves, sweep_grid
 
 SYSTEM = load_scene("fig02").system
@@ -136,7 +136,7 @@ def test_a_point_comes_back_from_its_record_and_is_small() -> None:
     point, record = found.points[0], found.records[0]
     assert point is not None
     assert record is not None
-    again = point_of(json.loads(json.dumps(record)), found.curve.at(0))
+    again = Point.from_record(json.loads(json.dumps(record)), found.curve.at(0))
     assert again.as_record() == record
     (plain,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], Plan(cycles=150))
     point = plain.points[0]

@@ -14,10 +14,9 @@ from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps import simulation
-from tcc_sim.sweeps.point import handed_over
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.sweeps.steady_state import Start
-from tcc_sim.sweeps.sweep import sweep
+from tcc_sim.sweeps.sweep import handed_over, sweep
 from tcc_sim.trajectory import Cycles, State
 
 PLAN = Plan(cycles=60, discard=20, rtol=1e-8, damping=True, lyapunov=True)

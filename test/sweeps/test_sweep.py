@@ -14,11 +14,10 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.point import solve_points
 from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import repeats_after
-from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves, sweep_grid
+from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves, sweep_grid
 
 KINETIC = "friction.kinetic_coefficient"
 PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
