@@ -46,9 +46,10 @@ HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy",
          "tqdm"]
 GROWING = ["analysis.stream.RunCycles", "benchmarks.references.Law",
            "continuation.branch.Branch", "continuation.codim2._Way", "continuation.detection.ClosedBranch",
-           "continuation.follow.State", "continuation.follow_curve.CurveState", "continuation.motions.Motions",
-           "continuation.palc.StepSize", "nodes.loop.Request", "paper.evidence.Evidence",
-           "paper.stable_motions.StableMotions", "recording.contents.Contents", "recording.mcap_file.FileSummary",
+           "continuation.follow.ContinuationState", "continuation.follow_curve.CurveState",
+           "continuation.motions.Motions", "continuation.palc.StepSize", "nodes.loop.Request",
+           "paper.evidence.Evidence", "paper.stable_motions.StableMotions", "recording.contents.Contents",
+           "recording.mcap_file.FileSummary",
            "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter",
            "replay.segments._Open"]
 """Dataclasses that are not frozen."""

@@ -194,7 +194,7 @@ def angle_of(blocks: Floats) -> float:
     return float(np.angle(pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]))
 
 
-def locate(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
+def locate_bifurcation(kind: str, shooting: Shooting, z: Floats) -> Floats | None:
     """Nodes and the one parameter of a bifurcation of this kind near `z`, by Newton; None where none is found."""
     try:
         equations = MinimallyAugmented(kind, shooting, z)

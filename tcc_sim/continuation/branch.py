@@ -23,7 +23,7 @@ Tick = Callable[[ContinuationPoint], None]
 
 
 @dataclass(frozen=True)
-class Origin:
+class BranchOrigin:
     """Where a branch was begun: at a motion of the scene itself (start), a bifurcation, or an attractor.
 
     kind : start, attractor, or the kind of the bifurcation
@@ -43,7 +43,7 @@ class Origin:
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
-START = Origin()
+START = BranchOrigin()
 
 
 @dataclass(repr=False)
@@ -54,7 +54,7 @@ class Branch(Described):
     """
 
     period: int
-    origin: Origin
+    origin: BranchOrigin
     points: list[ContinuationPoint]
     ended: tuple[End, End]
     closed: bool = False
@@ -110,7 +110,7 @@ class _Way:
             self.found.pop()
 
 
-def branch_through(first: ContinuationPoint, origin: Origin = START, number: int = 0, *, both: bool = True,
+def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, number: int = 0, *, both: bool = True,
                    began: End | None = None, tick: Tick | None = None, keep: list[Branch] | None = None) -> Branch:
     """The branch through `first`, both ways, or only along its tangent.
 

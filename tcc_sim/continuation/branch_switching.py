@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tcc_sim.continuation.branch import Branch, Origin, Tick, branch_through
+from tcc_sim.continuation.branch import Branch, BranchOrigin, Tick, branch_through
 from tcc_sim.continuation.newton import minimal_period
 from tcc_sim.continuation.on_branch import passes_through
 from tcc_sim.continuation.palc import corrector, solution_at
@@ -76,7 +76,7 @@ def switch(branches: list[Branch], depth: int, longest: int | None = None, most:
                 start = doubled(found)
                 if start is not None and not any(passes_through(branch, start) for branch in branches):
                     began = End(StopReason.BEGAN, start.shooting.ranges[0].name, found.value)
-                    origin = Origin(found.kind, found.value, number)
+                    origin = BranchOrigin(found.kind, found.value, number)
                     branch_through(start, origin, len(branches), both=False, began=began, tick=tick, keep=branches)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.continuation.augmented import locate
+from tcc_sim.continuation.augmented import locate_bifurcation
 from tcc_sim.continuation.newton import shifts
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.problem import Floats
@@ -65,7 +65,7 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
         if turned_round(one, two, shooting.settings.opposite):
             simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
             near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
-            z = locate("period_doubling", simple, near)
+            z = locate_bifurcation("period_doubling", simple, near)
             if z is None or not np.abs(z - near).max() < shooting.settings.halves_reach:
                 return here
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)

@@ -18,12 +18,12 @@ from tcc_sim.continuation.palc import (
     FLAT,
     Solution,
     StepSize,
-    behind,
     corrector,
     next_solution,
     null_direction,
     oriented,
     predictor,
+    predictor_nodes,
     solution_at,
     tangent_of,
 )
@@ -43,7 +43,7 @@ class BranchStep(NamedTuple):
 
 
 @dataclass
-class State:
+class ContinuationState:
     """A continuation on its way.
 
     points : all until now
@@ -73,7 +73,7 @@ def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
     Why it ended, as the value of the generator.
     """
     settings = first.shooting.settings
-    state, closed = State([first], StepSize(settings)), ClosedBranch(first)
+    state, closed = ContinuationState([first], StepSize(settings)), ClosedBranch(first)
     while True:
         here = state.here
         stop = _exhausted(state)
@@ -129,13 +129,13 @@ def _end(reason: StopReason, point: ContinuationPoint, limit: float = 0.0) -> En
     return End(reason, point.shooting.ranges[0].name, point.value, limit)
 
 
-def _shorten(state: State, refused: ContinuationPoint) -> None:
+def _shorten(state: ContinuationState, refused: ContinuationPoint) -> None:
     """Halve the step that led to a point which is not the next one."""
     way = float(np.linalg.norm(refused.solution.z - state.here.solution.z))
     state.longest = 0.5 * min(way, state.longest)
 
 
-def _exhausted(state: State) -> End | None:
+def _exhausted(state: ContinuationState) -> End | None:
     """The end where as many points or tries as are allowed have been made."""
     settings = state.here.shooting.settings
     if len(state.points) > settings.max_points:
@@ -145,7 +145,7 @@ def _exhausted(state: State) -> End | None:
     return None
 
 
-def _onward(state: State) -> ContinuationPoint | None:
+def _onward(state: ContinuationState) -> ContinuationPoint | None:
     """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
     here, step_size = state.here, state.step_size
     for by_amplitude in (True, False):
@@ -163,7 +163,7 @@ def _onward(state: State) -> ContinuationPoint | None:
     return None
 
 
-def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
+def _at_the_end_of_the_range(state: ContinuationState) -> ContinuationPoint | None:
     """The point at the end of the range where the next step would pass it; the step is shortened until one is found."""
     here, step_size, solution = state.here, state.step_size, state.here.solution
     size, slope, settings = here.shooting.size, here.slope, step_size.settings
@@ -176,7 +176,7 @@ def _at_the_end_of_the_range(state: State) -> ContinuationPoint | None:
             return here
         row = np.zeros(len(solution.z))
         row[size] = 1.0
-        known, way = behind(solution, state.before, FLAT.weights, settings.nodes), room / slope
+        known, way = predictor_nodes(solution, state.before, FLAT.weights, settings.nodes), room / slope
         for _ in range(2):
             way += (room - float(predictor(known, way)[size])) / slope
         guess = solution.z + predictor(known, way)
@@ -234,7 +234,7 @@ def _beyond(here: ContinuationPoint, found: Linearised, along: Floats, beside: f
     return None
 
 
-def _remesh_for_want_of_a_step(state: State) -> bool:
+def _remesh_for_want_of_a_step(state: ContinuationState) -> bool:
     """Go on in other segments where no step is possible in these: one of them may start where slip does, and Newton's
     method then goes to and fro between two event sequences. Whether there are other ones.
 

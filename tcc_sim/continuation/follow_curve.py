@@ -24,7 +24,7 @@ from tcc_sim.continuation.palc import (
     solution_at,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.sliding import differ, kind_of_change, nearest
+from tcc_sim.continuation.sliding import differ, kind_of_change, nearest_margins
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
 from tcc_sim.continuation.stopping import StopReason
 
@@ -231,7 +231,7 @@ def _special_between(state: CurveState, new: Solution, before: dict[str, float],
         return []
     one, two = here.found.seen, new.found.seen
     if augmented.shooting.map.piecewise and one is not None and two is not None and differ(one.events, two.events):
-        near = [nearest(augmented.shooting, u[:augmented.unknowns]).margins for u in (here.z, new.z)]
+        near = [nearest_margins(augmented.shooting, u[:augmented.unknowns]).margins for u in (here.z, new.z)]
         return [(kind_of_change(one.events, two.events, (near[0], near[1])), new.z)]
     neutral, noise = augmented.settings.neutral, augmented.settings.noise
     for name in before.keys() & after.keys():

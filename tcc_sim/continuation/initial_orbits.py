@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.summary import runaway_cause, slip_grows
-from tcc_sim.continuation.branch import Branch, Origin
+from tcc_sim.continuation.branch import Branch, BranchOrigin
 from tcc_sim.continuation.diagram import point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import find_orbit
@@ -102,7 +102,7 @@ def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int
 
 
 def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], period: int | None,
-           known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, Origin]]:
+           known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, BranchOrigin]]:
     """First points of branches at seeds that lie on none of those `known` by then, each with its origin.
 
     Raises
@@ -122,7 +122,7 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
         refuse_family(first, map_.system_at((seed.value,)))
         met = True
         if not any(passes_through(branch, first) for branch in known):
-            yield first, Origin("attractor", seed.value, attractor=number)
+            yield first, BranchOrigin("attractor", seed.value, attractor=number)
     if not met:
         raise NumericalFailure(f"no motion{'' if period is None else f' of period {period}'} was found near any of the "
                                f"{len(seeds)} seeds")

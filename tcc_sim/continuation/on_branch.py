@@ -46,7 +46,7 @@ class BranchPlace:
     after: int
 
 
-class Piece(NamedTuple):
+class BranchPiece(NamedTuple):
     """A piece of a branch at a value: the number of the point before it, its ends, and the part of the way between."""
 
     after: int
@@ -64,13 +64,13 @@ class Piece(NamedTuple):
         return away if away <= DEFAULTS.alike * size + DEFAULTS.off_chord * abs(high - low) else math.inf
 
 
-def pieces_at(branch: Branch, value: float) -> list[Piece]:
+def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
     """The pieces of a branch across a value."""
     out = []
     for k, a, b in _pieces(branch):
         if min(a.value, b.value) <= value <= max(a.value, b.value):
             width = b.value - a.value
-            out.append(Piece(k, a, b, (value - a.value) / width if width else 0.5))
+            out.append(BranchPiece(k, a, b, (value - a.value) / width if width else 0.5))
     return out
 
 

@@ -100,7 +100,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
         except FAILURES:
             return None
         step = solved[:, 0]
-        length, left = largest(step), largest(found.residual)
+        length, left = max_norm(step), max_norm(found.residual)
         if not length < min(farthest, settings.correct_step):
             return None
         z = z + step
@@ -119,7 +119,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
     return None
 
 
-def largest(x: Floats) -> float:
+def max_norm(x: Floats) -> float:
     """The largest size of a vector's components."""
     return float(np.maximum.reduce(np.abs(x)))
 
@@ -186,7 +186,7 @@ class StepSize:
     """Step-size control; lengths are in natural sizes.
 
     length : of the next step
-    smallest, largest : its bounds
+    smallest : below which it is no step
     tried : steps tried until now
     missed : how far the last step's predictor was from the curve
     """
@@ -223,7 +223,8 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
     used = by_amplitude and len(here.found.amplitudes) > 0
     slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
     reach = float(np.sqrt(1.0 + slopes @ slopes))
-    known, refused, settings = behind(here, before, slopes, step_size.settings.nodes), False, step_size.settings
+    refused, settings = False, step_size.settings
+    known = predictor_nodes(here, before, slopes, settings.nodes)
     while step_size.length >= step_size.smallest:
         ahead = predictor(known, step_size.length * reach)
         guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
@@ -260,7 +261,8 @@ def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
     return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
-def behind(here: Solution, before: Sequence[Solution], slopes: Floats, count: int) -> list[tuple[float, Floats]]:
+def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
+                    count: int) -> list[tuple[float, Floats]]:
     """Nodes of the predictor: how far each is along the tangent, and its unknowns and amplitudes from those of `here`.
 
     The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.

@@ -123,9 +123,9 @@ class Shooting:
         """Residual and derivative at `z`; raises what the map raises."""
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
-        images = self.map.evaluate_each(nodes, values, starts_of(self.segments), self.segments)
+        images = self.map.evaluate_each(nodes, values, segment_starts(self.segments), self.segments)
         widths = [w.width(u) for w, u in zip(self.ranges, z[size:].tolist())]
-        sizes, units = sizes_of(tuple(scales.tolist()), tuple(widths))
+        sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(widths))
         parts = np.array([image.derivatives for image in images]) * units
         blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
         if count == 1:
@@ -139,7 +139,7 @@ class Shooting:
         seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
         if len(seen) < count:
             return Linearised(residual, jacobian, blocks)
-        return Linearised(residual, jacobian, blocks, joined(seen, self.segments),
+        return Linearised(residual, jacobian, blocks, joined_observation(seen, self.segments),
                           np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale,
                           self._gradient(images, sizes / self.map.amplitude_scale))
 
@@ -202,13 +202,13 @@ class Shooting:
 
 
 @lru_cache(maxsize=64)
-def starts_of(segments: tuple[float, ...]) -> list[float]:
+def segment_starts(segments: tuple[float, ...]) -> list[float]:
     """Where segments begin, in cycles."""
     return [sum(segments[:k]) for k in range(len(segments))]
 
 
 @lru_cache(maxsize=64)
-def sizes_of(scales: tuple[float, ...], widths: tuple[float, ...]) -> tuple[Floats, Floats]:
+def unknowns_sizes(scales: tuple[float, ...], widths: tuple[float, ...]) -> tuple[Floats, Floats]:
     """(n + P,) sizes of a node and the parameters, and (n, n + P) those of a node's derivatives by them."""
     sizes = np.array(scales + widths)
     return sizes, sizes / np.array(scales)[:, None]
@@ -254,7 +254,7 @@ def product_of(blocks: Floats) -> Floats:
     return out
 
 
-def joined(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
+def joined_observation(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
     """What is seen over several segments."""
     if len(seen) == 1:
         return seen[0]

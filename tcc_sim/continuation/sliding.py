@@ -123,7 +123,7 @@ def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, Continuati
         events = left.orbit.seen.events, right.orbit.seen.events
         if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
             return left, right, None
-        near = nearest(left.shooting, left.solution.z), nearest(right.shooting, right.solution.z)
+        near = nearest_margins(left.shooting, left.solution.z), nearest_margins(right.shooting, right.solution.z)
         kind = kind_of_change(*events, (near[0].margins, near[1].margins))
         found = solved(kind, left, right, near)
         if found is not None:
@@ -153,7 +153,7 @@ class Nearest(NamedTuple):
     gradients: dict[str, Floats]
 
 
-def nearest(shooting: Shooting, z: Floats) -> Nearest:
+def nearest_margins(shooting: Shooting, z: Floats) -> Nearest:
     """The margins over all segments."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
     widths = np.array([w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])])
@@ -205,7 +205,7 @@ def solved(kind: str, left: ContinuationPoint, right: ContinuationPoint,
                 found = shooting.linearise(trial)
                 if one_sided and found.seen is not None and differ(found.seen.events, start.orbit.seen.events):
                     continue
-                at = nearest(shooting, trial)
+                at = nearest_margins(shooting, trial)
                 if name in at.gradients and abs(getattr(at.margins, name)) <= 2.0 * abs(value) + settings.border:
                     z = trial
                     break

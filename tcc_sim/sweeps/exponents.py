@@ -171,7 +171,7 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
     The state is brought onto the motion by Newton's method. The error is the difference of two tolerances, and where
     the state does not close, of two periods that follow each other.
     """
-    scale = sizes_of(terms_of(system))
+    scale = natural_sizes(terms_of(system))
     at, start = state, state
     image, matrix = mapped(system, at, first, period, DEFAULTS.periodic_fine)
     gap = float(np.abs((image - at) / scale).max())
@@ -202,7 +202,7 @@ def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: fl
     return found.state, found.derivative
 
 
-def sizes_of(terms: Terms) -> Floats:
+def natural_sizes(terms: Terms) -> Floats:
     """The sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s) of a motion, (3,)."""
     torque = abs(terms.mean_torque) + abs(terms.mean_load) + (terms.torque[0] if terms.torque is not None else 0.0)
     angle = max(torque, 1.0) / terms.linear[3]

@@ -50,7 +50,7 @@ class SweepFile:
             return
         check_folder(path)
         wanted: dict[str, Any] = json.loads(json.dumps({"format": form, **header}))
-        first = encoded({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
+        first = encoded_line({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
         whole = self._read(path, wanted, first, take) if path.exists() else 0
         self._stream = path.open("ab")
         self._stream.truncate(whole)
@@ -77,7 +77,7 @@ class SweepFile:
                     self._check_header(path, line, wanted)
                 else:
                     try:
-                        found = decoded(line)
+                        found = decoded_line(line)
                         take(int(found["curve"]), int(found["index"]), dict(found["record"]))
                     except (TypeError, KeyError, ValueError, AttributeError, OverflowError) as error:
                         raise InputError(f"{path}: line {number} is damaged ({error}); the file is left as it "
@@ -94,7 +94,7 @@ class SweepFile:
         if found.get("format") != wanted["format"]:
             raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
         try:
-            decoded(line)
+            decoded_line(line)
         except ValueError as error:
             raise InputError(f"{path}: line 1 is damaged ({error}); the file is left as it is") from None
         different = [key for key in wanted if found.get(key) != wanted[key]]
@@ -105,7 +105,7 @@ class SweepFile:
     def append(self, curve: int, index: int, record: Mapping[str, Any]) -> None:
         """Write one point and hand it to the operating system."""
         if self._stream is not None:
-            self._write(encoded({"curve": curve, "index": index, "record": record}))
+            self._write(encoded_line({"curve": curve, "index": index, "record": record}))
 
     def _write(self, line: bytes) -> None:
         """One line."""
@@ -123,13 +123,13 @@ class SweepFile:
                 self._stream.close()
 
 
-def encoded(values: Mapping[str, Any]) -> bytes:
+def encoded_line(values: Mapping[str, Any]) -> bytes:
     """A line: an object whose last key is the checksum of what stands before it."""
     body = json.dumps(values, allow_nan=False)[:-1]
     return (body + SUM % zlib.crc32(body.encode())).encode()
 
 
-def decoded(line: bytes) -> dict[str, Any]:
+def decoded_line(line: bytes) -> dict[str, Any]:
     """The object of a line.
 
     Raises

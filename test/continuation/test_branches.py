@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
-from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
+from tcc_sim.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.branch_switching import switch
 from tcc_sim.continuation.detection import ClosedBranch
 from tcc_sim.continuation.newton import find_orbit
@@ -177,7 +177,7 @@ def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None
     found = [of_kind(b, "period_doubling").value for b in branches[:3]]
     assert found == pytest.approx([3.0, 1.0 + math.sqrt(6.0), 3.544090359552], abs=1e-8)
     assert [b.period for b in branches] == [1, 2, 4, 8]
-    assert branches[1].origin == Origin("period_doubling", branches[0].bifurcations[0].value, 0)
+    assert branches[1].origin == BranchOrigin("period_doubling", branches[0].bifurcations[0].value, 0)
     assert branches[1].ended[0].reason is StopReason.BEGAN
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from by_scipy import DOUBLING, FOLDS, multipliers
 
-from tcc_sim.continuation.branch import Branch, Origin, branch_through, first_point, orbits_at
+from tcc_sim.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.continuation.newton import newton
@@ -100,7 +100,7 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
     there = replace(at, {MU_K: doubling.value})
     assert np.abs(multipliers(there, doubling.point.orbit.section, 2) + 1.0).min() < 1e-4
-    assert (child.period, child.origin) == (4, Origin("period_doubling", doubling.value, 0))
+    assert (child.period, child.origin) == (4, BranchOrigin("period_doubling", doubling.value, 0))
     first = child.points[0].orbit
     assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)
     # Beside the doubling a multiplier of the doubled motion is 1 and the other one the square of that of the saddle.

@@ -15,7 +15,7 @@ from full_disk import full_disk
 from waiting import until_or_ended
 
 from tcc_sim.cli import main
-from tcc_sim.sweeps.file import SweepFile, decoded, encoded
+from tcc_sim.sweeps.file import SweepFile, decoded_line, encoded_line
 
 WORDS = ["sweep", "slip", "--over", "engine.torque_amplitude=10:40:4", "--cycles", "6", "--solver", "fixed_step"]
 
@@ -39,9 +39,9 @@ def test_every_line_has_the_checksum_of_its_text(whole: list[bytes]) -> None:
         values = json.loads(line)
         body = line[:line.rindex(b', "crc32"')]
         assert values["crc32"] == f"{zlib.crc32(body):08x}"
-        assert {k: v for k, v in values.items() if k != "crc32"} == {k: v for k, v in decoded(line).items()
+        assert {k: v for k, v in values.items() if k != "crc32"} == {k: v for k, v in decoded_line(line).items()
                                                                      if k != "crc32"}
-    assert decoded(encoded({"curve": 3})) == {"curve": 3}
+    assert decoded_line(encoded_line({"curve": 3})) == {"curve": 3}
 
 
 def body_of(line: bytes) -> str:
@@ -109,7 +109,7 @@ def test_a_first_line_that_was_cut_short_is_written_again(kept, whole: list[byte
     out.write_bytes(kept(whole[0]))
     words = [*WORDS, "--out", str(out), "--jobs", "1"]
     assert main(words) == 0
-    first, old = (decoded(lines[0]) for lines in (out.read_bytes().splitlines(keepends=True), whole))
+    first, old = (decoded_line(lines[0]) for lines in (out.read_bytes().splitlines(keepends=True), whole))
     assert first.pop("command") == words != old.pop("command")
     assert first == old
 
@@ -159,7 +159,7 @@ def test_a_sweep_killed_in_mid_run_goes_on_from_its_file(tmp_path: Path) -> None
     kept = out.read_bytes()
     lines = kept[:kept.rindex(b"\n") + 1].splitlines(keepends=True)
     assert 5 <= len(lines) < 201
-    assert all(decoded(line) for line in lines)
+    assert all(decoded_line(line) for line in lines)
     assert main([*words, "--out", str(out), "--json", str(tmp_path / "all.json")]) == 0
     assert out.read_bytes().splitlines(keepends=True)[:len(lines)] == lines
     found = json.loads((tmp_path / "all.json").read_text())
@@ -180,5 +180,6 @@ def test_a_point_is_with_the_operating_system_as_soon_as_it_is_appended(tmp_path
     assert out.read_bytes().count(b"\n") == 1
     for n in range(3):
         file.append(0, n, {"status": "DONE"})
-        assert [decoded(line)["index"] for line in out.read_bytes().splitlines(keepends=True)[1:]] == [*range(n + 1)]
+        lines = out.read_bytes().splitlines(keepends=True)[1:]
+        assert [decoded_line(line)["index"] for line in lines] == [*range(n + 1)]
     file.close()
