@@ -2,6 +2,9 @@
 
 Radau IIA with 16 nodes, order 31, on a ladder of rungs whose linear parts are precomputed (`collocation_tables`). In
 stick it is a forced oscillator with a slaved creep: mubar follows the demand, and a few steps make a cycle.
+
+A step takes the longest rung whose error is expected to pass, the error of a polynomial of degree s going as h^s
+(K. Gustafsson's elementary controller; E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.8).
 """
 
 from __future__ import annotations
@@ -35,7 +38,6 @@ from tcc_sim.solvers.smoothed.stages import (
     to_powers,
 )
 from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
-from tcc_sim.solvers.smoothed.step_size import SHRINK_MOST, growth, rung_below
 from tcc_sim.solvers.terms import Terms
 
 BEFORE_FOLD = 0.8
@@ -47,6 +49,10 @@ FLAT = 0.04
 without v, but v is what leaves stick."""
 CONVERGED = 0.01
 """Error of Newton's method per tolerance of the step."""
+SAFETY = 0.85
+SHRINK_MOST = 0.25
+SMALLEST_ERROR = 1e-9
+"""Errors below are rounding, and say nothing of the length."""
 
 
 @fast
@@ -137,6 +143,20 @@ def end_of(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: 
     state.slip_speed = slip[NODES - 1]
     state.plate_angle = angle
     state.plate_speed = speed - kappa * slip[NODES - 1]
+
+
+@fast
+def rung_below(rungs: Any, level: int, length: float) -> int:
+    """The longest rung from `level` on that is at most `length`; their number where there is none."""
+    while level < rungs.shape[0] and rungs[level].length > length:
+        level += 1
+    return level
+
+
+@fast
+def growth(error: float) -> float:
+    """Factor to the length at which the error, relative to what is allowed, is expected to be a little below 1."""
+    return max(SAFETY * math.exp(-math.log(max(error, SMALLEST_ERROR)) / NODES), SHRINK_MOST)
 
 
 @fast

@@ -1,4 +1,7 @@
-"""A step of Taylor series: slip, the layer while friction's own rate does not limit the step, and free motion."""
+"""A step of Taylor series: slip, the layer while friction's own rate does not limit the step, and free motion.
+
+It ends where its last two terms reach the tolerance (A. Jorba and M. Zou, Experimental Mathematics 14, 2005, Sec. 3.2).
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,16 @@ from typing import Any, NamedTuple
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import expand_excitation
-from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, expand
+from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, logarithm, power_of_two
 from tcc_sim.solvers.smoothed.setup import Limits
 from tcc_sim.solvers.smoothed.state import ACCEPTED, FAILED, FALLING, LAYER, SLIDING, Place, Step
-from tcc_sim.solvers.smoothed.step_size import converging_length, series_length
 from tcc_sim.solvers.terms import Terms
 
 TAIL_OF_TANH = 3.0
 """sigma |v| above which tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|), and its series converges like that
 exponential's.
 """
+SAFETY_SERIES = 0.905
 
 
 class Friction(NamedTuple):
@@ -83,6 +86,42 @@ def fastest(region: int, sigma: float, stribeck: Stribeck) -> float:
     if stribeck is not None and region != SLIDING:
         rate += stribeck[1]
     return rate
+
+
+@fast
+def series_length(rows: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
+    """The step, in units of the series' own time, at which its last two terms reach the tolerance."""
+    longest = ENDLESS
+    for k in range(order - 1, order + 1):
+        size = max(abs(rows[SLIP, k]) / slip_tolerance, abs(rows[SPEED, k]) / speed_tolerance)
+        if not size < math.inf:
+            return math.nan
+        if size > 0.0:
+            longest = min(longest, logarithm(1.0 / size) * INVERSE[k])
+    return float(SAFETY_SERIES * power_of_two(longest))
+
+
+@fast
+def converging_length(rows: Any, order: int, x: float, sign: float, excess: float, decay: float, strength: float,
+                      slip_tolerance: float) -> float:
+    """A step of at most x over which the series of excess * exp(-decay |v|) is accurate too.
+
+    While slip dies down the coefficients of that series rise up to order z = decay |change of v|, far beyond the last
+    ones kept where z is large, which the last two terms do not show. (Below z = order/2 they do: each is at most half
+    of the one before.) Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of the two end values of the
+    exponential.
+    """
+    change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
+    if abs(change) <= 0.5 * order:
+        return x
+    goal = math.log(slip_tolerance) + math.lgamma(order + 2.0)
+    while abs(change) > 0.5 * order:
+        remainder = math.log(strength * excess * x) - decay * abs(rows[SLIP, 0]) + max(-change, 0.0)
+        if not remainder + (order + 1.0) * math.log(abs(change)) > goal:
+            break
+        x *= 0.85
+        change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
+    return x
 
 
 @fast
