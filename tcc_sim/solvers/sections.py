@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven import integrate as event_driven
-from tcc_sim.solvers.event_driven import modes
+from tcc_sim.solvers.event_driven import integrate as event_driven_loop
+from tcc_sim.solvers.event_driven import setup as event_driven
 from tcc_sim.solvers.event_driven.solve import STEP_MAXIMUM, setup_of, work_of
 from tcc_sim.solvers.excitation import DRIVE
-from tcc_sim.solvers.smoothed import integrate as smoothed
+from tcc_sim.solvers.smoothed import integrate as smoothed_loop
+from tcc_sim.solvers.smoothed import setup as smoothed
 from tcc_sim.solvers.smoothed.solve import STEPS_AT_FIRST, own_setup
-from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, STATE, WORK, Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
 from tcc_sim.solvers.stroboscopic import SCALES
@@ -49,8 +49,8 @@ def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: 
 
 
 @fast
-def smoothed_each(first: int, count: int, stride: int, step_limit: int, setup: smoothed.Setup, memories: Memory,
-                  store: Store, orbits: Orbits, sections: Any) -> None:
+def smoothed_each(first: int, count: int, stride: int, step_limit: int, setup: smoothed.Setup,
+                  memories: smoothed.Memory, store: Store, orbits: Orbits, sections: Any) -> None:
     """`integrate` for every state, by itself, `stride` cycles at a time until it ends; `sections` (m, count + 1, 3) is
     filled as far as each was solved. `memories` holds arrays (m,) of states, controls, counters and outputs.
     """
@@ -58,7 +58,7 @@ def smoothed_each(first: int, count: int, stride: int, step_limit: int, setup: s
     for k in range(sections.shape[0]):
         for since in range(0, count, stride):
             until = min(since + stride, count)
-            smoothed.integrate(first, until, 0.0, step_limit, setup, Memory(
+            smoothed_loop.integrate(first, until, 0.0, step_limit, setup, smoothed.Memory(
                 states[k], controls[k], drive, work, counters[k], outputs[k]), None, store, None)
             if ends(sections[k], since, until, outputs[k], first, store.cycles, orbits):
                 break
@@ -72,7 +72,7 @@ def event_driven_each(first: int, count: int, stride: int, setup: event_driven.S
     for k in range(sections.shape[0]):
         for since in range(0, count, stride):
             until = min(since + stride, count)
-            event_driven.integrate(first, until, 0.0, STEP_MAXIMUM, setup, event_driven.Memory(
+            event_driven_loop.integrate(first, until, 0.0, STEP_MAXIMUM, setup, event_driven.Memory(
                 states[k], drive, counters[k], outputs[k], work), store, None)
             if ends(sections[k], since, until, outputs[k], first, store.cycles, orbits):
                 break
@@ -108,12 +108,14 @@ def _smoothed(system: System, rtol: float, span: tuple[int, int, int], outputs: 
               out: Floats) -> None:
     """Fill `out` by the engine for the smoothed law."""
     setup, starts, slip, count = own_setup(system, rtol), out[:, 0], out[:, 0, 0], span[1]
-    states, controls, counters = (np.zeros(len(out), kind) for kind in (STATE, CONTROL, COUNTERS))
+    states, controls, counters = (np.zeros(len(out), kind)
+                                  for kind in (smoothed.STATE, smoothed.CONTROL, smoothed.COUNTERS))
     states["slip_speed"], states["plate_angle"], states["plate_speed"] = starts.T
     controls["patience"], controls["calm"] = PATIENCE, CALM
     controls["slip_now"], controls["speed_now"] = np.abs(slip), np.abs(starts[:, 2])
     outputs["mode"] = np.where(np.abs(slip) <= setup.limits.stick_speed, 0, np.sign(slip))
-    memories = Memory(states, controls, np.zeros(1, DRIVE)[0], np.zeros(1, WORK)[0], counters, outputs)
+    memories = smoothed.Memory(states, controls, np.zeros(1, DRIVE)[0], np.zeros(1, smoothed.WORK)[0], counters,
+                               outputs)
     smoothed_each(*span, STEPS_AT_FIRST + setup.limits.steps * count, setup._replace(waves=setup.waves.copy()),
                   memories, Store(np.zeros(count + 1, CYCLE), np.empty((0, 3)), 0, None), orbits, out)
 
@@ -122,7 +124,7 @@ def _set_valued(system: System, rtol: float, span: tuple[int, int, int], outputs
                 out: Floats) -> None:
     """Fill `out` by the engine for the set-valued law."""
     setup, count = setup_of(system, rtol), span[1]
-    states, counters = np.zeros(len(out), modes.STATE), np.zeros(len(out), event_driven.COUNTERS)
+    states, counters = np.zeros(len(out), event_driven.STATE), np.zeros(len(out), event_driven.COUNTERS)
     states["slip_speed"], states["plate_angle"], states["plate_speed"] = out[:, 0].T
     states["mode"] = states["first_mode"] = event_driven.UNKNOWN
     states["load_edge"] = math.inf

@@ -10,7 +10,7 @@ from tcc_sim.model import friction
 from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.smoothed import collocation_tables as tables
 from tcc_sim.solvers.smoothed import stages
-from tcc_sim.solvers.smoothed.state import LAYER, WORK, Place
+from tcc_sim.solvers.smoothed.setup import LAYER, WORK, Place
 
 LINEAR = (0.2, 0.02, 0.6, 3000.0)
 RATE = 150.0

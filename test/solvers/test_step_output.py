@@ -12,7 +12,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from tcc_sim.solvers import polynomial, step_output
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
-from tcc_sim.solvers.smoothed.state import WORK
+from tcc_sim.solvers.smoothed.setup import WORK
 
 PERIOD, CYCLES, LAYER = 0.5, 3, 0.25
 END = PERIOD * CYCLES

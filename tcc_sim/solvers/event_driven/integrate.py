@@ -1,18 +1,19 @@
-"""The loop of the exact engine: from event to event through engine cycles, in one compiled call."""
+"""The loop of the exact engine: from event to event through engine cycles, in one compiled call.
+
+Which mode of the set-valued law (6) holds after slip has ended is decided from torques and their rates, never from the
+sign of a rounded slip speed: in stick v = 0 exactly, and slip begins at v = 0 exactly.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.modes import mode_at_rest, mode_of
-from tcc_sim.solvers.event_driven.setup import Bounds
+from tcc_sim.solvers.event_driven.setup import UNKNOWN, Bounds, Memory, Setup
 from tcc_sim.solvers.event_driven.step import (
     BREAKAWAY,
     LAW_VARIES,
@@ -45,47 +46,42 @@ from tcc_sim.solvers.step_output import (
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
 
-UNKNOWN = 9
-"""Mode of a state before the first step."""
-
-COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", np.int64), ("cycle_events", np.int64)])
-"""Steps in all; the present engine cycle, and the steps and events in it."""
-
 AHEAD = 0.6
 """Longest step, in engine cycles: it meets the end of one cycle at most."""
 
 
-class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+@fast
+def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: float, tolerance: float,
+                 linear: Linear) -> int:
+    """The mode that follows v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
 
-    ratio : omega_f/omega
-    event_limit : most events of one engine cycle
+    Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
     """
+    flywheel, plate, damping, stiffness = linear
+    both = flywheel + plate
+    spring = damping * plate_speed + stiffness * plate_angle
+    torque = (plate * drive.torque + flywheel * spring) / both
+    margin = ratio * drive.load - abs(torque)
+    if margin > tolerance:
+        return STICK
+    direction = POSITIVE if torque > 0.0 else NEGATIVE
+    if margin < -tolerance:
+        return direction
+    acceleration = (drive.torque - spring) / both
+    torque_rate = (plate * drive.torque_rate + flywheel * (damping * acceleration + stiffness * plate_speed)) / both
+    growth = ratio * drive.load_rate - (torque_rate if torque > 0.0 else -torque_rate)
+    return STICK if growth >= 0.0 else direction
 
-    bounds: Bounds
-    terms: Terms
-    waves: Any
-    ratio: float
-    event_limit: int
 
-
-class Work(NamedTuple):
-    """Work space: of the series, of Bernstein coefficients, and of stiff arcs (None without them)."""
-
-    rows: Any
-    bernstein: Any
-    nodes: Any
-    matrices: Any
-
-
-class Memory(NamedTuple):
-    """What one solve changes as it goes."""
-
-    state: Any
-    drive: Any
-    counters: Any
-    output: Any
-    work: Work
+@fast
+def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: float, drive: Any, ratio: float,
+            tolerance: float, linear: Linear) -> int:
+    """The mode of a state where a run starts, or where the load sets in or ends."""
+    if not loaded:
+        return FREE
+    if slip_speed != 0.0:
+        return POSITIVE if slip_speed > 0.0 else NEGATIVE
+    return int(mode_at_rest(plate_angle, plate_speed, drive, ratio, tolerance, linear))
 
 
 @fast

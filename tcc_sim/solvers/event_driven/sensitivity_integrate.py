@@ -13,7 +13,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.integrate import Memory, Setup, advance, begin, settle
+from tcc_sim.solvers.event_driven.integrate import advance, begin, settle
 from tcc_sim.solvers.event_driven.margins import lane_value, note_arrival, note_gradient, note_step, smallest_dip
 from tcc_sim.solvers.event_driven.sensitivity import (
     LANES,
@@ -25,7 +25,7 @@ from tcc_sim.solvers.event_driven.sensitivity import (
     scale_step,
     unresolved,
 )
-from tcc_sim.solvers.event_driven.setup import Bounds
+from tcc_sim.solvers.event_driven.setup import Bounds, Memory, Setup
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone
 from tcc_sim.solvers.excitation import load_phase
 from tcc_sim.solvers.series import SLIP

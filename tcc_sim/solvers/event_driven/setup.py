@@ -1,9 +1,13 @@
-"""What the exact engine works out once for a system: rates that scale time, tolerances, where the law is constant."""
+"""What the exact engine's kernel is given: rates that scale time, tolerances, where the law is constant; and what it
+changes as it goes.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
@@ -83,3 +87,52 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
         steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
         steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate))
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    ratio : omega_f/omega
+    event_limit : most events of one engine cycle
+    """
+
+    bounds: Bounds
+    terms: Terms
+    waves: Any
+    ratio: float
+    event_limit: int
+
+
+UNKNOWN = 9
+"""Mode of a state before the first step."""
+
+COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", np.int64), ("cycle_events", np.int64)])
+"""Steps in all; the present engine cycle, and the steps and events in it."""
+
+STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
+                  ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),
+                  ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64),
+                  ("length", np.float64)])
+"""Where a run is: the state (rad/s, rad, rad/s, rad); its mode; seconds into the engine cycle; the load's phase at the
+start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0;
+the mode at the start of the run; the length of the next step of a stiff arc, s.
+"""
+
+
+class Work(NamedTuple):
+    """Work space: of the series, of Bernstein coefficients, and of stiff arcs (None without them)."""
+
+    rows: Any
+    bernstein: Any
+    nodes: Any
+    matrices: Any
+
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes."""
+
+    state: Any
+    drive: Any
+    counters: Any
+    output: Any
+    work: Work

@@ -16,9 +16,8 @@ import numpy as np
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.event_driven.integrate import COUNTERS, UNKNOWN, Memory, Setup, Work, integrate
-from tcc_sim.solvers.event_driven.modes import STATE
-from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
+from tcc_sim.solvers.event_driven.integrate import integrate
+from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
 from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of

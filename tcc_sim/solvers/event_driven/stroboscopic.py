@@ -14,12 +14,10 @@ import numpy as np
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.event_driven.integrate import COUNTERS, UNKNOWN, Memory, Setup, Work
 from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
-from tcc_sim.solvers.event_driven.modes import STATE
 from tcc_sim.solvers.event_driven.sensitivity import LANES, VARIATION, Rates
 from tcc_sim.solvers.event_driven.sensitivity_integrate import DEGENERATE, Disturbed, integrate_disturbed
-from tcc_sim.solvers.event_driven.setup import Bounds, bounds_of
+from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
 from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.key_derivatives import (

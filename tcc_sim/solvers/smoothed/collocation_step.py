@@ -27,7 +27,7 @@ from tcc_sim.solvers.smoothed.collocation_tables import (
     Tables,
 )
 from tcc_sim.solvers.smoothed.series_step import fastest
-from tcc_sim.solvers.smoothed.setup import Limits
+from tcc_sim.solvers.smoothed.setup import ACCEPTED, CREEP, REFUSED, Limits, Place, Step
 from tcc_sim.solvers.smoothed.stages import (
     add_share,
     add_slip,
@@ -37,7 +37,6 @@ from tcc_sim.solvers.smoothed.stages import (
     solve_stages,
     to_powers,
 )
-from tcc_sim.solvers.smoothed.state import ACCEPTED, CREEP, REFUSED, Place, Step
 from tcc_sim.solvers.terms import Terms
 
 BEFORE_FOLD = 0.8

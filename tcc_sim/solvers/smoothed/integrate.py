@@ -5,7 +5,7 @@ it.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
@@ -15,20 +15,20 @@ from tcc_sim.solvers.excitation import STARTED, clamp_edge, excite, load_phase
 from tcc_sim.solvers.loads import keep_loads, wanted
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
-from tcc_sim.solvers.smoothed.collocation_tables import Tables
 from tcc_sim.solvers.smoothed.sensitivity_carried import carry
 from tcc_sim.solvers.smoothed.sensitivity_step import resolved
 from tcc_sim.solvers.smoothed.series_step import Friction, friction_here, series_step
-from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.state import (
+from tcc_sim.solvers.smoothed.setup import (
     CREEP,
     FALLING,
     LAYER,
     REFUSED,
     SERIES,
     SLIDING,
+    Limits,
     Memory,
     Place,
+    Setup,
     Step,
 )
 from tcc_sim.solvers.smoothed.switching import (
@@ -59,19 +59,6 @@ MOVES_AT_ONCE = 2 * COLUMNS
 """Most transitions of one step."""
 GOES_ON = -1
 """No way in which a call ends."""
-
-
-class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
-
-    ratio : omega_f/omega
-    """
-
-    limits: Limits
-    terms: Terms
-    ratio: float
-    waves: Any
-    tables: Tables
 
 
 @fast

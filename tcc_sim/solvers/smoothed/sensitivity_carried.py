@@ -18,8 +18,7 @@ from tcc_sim.solvers.smoothed.collocation_tables import NODES
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES
 from tcc_sim.solvers.smoothed.sensitivity_step import carry_collocation, carry_series, end_collocation, look_at
 from tcc_sim.solvers.smoothed.series_step import Friction, law_here
-from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.state import LAYER, SERIES, Memory, Place, Step
+from tcc_sim.solvers.smoothed.setup import LAYER, SERIES, Limits, Memory, Place, Step
 from tcc_sim.solvers.terms import Terms
 
 GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(6))

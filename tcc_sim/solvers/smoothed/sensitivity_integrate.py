@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.smoothed.integrate import Setup, integrate
+from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES, Tangent
-from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.state import Memory
+from tcc_sim.solvers.smoothed.setup import Limits, Memory, Setup
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
 from tcc_sim.solvers.step_output import DONE, Store
 

@@ -35,9 +35,8 @@ from tcc_sim.solvers.smoothed.sensitivity_series import (
     expand_friction,
 )
 from tcc_sim.solvers.smoothed.series_step import Friction
-from tcc_sim.solvers.smoothed.setup import Limits
+from tcc_sim.solvers.smoothed.setup import LAYER, SLIDING, Limits, Place, Step
 from tcc_sim.solvers.smoothed.stages import eliminate_rows, law_at_nodes
-from tcc_sim.solvers.smoothed.state import LAYER, SLIDING, Place, Step
 from tcc_sim.solvers.terms import Terms
 
 

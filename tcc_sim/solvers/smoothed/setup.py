@@ -1,5 +1,5 @@
-"""What a smoothed solve knows before it starts: tolerances, where the parts of the friction law matter, rates,
-orders.
+"""What the smoothed kernel is given: tolerances, where the parts of the friction law matter, rates, orders; and what it
+changes as it goes, named fields of one-element arrays, each one pointer in compiled code.
 """
 
 from __future__ import annotations
@@ -8,8 +8,12 @@ import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tcc_sim.model import friction
-from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
+from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.solvers.series import COLUMNS, FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM, ROWS
+from tcc_sim.solvers.smoothed.collocation_tables import FROM_WAVES, NODES, TERMS, Tables
 from tcc_sim.solvers.terms import (
     Terms,
     excitation_frequency,
@@ -23,13 +27,13 @@ from tcc_sim.solvers.terms import (
 
 LOCAL = 0.1
 """Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
-CREEP = 2.0
+CREEP_ERROR = 2.0
 """Error of sigma v, and so of mubar, in one step in stick, per relative tolerance asked for."""
 TANH_LEFT_OUT = 0.3
 """What of tanh is left out outside the layer, 1 - tanh(sigma |v|), per relative tolerance asked for."""
 EXPONENTIAL_LEFT_OUT = 0.03
 """What of the Stribeck exponential is left out far from v = 0, per relative tolerance asked for."""
-FALLING = 1e-2
+FALLING_ERROR = 1e-2
 """Largest error of alpha v in one step where the exponential varies: however large v is elsewhere in the motion, a step
 from the edge of the layer must not come back to it by its error."""
 RESOLVED = 1e3
@@ -121,8 +125,8 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma,
-        falling_tolerance=FALLING / stribeck[1] if stribeck is not None and stribeck[1] > 0.0 else math.inf,
-        creep_tolerance=min(CREEP * max(rtol, 1e-13), 1e-2) / sigma,
+        falling_tolerance=FALLING_ERROR / stribeck[1] if stribeck is not None and stribeck[1] > 0.0 else math.inf,
+        creep_tolerance=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma,
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
         creep_speed=creep_speed, base_rate=base_rate, fastest=base_rate + strength * sigma * peak,
         strength=strength, beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
@@ -148,3 +152,101 @@ def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:
 def order_of(wished: float, most: int) -> int:
     """An even order near the one wished for, 8 at least: that at which the series' cost over their step is least."""
     return min(max(2 * round(0.5 * wished), 8), most)
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    ratio : omega_f/omega
+    """
+
+    limits: Limits
+    terms: Terms
+    ratio: float
+    waves: Any
+    tables: Tables
+
+
+ACCEPTED, REFUSED, FAILED = range(3)
+"""How a step ends: taken; to be tried again with the method and the length now in `control`; no step is possible."""
+
+SERIES, CREEP, STIFF = range(3)
+"""Methods: Taylor series; collocation in stick, on the slow manifold; collocation where the linear part is stiff."""
+
+SLIDING, FALLING, LAYER = range(3)
+"""Regions by |v|: mubar is constant, its exponential varies, tanh varies too."""
+
+WAVES_MAXIMUM = 33
+"""Sines of the engine torque: the first and 32 harmonics."""
+
+STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
+                  ("flywheel_angle", np.float64), ("tau", np.float64)])
+"""The motion, SI units; tau is the time into the engine cycle."""
+
+CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.float64), ("released", np.float64),
+                    ("waited", np.int64), ("calm", np.int64),
+                    ("last", np.float64), ("streak", np.int64), ("patience", np.int64), ("slip_before", np.float64),
+                    ("slip_now", np.float64), ("speed_before", np.float64), ("speed_now", np.float64),
+                    ("unsettled", np.float64)])
+"""What steps are chosen by.
+
+method, level : the method now, and the rung of the next collocation step
+slope : rate rho = beta Ts mubar' at the end of the last collocation step, 1/s
+released : that rate when stick was left for the series; 0 where nothing keeps it from coming back
+waited, calm : series steps in the layer since then, and after how many it may come back all the same
+last, streak, patience : length of the last series step, how many of one length there were, and how many are borne
+slip_before, slip_now, speed_before, speed_now : largest |v| and |theta2'| in the cycle before and in this one
+unsettled : where changes are carried along, what they have still to decay by before stick is stepped over, in powers
+    of e
+"""
+
+COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
+                     ("iterations_max", np.int64)])
+
+WORK = np.dtype([
+    ("rows", np.float64, (ROWS, COLUMNS)), ("bernstein", np.float64, WORKSPACE),
+    ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES), ("grip", np.float64, NODES),
+    ("balance", np.float64, NODES), ("demand", np.float64, NODES), ("change", np.float64, NODES),
+    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 2),
+                 ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
+"""Work space.
+
+rows, bernstein : the polynomials of a step, in powers of its time, and what searches on them need
+slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
+balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
+change, measure : Newton's correction of V; sizes named in `stages`
+chebyshev : coefficients over the step of the polynomial in hand
+weights : how much of every source there is
+"""
+
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes; `drive` is that of `excitation`, `output` that of `step_output`."""
+
+    state: Any
+    control: Any
+    drive: Any
+    work: Any
+    counters: Any
+    output: Any
+
+
+class Place(NamedTuple):
+    """Where the state is: its region, the sign of v, and the errors of v and theta2' that a step may leave."""
+
+    region: int
+    sign: float
+    slip_tolerance: float
+    speed_tolerance: float
+
+
+class Step(NamedTuple):
+    """A step: how it ended, its unit of time (s), its length in that unit, the degree of its polynomials, its error
+    relative to what is allowed.
+    """
+
+    status: int
+    unit: float
+    x: float
+    degree: int
+    error: float

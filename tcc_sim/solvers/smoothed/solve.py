@@ -23,10 +23,9 @@ from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed import collocation_tables
-from tcc_sim.solvers.smoothed import integrate as kernel
-from tcc_sim.solvers.smoothed.setup import Limits, limits_of
+from tcc_sim.solvers.smoothed.integrate import integrate
+from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, WORK, Limits, Memory, Setup, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
-from tcc_sim.solvers.smoothed.state import CONTROL, COUNTERS, STATE, WORK, Memory
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import OUTPUT
 from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
@@ -40,7 +39,7 @@ BATCH = 4096
 NEAR = 1e-9
 """Corners that lie nearer to the end of a cycle, in cycles, count as there."""
 
-Stretch = tuple[kernel.Setup, int, float]
+Stretch = tuple[Setup, int, float]
 """One call: with what, up to how many cycles from the start of the solve, and how many seconds of the one after."""
 KINDS = Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT)
 
@@ -84,14 +83,14 @@ def solve(problem: Problem) -> Trajectory:
 
 
 @per_system
-def own_setup(system: System, rtol: float) -> kernel.Setup:
+def own_setup(system: System, rtol: float) -> Setup:
     """`setup_of` for the terms that a system has; `waves` is to be copied for every solve."""
     setup = setup_of(system, terms_of(system), rtol)
     setup.waves.setflags(write=False)
     return setup
 
 
-def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> kernel.Setup:
+def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> Setup:
     """What a solve of a system with given terms needs to know beforehand; `excess` is that of `limits_of`."""
     longest, period = system.cycle, system.cycle
     if terms.course is not None:
@@ -107,18 +106,18 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         tables = collocation_tables.nodal_tables(terms.linear, top,
                                                  levels + math.ceil(2.0 * math.log2(longest / period)))
         terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
-    return kernel.Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
+    return Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
                         system.pressure.frequency_ratio, waves, tables)
 
 
-def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
+def _solve(problem: Problem, setup: Setup) -> Trajectory:
     """Solve stretch by stretch."""
     memory = scratch.at(problem.state, setup.limits)
     setup = setup._replace(waves=setup.waves.copy())
     kept = Kept(problem, memory.output, len(problem.first))
     limit = STEPS_AT_FIRST + setup.limits.steps * (problem.whole_cycles + 1)
     for own, cycles, rest in stretches_of(problem, setup):
-        status = kept.run(kernel.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+        status = kept.run(integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
         if status is not Status.DONE:
             break
     *last, tau = memory.state.item()
@@ -128,7 +127,7 @@ def _solve(problem: Problem, setup: kernel.Setup) -> Trajectory:
                            Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM))
 
 
-def stretches_of(problem: Problem, setup: kernel.Setup) -> Iterator[Stretch]:
+def stretches_of(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     """The calls that make a solve: many cycles at once, or, where the excitation varies in time, piece by piece."""
     if setup.terms.course is not None:
         yield from _varying(problem, setup, setup.terms.course)
@@ -139,7 +138,7 @@ def stretches_of(problem: Problem, setup: kernel.Setup) -> Iterator[Stretch]:
     yield setup, count, problem.rest
 
 
-def _varying(problem: Problem, setup: kernel.Setup, course: Floats) -> Iterator[Stretch]:
+def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch]:
     """Engine cycle by engine cycle, and within one from corner to corner."""
     first, count, terms = problem.start_cycle, problem.whole_cycles, setup.terms
     starts = problem.system.cycle_start(first + np.arange(count + 2)).tolist()

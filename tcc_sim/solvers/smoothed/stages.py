@@ -23,7 +23,7 @@ from tcc_sim.solvers.compiling.unrolled import (
     with_sign,
 )
 from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
-from tcc_sim.solvers.smoothed.state import SLIDING, Place
+from tcc_sim.solvers.smoothed.setup import SLIDING, Place
 
 ITERATIONS_MAXIMUM = 20
 DOMINANT = 6.0

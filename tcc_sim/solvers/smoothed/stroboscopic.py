@@ -19,8 +19,8 @@ from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, NUMBERS
 from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, Room, integrate_parts
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED
+from tcc_sim.solvers.smoothed.setup import Memory
 from tcc_sim.solvers.smoothed.solve import KINDS, setup_of
-from tcc_sim.solvers.smoothed.state import Memory
 from tcc_sim.solvers.step_output import CYCLE, DONE, MOVE, STATUSES, Store
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.trajectory import Floats, event_sequence

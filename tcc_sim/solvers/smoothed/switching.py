@@ -14,8 +14,7 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH, growth, rung_below
 from tcc_sim.solvers.smoothed.collocation_tables import LEVELS, Tables
 from tcc_sim.solvers.smoothed.series_step import Friction
-from tcc_sim.solvers.smoothed.setup import Limits
-from tcc_sim.solvers.smoothed.state import CREEP, LAYER, SERIES, STIFF, Place, Step
+from tcc_sim.solvers.smoothed.setup import CREEP, LAYER, SERIES, STIFF, Limits, Place, Step
 from tcc_sim.solvers.terms import Terms
 
 WORTH_USUAL = 2.0
