@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model import friction
+from tcc_sim.solvers import collocation as tables
 from tcc_sim.solvers.compiling.compiled import compiled
-from tcc_sim.solvers.smoothed import collocation_tables as tables
 from tcc_sim.solvers.smoothed import stages
 from tcc_sim.solvers.smoothed.setup import LAYER, WORK, Place
 

@@ -12,10 +12,10 @@ from typing import Any
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers.collocation import chebyshev_to_powers, radau, to_chebyshev
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
-from tcc_sim.solvers.radau import chebyshev_to_powers, radau, to_chebyshev
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK

@@ -1,7 +1,7 @@
 """A long step of collocation: stick on its slow manifold, and slip where the linear part is stiff.
 
-Radau IIA with 16 nodes, order 31, on a ladder of rungs whose linear parts are precomputed (`collocation_tables`). In
-stick it is a forced oscillator with a slaved creep: mubar follows the demand, and a few steps make a cycle.
+Radau IIA with 16 nodes, order 31, on a ladder of rungs whose linear parts are precomputed (`collocation`). In stick
+it is a forced oscillator with a slaved creep: mubar follows the demand, and a few steps make a cycle.
 
 A step takes the longest rung whose error is expected to pass, the error of a polynomial of degree s going as h^s
 (K. Gustafsson's elementary controller; E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.8).
@@ -12,20 +12,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_MEAN, FROM_SPEED, FROM_WAVES, NODES, TERMS, C, Tables
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_beside_mean
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
-from tcc_sim.solvers.smoothed.collocation_tables import (
-    DEGREE,
-    FROM_ANGLE,
-    FROM_MEAN,
-    FROM_SPEED,
-    FROM_WAVES,
-    NODES,
-    TERMS,
-    C,
-    Tables,
-)
 from tcc_sim.solvers.smoothed.series_step import fastest
 from tcc_sim.solvers.smoothed.setup import ACCEPTED, CREEP, REFUSED, Limits, Place, Step
 from tcc_sim.solvers.smoothed.stages import (

@@ -10,11 +10,11 @@ import numpy as np
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
+from tcc_sim.solvers.collocation import NODES
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.key_derivatives import LOG_FREQUENCY
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_step import fill_plate
-from tcc_sim.solvers.smoothed.collocation_tables import NODES
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES
 from tcc_sim.solvers.smoothed.sensitivity_step import carry_collocation, carry_series, end_collocation, look_at
 from tcc_sim.solvers.smoothed.series_step import Friction, law_here

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.solvers.collocation import NODES, TERMS
 from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.key_derivatives import NUMBERS
 from tcc_sim.solvers.series import (
@@ -33,7 +34,6 @@ from tcc_sim.solvers.series import (
     product,
     total,
 )
-from tcc_sim.solvers.smoothed.collocation_tables import NODES, TERMS
 
 LANES = 4
 
@@ -68,7 +68,7 @@ they; the longest series step that shows a sine by whose amplitude there are der
 
 class Tangent(NamedTuple):
     """What the kernel carries along: an array of CHANGES (groups,), SHARED, the torque's share in a collocation step
-    (`collocation_tables.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups,
+    (`collocation.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups,
     LANES).
     """
 

@@ -8,18 +8,9 @@ from typing import Any
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C, Tables
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, add_sine
-from tcc_sim.solvers.smoothed.collocation_tables import (
-    DEGREE,
-    FROM_ANGLE,
-    FROM_SPEED,
-    NODES,
-    TERMS,
-    TO_CHEBYSHEV,
-    C,
-    Tables,
-)
 from tcc_sim.solvers.smoothed.sensitivity_series import (
     FALLEN,
     LANES,

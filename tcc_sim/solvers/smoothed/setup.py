@@ -12,8 +12,8 @@ import numpy as np
 
 from tcc_sim.model import friction
 from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, Tables
 from tcc_sim.solvers.series import COLUMNS, FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM, ROWS
-from tcc_sim.solvers.smoothed.collocation_tables import FROM_WAVES, NODES, TERMS, Tables
 from tcc_sim.solvers.terms import (
     Terms,
     excitation_frequency,

@@ -17,12 +17,11 @@ import numpy as np
 
 from tcc_sim.model.course import FREQUENCY, FREQUENCY_RATE, TIME, pieces
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers import SOLVERS, collocation
 from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
 from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, WORK, Limits, Memory, Setup, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
@@ -97,13 +96,13 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         longest, period = longest_and_shortest_cycle(terms.course)
     limits = limits_of(terms, terms_of(system), period, rtol, excess)
     waves = waves_of(terms)
-    top, levels = collocation_tables.ladder_of(limits.fastest, longest)
+    top, levels = collocation.ladder_of(limits.fastest, longest)
     if terms.course is None:
-        tables = collocation_tables.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top,
+        tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top,
                                            levels)
     else:
         limits = limits._replace(steps=steps_allowed(terms, longest))
-        tables = collocation_tables.nodal_tables(terms.linear, top,
+        tables = collocation.nodal_tables(terms.linear, top,
                                                  levels + math.ceil(2.0 * math.log2(longest / period)))
         terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
     return Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers.collocation import NODES, TO_CHEBYSHEV, TO_POWERS
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import (
     exp,
@@ -22,7 +23,6 @@ from tcc_sim.solvers.compiling.unrolled import (
     unrolled,
     with_sign,
 )
-from tcc_sim.solvers.smoothed.collocation_tables import NODES, TO_CHEBYSHEV, TO_POWERS
 from tcc_sim.solvers.smoothed.setup import SLIDING, Place
 
 ITERATIONS_MAXIMUM = 20

@@ -14,9 +14,9 @@ import numpy as np
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers import collocation
 from tcc_sim.solvers.compiling.compiled import Partial
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, NUMBERS
-from tcc_sim.solvers.smoothed import collocation_tables
 from tcc_sim.solvers.smoothed.sensitivity_integrate import MOVES, PART, Room, integrate_parts
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED
 from tcc_sim.solvers.smoothed.setup import Memory
@@ -56,8 +56,8 @@ class Smoothed(Prepared):
         terms, changes = self.terms, self.changes
         # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
         self.setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
-        ladder = collocation_tables.ladder_of(self.setup.limits.fastest, self.period)
-        self.torque = collocation_tables.response(terms.linear, *ladder).torque
+        ladder = collocation.ladder_of(self.setup.limits.fastest, self.period)
+        self.torque = collocation.response(terms.linear, *ladder).torque
         limits, groups = self.setup.limits, math.ceil(self.count / LANES)
         self.reach = SINE * limits.resolved / self.fastest if self.fastest > 0.0 else math.inf
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(groups)]

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from tcc_sim.solvers.collocation import LEVELS, Tables
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH, growth, rung_below
-from tcc_sim.solvers.smoothed.collocation_tables import LEVELS, Tables
 from tcc_sim.solvers.smoothed.series_step import Friction
 from tcc_sim.solvers.smoothed.setup import CREEP, LAYER, SERIES, STIFF, Limits, Place, Step
 from tcc_sim.solvers.terms import Terms

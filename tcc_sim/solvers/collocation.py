@@ -1,4 +1,4 @@
-"""What a long collocation step needs to know beforehand: Radau IIA with 16 nodes, and the linear part of the driveline.
+"""What collocation needs to know beforehand: Radau IIA, and for steps of 16 nodes the linear part of the driveline.
 
 With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of motion (2) read
 
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers.radau import chebyshev_to_powers, radau, to_chebyshev
+from tcc_sim.trajectory import Floats
 
 NODES = 16
 DEGREE = NODES
@@ -39,8 +39,6 @@ LEVELS = 22
 GAP = 200.0
 """The shortest rung times the fastest rate of a scene, at most: what is shorter the series bridge, whose steps are
 limited to about 5 times the inverse of that rate."""
-
-Floats = NDArray[np.float64]
 
 RUNG = np.dtype([("length", np.float64), ("start", np.float64, NODES), ("diagonal", np.float64, NODES),
                  ("coupling", np.float64, (NODES, NODES)), ("angle", np.float64, (NODES, TERMS)),
@@ -81,6 +79,40 @@ class Response(NamedTuple):
     rungs: NDArray[Any]
     fixed: Floats
     torque: Floats
+
+
+def radau(count: int) -> tuple[Floats, Floats]:
+    """Nodes c (count,) and matrix A (count, count) of Radau IIA.
+
+    The nodes are the zeros of P_s(2 c - 1) - P_(s-1)(2 c - 1), the last of them 1.
+    """
+    legendre = np.zeros(count + 1)
+    legendre[count], legendre[count - 1] = 1.0, -1.0
+    x = np.sort(np.real(np.polynomial.legendre.legroots(legendre)))
+    slope = np.polynomial.legendre.legder(legendre)
+    for _ in range(3):
+        x[:-1] -= np.polynomial.legendre.legval(x[:-1], legendre) / np.polynomial.legendre.legval(x[:-1], slope)
+    x[-1] = 1.0
+    basis = np.polynomial.legendre.legvander(x, count - 1)
+    integrals = np.stack([np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1))
+                          for unit in np.eye(count)], axis=1)
+    return (x + 1.0) / 2.0, 0.5 * np.linalg.solve(basis.T, integrals.T).T
+
+
+def to_chebyshev(nodes: Floats) -> Floats:
+    """The matrix that makes Chebyshev coefficients over [0, 1] of values at 0 and at the nodes."""
+    points = np.concatenate([[0.0], nodes])
+    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * points - 1.0, len(nodes))))
+
+
+def chebyshev_to_powers(degree: int) -> Floats:
+    """(degree + 1, degree + 1) matrix whose row i has the coefficients of T_i(2 x - 1) in powers of x, exactly."""
+    out = np.eye(degree + 1)
+    out[1, 0], out[1, 1] = -1.0, 2.0
+    for i in range(2, degree + 1):  # T_i(y) = 2 y T_(i-1)(y) - T_(i-2)(y)
+        out[i] = -2.0 * out[i - 1] - out[i - 2]
+        out[i, 1:] += 4.0 * out[i - 1, :-1]
+    return out
 
 
 C, A = radau(NODES)
