@@ -35,6 +35,8 @@ PLACE, POWER, SHAFT, CLOSER = 1, 2, 3, 3
 """Rows of the workspace: places in a step and what is there; so many rows further the same for closer ones."""
 ROOM = 0.1
 """How far, in parts of the values at the points, an extreme may lie beyond the largest of them."""
+MOVES = 16
+"""As often the closer places may move on; they need fourteen from one end of where they may be to the other."""
 
 
 def room_for_loads(problem: Problem) -> NDArray[Any] | None:
@@ -93,27 +95,34 @@ def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: 
 def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, at: int, linear: Linear,
                  workspace: Any) -> float:
     """The largest of `sign` times POWER or SHAFT, from its values at the places, of which that `at` is the largest: the
-    vertex of the parabola through three of them about it, at closer places about a vertex of the first.
+    vertex of the parabola through three of them about it, at closer places about a vertex of the first. Where the
+    largest of the closer ones is the outermost, they move on to it.
     """
-    closer, most = 0, -math.inf
+    closer, most, moved = 0, -math.inf, 0
+    low, high, middle, apart = 0.0, 0.0, 0.0, 0.0
     while True:
         most = max(most, sign * workspace[which + closer, at])
-        at = min(max(at, 1), COUNT - 2)
-        a, b, c = workspace[PLACE + closer, at - 1], workspace[PLACE + closer, at], workspace[PLACE + closer, at + 1]
-        p, q, r = (sign * workspace[which + closer, at - 1], sign * workspace[which + closer, at],
-                   sign * workspace[which + closer, at + 1])
-        left, right = (q - p) / (b - a), (r - q) / (c - b)
-        bend = (right - left) / (c - a)
-        vertex = 0.5 * (a + b) - 0.5 * left / bend if bend < 0.0 else math.inf
-        if not a < vertex < c:
-            return float(most)
-        if closer > 0:
-            return float(max(most, p + (vertex - a) * (left + bend * (vertex - b))))
-        apart = (c - a) / 16.0
-        b = min(max(vertex, a + apart), c - apart)
-        closer = CLOSER
+        towards = -1.0 if at == 0 else 1.0 if at == COUNT - 1 else 0.0
+        following = min(max(middle + towards * apart, low + apart), high - apart)
+        if closer > 0 and following != middle and moved < MOVES:
+            middle, moved = following, moved + 1
+        else:
+            at = min(max(at, 1), COUNT - 2)
+            a, b, c = (workspace[PLACE + closer, at - 1], workspace[PLACE + closer, at],
+                       workspace[PLACE + closer, at + 1])
+            p, q, r = (sign * workspace[which + closer, at - 1], sign * workspace[which + closer, at],
+                       sign * workspace[which + closer, at + 1])
+            left, right = (q - p) / (b - a), (r - q) / (c - b)
+            bend = (right - left) / (c - a)
+            vertex = 0.5 * (a + b) - 0.5 * left / bend if bend < 0.0 else math.copysign(math.inf, towards)
+            if closer > 0:
+                if a < vertex < c:
+                    most = max(most, p + (vertex - a) * (left + bend * (vertex - b)))
+                return float(most)
+            low, high, apart = a, c, (c - a) / 16.0
+            middle, closer = min(max(vertex, a + apart), c - apart), CLOSER
         for i in range(COUNT):
-            workspace[PLACE + closer, i] = b + apart * (2.0 * POINTS[i] - 1.0)
+            workspace[PLACE + closer, i] = middle + apart * (2.0 * POINTS[i] - 1.0)
         evaluate_loads(rows, degree, unit, linear, closer, workspace)
         at = 0
         for i in range(COUNT):

@@ -94,6 +94,27 @@ def test_power_and_breakaways_are_those_of_dense_samples() -> None:
             assert loads.breakaways[n] == moves.sum()
 
 
+@pytest.mark.parametrize(("values", "rtol"), [
+    ({"friction.law": "set_valued", "driveline.stiffness": 10.0, "engine.mean_torque": 0.0,
+      "engine.torque_amplitude": 368.0, "initial.slip_speed": -100.0}, 1e-8),
+    ({"engine.mean_torque": 200.0, "engine.torque_amplitude": 0.0, "engine.frequency": 123.6,
+      "engine.harmonic_amplitudes": [146.0, 81.0, 141.0], "engine.harmonic_phases": [25.0, -84.4, -69.8],
+      "pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": -100.0,
+      "initial.plate_angle": 0.282}, 1e-10)])
+def test_the_shaft_s_torque_is_largest_anywhere_in_a_long_step(values: dict[str, object], rtol: float) -> None:
+    """Beside dense samples, also where the extreme lies between a step's end and the place next to it."""
+    per_cycle = 8000
+    for speed in np.linspace(-30.0, 30.0, 13):
+        system = replace(load_scene("fig02").system, {**values, "initial.plate_speed": float(speed)})
+        loads, d = loads_by(system, 4, rtol=rtol), system.driveline
+        run = solve(system, cycles=4, samples_per_cycle=per_cycle, rtol=rtol)
+        shaft = d.damping * run.plate_speed + d.stiffness * run.plate_angle
+        for n in range(4):
+            part = shaft[per_cycle * n:per_cycle * n + per_cycle + 1]
+            assert loads.highest_shaft_torque[n] == pytest.approx(part.max(), abs=1e-6 * np.abs(part).max())
+            assert loads.lowest_shaft_torque[n] == pytest.approx(part.min(), abs=1e-6 * np.abs(part).max())
+
+
 def test_stick_turns_nothing_to_heat() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.24})
     found = loads_by(system, 60, 50)
