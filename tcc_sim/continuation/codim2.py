@@ -13,13 +13,13 @@ from typing import ClassVar
 import numpy as np
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.detection import End, StopReason
 from tcc_sim.continuation.follow_curve import Bounds, follow_curve
 from tcc_sim.continuation.palc import Equations
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation
-from tcc_sim.continuation.stopping import End, StopReason
 from tcc_sim.result import Described, json_of
 
 KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")

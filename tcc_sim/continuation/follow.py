@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.continuation.detection import ClosedBranch, period_doubling_end, special_points_between
+from tcc_sim.continuation.detection import ClosedBranch, End, StopReason, period_doubling_end, special_points_between
 from tcc_sim.continuation.newton import newton
 from tcc_sim.continuation.palc import (
     FLAT,
@@ -31,7 +31,6 @@ from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Linearised
 from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
-from tcc_sim.continuation.stopping import End, StopReason
 
 
 class BranchStep(NamedTuple):

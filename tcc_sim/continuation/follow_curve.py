@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
-from tcc_sim.continuation.detection import passing
+from tcc_sim.continuation.detection import StopReason, passing
 from tcc_sim.continuation.palc import (
     Equations,
     Solution,
@@ -26,7 +26,6 @@ from tcc_sim.continuation.palc import (
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.sliding import differ, kind_of_change, nearest_margins
 from tcc_sim.continuation.special_points import chandrupatla, turned_round
-from tcc_sim.continuation.stopping import StopReason
 
 ENDING = {"neimark_sacker": ("resonance_1_1", "resonance_1_2")}
 """Special points in which curves of a kind end: the pair of multipliers becomes real there."""

@@ -16,13 +16,13 @@ import numpy as np
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.branch import branch_through, first_point
+from tcc_sim.continuation.detection import StopReason
 from tcc_sim.continuation.follow_curve import follow_curve
 from tcc_sim.continuation.palc import Solution, StepSize, corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import Bifurcation
-from tcc_sim.continuation.stopping import StopReason
 
 TRACED = ("fold", "period_doubling", "neimark_sacker")
 """Kinds that have a minimally augmented system."""

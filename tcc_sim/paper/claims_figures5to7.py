@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from tcc_sim.analysis.damping import slope_of_friction
-from tcc_sim.continuation.stable_segments import StableSegment
+from tcc_sim.continuation.loss_of_stability import StableSegment
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.claims_figure4 import FRICTION_RATIOS, NEAR, WAYS
 from tcc_sim.paper.criteria import Holds, Measured, claim

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.summary import summarise_cycles
-from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.branch import Branch, SettledMotion
 from tcc_sim.continuation.diagram import SWEPT, bifurcation_diagram, left_out, point_of, state_at_phase_0
 from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.jumps import jumps_of
+from tcc_sim.continuation.loss_of_stability import jumps_of
 from tcc_sim.continuation.newton import shifts
-from tcc_sim.continuation.on_branch import SettledMotion
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import SMOOTH, Bifurcation

@@ -21,8 +21,8 @@ from tcc_sim.basins.compute import halton
 from tcc_sim.basins.driveline import DrivelineMotion
 from tcc_sim.continuation.diagram import SWEPT, amplitude_of, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.catalogue import NORMALISED, paper_system

@@ -9,14 +9,13 @@ import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
 from tcc_sim.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
-from tcc_sim.continuation.branch_switching import switch
-from tcc_sim.continuation.detection import ClosedBranch
+from tcc_sim.continuation.detection import ClosedBranch, StopReason
+from tcc_sim.continuation.diagram import switch
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.palc import corrector, predictor
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import Bifurcation, Bracket
-from tcc_sim.continuation.stopping import StopReason
 
 
 def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float],

@@ -10,12 +10,12 @@ from textbook_maps import TextbookMap, henon
 
 from tcc_sim.continuation.augmented import MinimallyAugmented
 from tcc_sim.continuation.codim2 import bifurcation_curve
+from tcc_sim.continuation.detection import StopReason
 from tcc_sim.continuation.follow_curve import follow_curve
 from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
 from tcc_sim.continuation.problem import Image
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.stopping import StopReason
 
 
 def test_a_curve_that_comes_back_is_closed() -> None:

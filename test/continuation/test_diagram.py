@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, logistic
 
-from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.branch import Branch, SettledMotion, place_of
 from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, left_out
-from tcc_sim.continuation.jumps import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of, nearest_bifurcation
-from tcc_sim.continuation.on_branch import SettledMotion, place_of
+from tcc_sim.continuation.loss_of_stability import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of, nearest_bifurcation
 from tcc_sim.continuation.shooting import ParameterRange
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))

@@ -9,7 +9,7 @@ import numpy as np
 
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
-from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment
+from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.evidence import Settled

@@ -62,7 +62,7 @@ def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
 
 
 def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
-    from tcc_sim.continuation.stopping import StopReason
+    from tcc_sim.continuation.detection import StopReason
     from tcc_sim.paper.branch_panels import end_of
 
     shown = {reason.name: end_of(reason.name.lower()) for reason in StopReason}

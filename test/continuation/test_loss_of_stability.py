@@ -7,10 +7,10 @@ import pytest
 from test_diagram import FOLD, Lifted, hysteresis, period, subcritical, surveyed, swept
 from textbook_maps import logistic
 
+from tcc_sim.continuation.branch import SettledMotion
 from tcc_sim.continuation.diagram import bifurcation_diagram
-from tcc_sim.continuation.on_branch import SettledMotion
+from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.stable_segments import SegmentEnd, StableSegment, segment_of, stable_segments
 
 
 def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
