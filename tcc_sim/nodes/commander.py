@@ -21,9 +21,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import context, signals
 from tcc_sim.nodes.children import SENDING
+from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.process import run
-from tcc_sim.nodes.qos import COMMANDS
 from tcc_sim.scene import load_scene
 
 

@@ -10,8 +10,7 @@ from rclpy.node import Node
 
 from tcc_sim.errors import counted
 from tcc_sim.nodes.loop import RealTimeLoop
-from tcc_sim.nodes.message_types import time_of
-from tcc_sim.nodes.qos import DIAGNOSTICS
+from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 
 PERIOD = 1.0
 """Real time between two messages, s."""

@@ -10,9 +10,7 @@ from rclpy.node import Node
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.message_types import message_class
-from tcc_sim.nodes.qos import COMMANDS
-from tcc_sim.nodes.subscriptions import MOST_TAKEN, poll, subscribe, taker
+from tcc_sim.nodes.middleware import COMMANDS, MOST_TAKEN, message_class, poll, subscribe, taker
 from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.topics import FLUID_PRESSURE, Topic
 

@@ -12,8 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.message_types import message_class
-from tcc_sim.nodes.qos import CHANGES, LATCHED, states
+from tcc_sim.nodes.middleware import CHANGES, LATCHED, message_class, states
 from tcc_sim.nodes.unsent import encoded
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.scene import Scene

@@ -29,7 +29,7 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import context, signals
-from tcc_sim.nodes.message_types import qos_fields
+from tcc_sim.nodes.middleware import qos_fields
 from tcc_sim.nodes.parameters import warn_of_unknown
 from tcc_sim.nodes.process import run
 from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, publisher_of

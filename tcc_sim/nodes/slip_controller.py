@@ -23,10 +23,9 @@ from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes import context, signals
+from tcc_sim.nodes.middleware import LATCHED, poll
 from tcc_sim.nodes.parameters import warn_of_unknown
 from tcc_sim.nodes.process import run
-from tcc_sim.nodes.qos import LATCHED
-from tcc_sim.nodes.subscriptions import poll
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1

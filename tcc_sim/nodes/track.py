@@ -12,8 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from tcc_sim.nodes.message_types import message_class
-from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.nodes.middleware import message_class, poll, subscribe
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
 

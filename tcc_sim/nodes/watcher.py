@@ -21,10 +21,8 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes.middleware import CHANGES, COMMANDS, LATCHED, message_class, poll, states, subscribe
 from tcc_sim.nodes.process import node_of_command
-from tcc_sim.nodes.qos import CHANGES, COMMANDS, LATCHED, states
-from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
 from tcc_sim.topics import topic

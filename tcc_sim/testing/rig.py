@@ -15,9 +15,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.inputs import Command
-from tcc_sim.nodes.qos import LATCHED
+from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
 from tcc_sim.nodes.shared_memory import remove_ownerless
-from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.plant.closed_loop import INPUTS, Samples
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line

@@ -24,7 +24,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
 from tcc_sim.nodes.driveline import DrivelineNode, spin
 from tcc_sim.nodes.inputs import Command
-from tcc_sim.nodes.qos import COMMANDS
+from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.topics import topic
 
 MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}

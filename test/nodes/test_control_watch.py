@@ -13,8 +13,8 @@ import rclpy
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import qos
-from tcc_sim.nodes.message_types import message_class
+from tcc_sim.nodes import middleware
+from tcc_sim.nodes.middleware import LATCHED, message_class
 from tcc_sim.nodes.watcher import PROFILES, ControlWatch
 from tcc_sim.topics import JOINT_STATE, topic
 
@@ -118,9 +118,9 @@ def test_states_are_handed_on_in_pieces_of_a_period_and_whole_at_the_end(bench: 
     from tcc_sim.scene import load_scene
 
     node = bench.add(rclpy.create_node("driveline", context=bench.context))
-    node.create_publisher(message_class("std_msgs/msg/String"), "scene", qos.LATCHED).publish(
+    node.create_publisher(message_class("std_msgs/msg/String"), "scene", LATCHED).publish(
         cdr.string(load_scene("minimal").text()))
-    states = node.create_publisher(message_class(JOINT_STATE), "joint_states", qos.states(100))
+    states = node.create_publisher(message_class(JOINT_STATE), "joint_states", middleware.states(100))
     watcher = Watcher(bench.add(rclpy.create_node("watcher", context=bench.context)), str, period)
     bench.until(states.get_subscription_count)
     view: Any = View()

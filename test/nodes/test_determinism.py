@@ -17,9 +17,7 @@ from std_msgs.msg import Float64
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import loop as loop_module
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.message_types import message_class
-from tcc_sim.nodes.qos import COMMANDS, states
-from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.nodes.middleware import COMMANDS, message_class, poll, states, subscribe
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.topics import topic

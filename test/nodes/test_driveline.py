@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.qos import states
+from tcc_sim.nodes.middleware import states
 from tcc_sim.scene import load_scene, parse_scene
 from tcc_sim.solvers import solve
 

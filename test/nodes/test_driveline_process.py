@@ -86,7 +86,7 @@ def test_an_empty_list_is_one(bench: Any, capfd: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(("nanoseconds", "expected"), [(0, (0, 0)), (1_500_000_000, (1, 500_000_000)),
                                                        (2_240_000_000 * 10**9 + 7, (2**31 - 1, 7))])
 def test_a_clock_beyond_2038_is_no_error(nanoseconds: int, expected: tuple[int, int]) -> None:
-    from tcc_sim.nodes.message_types import time_of
+    from tcc_sim.nodes.middleware import time_of
 
     time = time_of(nanoseconds)
     assert (time.sec, time.nanosec) == expected

@@ -163,8 +163,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
     import rclpy
     from rclpy.parameter import Parameter
 
-    from tcc_sim.nodes.message_types import message_class
-    from tcc_sim.nodes.qos import LATCHED, states
+    from tcc_sim.nodes.middleware import LATCHED, message_class, states
     from tcc_sim.nodes.recorder import Recorder
     from tcc_sim.topics import JOINT_STATE, STRING
 

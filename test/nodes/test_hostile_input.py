@@ -23,9 +23,8 @@ from std_msgs.msg import Float64, String
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.qos import COMMANDS, states
+from tcc_sim.nodes.middleware import COMMANDS, poll, states, subscribe
 from tcc_sim.nodes.recorder import Recorder
-from tcc_sim.nodes.subscriptions import poll, subscribe
 from tcc_sim.recording.reader import open_run
 
 

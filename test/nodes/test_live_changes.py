@@ -17,7 +17,7 @@ from std_msgs.msg import Float64
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.qos import COMMANDS
+from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import Replay, replay

@@ -22,13 +22,13 @@ from waiting import until
 
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import qos, recorder
-from tcc_sim.nodes.message_types import message_class, qos_fields
+from tcc_sim.nodes import recorder
+from tcc_sim.nodes.middleware import LATCHED, message_class, qos_fields, states
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
 
 TICK = 1_000_000
-STATES = qos.states(1000)
+STATES = states(1000)
 SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"
 
 
@@ -53,7 +53,7 @@ def joint_state(n):
 
 
 def publisher_of(node, name, profile=STATES):
-    return node.create_publisher(message_class(topic(name).type), name, qos.LATCHED if topic(name).latched else profile)
+    return node.create_publisher(message_class(topic(name).type), name, LATCHED if topic(name).latched else profile)
 
 
 def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(context, tmp_path):
@@ -183,7 +183,7 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
 
     for number in (1, 2):
         node = rclpy.create_node("driveline", context=context)
-        node.create_publisher(String, "scene", qos.LATCHED).publish(String(data=SCENE + f"# {number}\n"))
+        node.create_publisher(String, "scene", LATCHED).publish(String(data=SCENE + f"# {number}\n"))
         executor.add_node(node)
         publisher = publisher_of(node, "joint_states")
         until(lambda n=number: found.bag.scene_text == SCENE + f"# {n}\n", step=step)

@@ -13,8 +13,8 @@ from test_recorder import context as context
 from waiting import until
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import qos, unsent
-from tcc_sim.nodes.subscriptions import poll, subscribe
+from tcc_sim.nodes import unsent
+from tcc_sim.nodes.middleware import COMMANDS, LATCHED, poll, subscribe
 from tcc_sim.nodes.track import MOST_PUBLISHERS, Track
 from tcc_sim.recording.reader import open_run
 
@@ -30,7 +30,7 @@ def publish(found, publisher, numbers):
 def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(context, tmp_path):
     found = start(context, tmp_path / "run", max_bag_size=20_000, topics=["joint_states", "scene"])
     node = rclpy.create_node("driveline", context=context)
-    node.create_publisher(String, "scene", qos.LATCHED).publish(String(data=SCENE))
+    node.create_publisher(String, "scene", LATCHED).publish(String(data=SCENE))
     publisher = publisher_of(node, "joint_states")
     until(lambda: found.bag.scene_text == SCENE, step=found.drain)
     for n in range(0, 2000, 200):
@@ -129,8 +129,8 @@ def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
 def test_no_more_is_taken_than_asked_for_and_the_rest_waits(context, most):
     """In lock-step a command taken with the one before it would be lost."""
     node = rclpy.create_node("listener", context=context)
-    subscription = subscribe(node, String, "words", qos.COMMANDS)
-    publisher = node.create_publisher(String, "words", qos.COMMANDS)
+    subscription = subscribe(node, String, "words", COMMANDS)
+    publisher = node.create_publisher(String, "words", COMMANDS)
     until(publisher.get_subscription_count)
     heard = []
     for n in range(5):
