@@ -14,7 +14,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import Definition
-from tcc_sim.nodes.domain import OwnEnvironment
+from tcc_sim.nodes.children import OwnEnvironment
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE

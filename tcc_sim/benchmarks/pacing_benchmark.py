@@ -19,11 +19,9 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
-from tcc_sim.nodes.children import START_LIMIT, NodeProcess
-from tcc_sim.nodes.domain import OwnEnvironment
+from tcc_sim.nodes.children import START_LIMIT, NodeProcess, OwnEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
-from tcc_sim.nodes.pacing import LEAD, Pacer
-from tcc_sim.nodes.scheduling import TIMER_SLACK_NS, prepare_thread, release_memory
+from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
 from tcc_sim.nodes.shared_memory import creation
 
 SLICE = 5.0

@@ -19,11 +19,11 @@ from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import context, signals
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import SENDING
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.process import run
+from tcc_sim.nodes.process import log, run
 from tcc_sim.scene import load_scene
 
 
@@ -42,7 +42,7 @@ def send(node: Node) -> int:
     torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
     signals.leave_to_ros()
-    context.say(node, SENDING)
+    log(node, SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
     while rclpy.ok() and pacer.wait(lambda: not rclpy.ok()):

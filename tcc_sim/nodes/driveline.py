@@ -12,10 +12,12 @@ if __name__ == "__main__":
 
 import gc
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -25,11 +27,11 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.course import START
-from tcc_sim.nodes import context, parameters, signals
+from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
-from tcc_sim.nodes.diagnostics import Diagnostics
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
-from tcc_sim.nodes.process import run
+from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
+from tcc_sim.nodes.process import Spinner, Throttle, log, run, warn
 from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import Scene
 
@@ -39,6 +41,8 @@ HOUSEKEEPING = 0.25
 """Longest time, s, between two looks at refusals and failures."""
 COMPILING = 1.0
 """Real time, s, that a change waits for the kernel that it needs."""
+DIAGNOSTICS_PERIOD = 1.0
+"""Real time, s, between two messages on /diagnostics."""
 
 
 class DrivelineNode(Node):
@@ -67,7 +71,7 @@ class DrivelineNode(Node):
             lambda _: loop.single_step(), lambda outcome: f"at tick {stepper.tick}" if outcome else "not paused"))
         self.diagnostics = Diagnostics(self, self.loop) if self.scene.operation.publish_diagnostics else None
         self._announced = False
-        self._throttle = context.Throttle(self)
+        self._throttle = Throttle(self)
 
     def start(self) -> None:
         """Warm up, then start the clock.
@@ -78,8 +82,8 @@ class DrivelineNode(Node):
             The scene cannot be computed in real time on this machine.
         """
         self.loop.start()
-        context.say(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
-                          f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
+        log(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
+                  f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
 
     def housekeeping(self) -> None:
         """Diagnostics when they are due, throttled warnings, and the failure of the loop if there was one."""
@@ -88,9 +92,9 @@ class DrivelineNode(Node):
         self.loop.outputs.tell_unsent()
         if self.loop.clock_started.is_set() and not self._announced and self.context.ok():
             self._announced = True
-            context.say(self, CLOCK_STARTED)
+            log(self, CLOCK_STARTED)
             for sentence in self.loop.refused_wishes:
-                context.warn(self, sentence)
+                warn(self, sentence)
         for command in self.loop.commands:
             self._throttle.warn(command.name, command.refused, command.refusal)
         if self.loop.failure is not None:
@@ -159,9 +163,72 @@ class DrivelineNode(Node):
         return answer
 
 
+class Diagnostics:
+    """What the node says of itself once a second on /diagnostics: rate reached, lateness, iterations against their
+    bound, commands, regime; counts are since the start.
+    """
+
+    def __init__(self, node: Node, loop: RealTimeLoop) -> None:
+        self._node, self._loop = node, loop
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
+        self._due = time.monotonic() + DIAGNOSTICS_PERIOD
+        self._since = time.monotonic()
+        self._late = self._stick = self._slip = 0
+
+    def publish_when_due(self) -> None:
+        """Publish if a second has passed; one that the middleware does not take is followed by the next."""
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = max(self._due + DIAGNOSTICS_PERIOD, now)
+        message = DiagnosticArray(status=[self._status(now)])
+        message.header.stamp = time_of(self._node.get_clock().now().nanoseconds)
+        with suppress(RuntimeError):
+            self._publisher.publish(message)
+
+    def _status(self, now: float) -> DiagnosticStatus:
+        """The status over the time since the last message."""
+        loop, pacer, operation = self._loop, self._loop.pacer, self._loop.scene.operation
+        stepper = loop.plant.stepper
+        stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip
+        rate = (stick + slip) / (now - self._since)
+        regime = "paused" if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
+        middle, high = pacer.lateness()
+        values = {
+            "scene": loop.scene.name, "simulation time (s)": f"{stepper.tick * stepper.step:.3f}",
+            "regime": regime,
+            "rate (Hz)": f"{rate:.1f}", "rate wanted (Hz)": f"{operation.rate * (operation.real_time_factor or 1.0):g}",
+            "real-time factor": f"{rate / operation.rate:.4f}",
+            "missed ticks": str(pacer.missed_ticks), "late ticks": str(pacer.late_ticks),
+            "messages not sent": str(sum(dict(loop.outputs.unsent).values())),
+            "lateness p50 (s)": f"{middle:.6f}", "lateness p99 (s)": f"{high:.6f}",
+            "lateness max (s)": f"{pacer.lateness_max:.6f}",
+            "sub-steps per tick": str(stepper.substeps), "iterations max": str(stepper.iterations_most),
+            "iterations bound": str(stepper.iterations_bound)}
+        for command in loop.commands:
+            values |= {f"{command.name} listeners": str(self._node.count_subscribers(command.name)),
+                       f"{command.name} received": str(command.received),
+                       f"{command.name} refused": str(command.refused),
+                       f"{command.name} last refusal": command.refusal,
+                       f"{command.name} time-outs": str(command.timeouts),
+                       f"{command.name} source": "fallback" if command.fallen_back else "topic"}
+        waiting = [c.name for c in loop.commands if c.fallen_back]
+        wrong = []
+        if pacer.missed_ticks > self._late:
+            wrong.append(f"{counted(pacer.missed_ticks - self._late, 'tick')} missed in real time")
+        if waiting:
+            wrong.append(f"no command on {' and '.join(waiting)}; the scene's fallback applies")
+        self._since, self._late = now, pacer.missed_ticks
+        self._stick, self._slip = self._stick + stick, self._slip + slip
+        return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,
+                                name=f"{self._node.get_fully_qualified_name()}: driveline", hardware_id="simulation",
+                                message="; ".join(wrong) or regime,
+                                values=[KeyValue(key=k, value=v) for k, v in values.items()])
+
+
 def spin(node: DrivelineNode) -> None:
     """Answer requests and keep house until the context ends."""
-    spinner = context.Spinner(node)
+    spinner = Spinner(node)
     with suppress(ExternalShutdownException):
         while True:
             spinner.once(HOUSEKEEPING)

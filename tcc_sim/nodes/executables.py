@@ -1,4 +1,4 @@
-"""What `ros2 run tcc_sim`, the path and `python -m` know as driveline_node, recorder_node and so on.
+"""What `ros2 run tcc_sim`, the path and `python -m` know as driveline_node, recorder_node and so on; their `--help`.
 
 Signals are taken before anything else is loaded; `--help` and `--version` need no ROS 2; where ROS 2 is not installed
 there is one line.
@@ -6,9 +6,19 @@ there is one line.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 
+from tcc_sim import __version__
 from tcc_sim.nodes import signals
+
+_ROS_WORDS = ("-p", "--param", "-r", "--remap", "--params-file", "-e", "--enclave", "--log-level")
+_PURPOSES = {
+    "driveline": "The driveline in real time: states out, engine torque and actuation pressure in.",
+    "recorder": "Records every topic of the driveline into a bag (MCAP) that survives a kill.",
+    "slip_controller": "Answers the driveline's states with a pressure that holds a mean slip speed.",
+    "commander": "Sends harmonic engine torque and pressure commands at a fixed rate.",
+}
 
 
 def _run(name: str) -> int:
@@ -19,16 +29,15 @@ def _run(name: str) -> int:
 
     from tcc_sim.errors import InputError, TccError
     from tcc_sim.nodes.children import require_ros
-    from tcc_sim.nodes.usage import asked_for, command_of
     from tcc_sim.output.terminal import open_streams
 
     open_streams()
     try:
-        text = asked_for(name, sys.argv[1:])
+        text = _asked_for(name, sys.argv[1:])
         if text is None:
             require_ros()
     except TccError as error:
-        sys.stderr.write(f"{command_of(name)}: {error}\n")
+        sys.stderr.write(f"{_command_of(name)}: {error}\n")
         signals.give_back()
         return 2 if isinstance(error, InputError) else 1
     if text is not None:
@@ -41,6 +50,89 @@ def _run(name: str) -> int:
     except Exception:
         sys.excepthook(*sys.exc_info())
     return signals.end(status)
+
+
+def _asked_for(name: str, words: list[str]) -> str | None:
+    """The text that `words` ask the node `name` for, None where they ask for none; ROS 2 has those after --ros-args.
+
+    Raises
+    ------
+    InputError
+        A word that the node does not know.
+    """
+    from tcc_sim.errors import InputError
+
+    own, to_ros = [], False
+    for word in words:
+        to_ros = word != "--" if to_ros else word == "--ros-args"
+        if not to_ros and word != "--":
+            own.append(word)
+    if "--version" in own:
+        return f"tcc_sim {__version__}\n"
+    if {"-h", "--help"} & set(own):
+        return _help(name)
+    if own:
+        from difflib import get_close_matches
+
+        near = get_close_matches(own[0], ("--help", "--version", "--ros-args"), 1)
+        after = " ".join(["--ros-args", *(word for word in words if word not in ("--", "--ros-args"))])
+        if near:
+            meant = f"did you mean {near[0]}?"
+        elif own[0] in _ROS_WORDS or ":=" in own[0]:
+            meant = f"ROS 2 takes its words after --ros-args: {_command_of(name)} {after}"
+        else:
+            meant = "there are --help, --version and --ros-args WORD ..."
+        raise InputError(f"{own[0]} is not understood; {meant}")
+    return None
+
+
+def _command_of(name: str) -> str:
+    """What starts the node `name`."""
+    return name if name == "commander" else f"{name}_node"
+
+
+def _help(name: str) -> str:
+    """Purpose, usage and parameters of a node."""
+    from tcc_sim.output.terminal import terminal_width, wrapped
+
+    command = _command_of(name)
+    lines = [f"usage: {command} [--help] [--version] [--ros-args WORD ...]", "", _PURPOSES[name], "",
+             "words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME", "", "parameters:"]
+    lines += [f"  {key}: {meaning}" for key, meaning in _parameters(name)]
+    return wrapped("\n".join(lines) + "\n", terminal_width() or 80)
+
+
+def _parameters(name: str) -> Iterator[tuple[str, str]]:
+    """Names and meanings of a node's parameters."""
+    if name == "driveline":
+        from tcc_sim.scene import NODE_SCENE, OPERATION_QUANTITIES
+
+        yield "scene", f"bundled name or file ({NODE_SCENE})"
+        for key, quantity in OPERATION_QUANTITIES.items():
+            yield key, quantity.description + (f", {quantity.unit}" if quantity.unit else "")
+        yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
+    elif name == "slip_controller":
+        import dataclasses
+
+        from tcc_sim.plant.slip_control import Tuning
+
+        for item in dataclasses.fields(Tuning):
+            yield item.name, f"{item.metadata['quantity'].description} ({item.default:.6g})"
+    else:
+        yield from _declared(name)
+
+
+def _declared(name: str) -> Iterator[tuple[str, str]]:
+    """What a node's source declares with a name and, as its last argument, a meaning; read without ROS 2."""
+    import ast
+    from pathlib import Path
+
+    for call in ast.walk(ast.parse(Path(__file__).with_name(f"{name}.py").read_text())):
+        if isinstance(call, ast.Call) and getattr(call.func, "id", getattr(call.func, "attr", "")) in (
+                "_parameter", "declare_parameter"):
+            words = [a.value for a in call.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+            if words:
+                yield words[0], words[-1] if len(words) > 1 else "commands a second, Hz"
 
 
 driveline_node = partial(_run, "driveline")

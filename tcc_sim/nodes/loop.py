@@ -22,10 +22,8 @@ from dataclasses import dataclass, field
 from rclpy.node import Node
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.inputs import Command
-from tcc_sim.nodes.outputs import Outputs
-from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.scheduling import attend, prepare_thread
+from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
+from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.recording.input_sources import written
 from tcc_sim.scene import Scene
@@ -95,13 +93,13 @@ class RealTimeLoop:
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
         self._compiler = threading.Thread(target=self.plant.warm_up_general, name="compiler", daemon=True)
         engine, pressure = topic("engine_torque"), topic("actuation_pressure")
-        self.engine_command = Command(node, engine) if engine.wanted(scene.value) else None
-        self.pressure_command = (Command(node, pressure, self.plant.check_pressure)
+        self.engine_command = CommandedInput(node, engine) if engine.wanted(scene.value) else None
+        self.pressure_command = (CommandedInput(node, pressure, self.plant.check_pressure)
                                  if pressure.wanted(scene.value) else None)
-        self.commands: list[Command] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
+        self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
         self.outputs = Outputs(node, scene)
         self._lockstep = scene.operation.pacing == "lockstep" and bool(self.commands)
-        self._unanswered: list[Command] | None = None
+        self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
         self._said_commanded: list[bool] = []
 
@@ -317,7 +315,7 @@ class RealTimeLoop:
         return not self._stopping
 
 
-def _value(command: Command | None) -> float | None:
+def _value(command: CommandedInput | None) -> float | None:
     """What a command holds, None where the scene's own input applies."""
     return None if command is None else command.value
 

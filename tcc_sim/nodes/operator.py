@@ -25,9 +25,8 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import QUANTITIES
-from tcc_sim.nodes.context import Spinner
 from tcc_sim.nodes.middleware import COMMANDS, DIAGNOSTICS, message_class, poll, subscribe
-from tcc_sim.nodes.process import node_of_command
+from tcc_sim.nodes.process import Spinner, node_of_command
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
 FOUND_WITHIN = 4.0

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import QUANTITIES, unknown_key
 from tcc_sim.model.quantity import Quantity
-from tcc_sim.nodes import context
+from tcc_sim.nodes.process import warn
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 
 ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
@@ -65,7 +65,7 @@ def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
     """Warn of the parameters that a node was given and does not have, with the nearest that it has."""
     names = list(known)
     for name in sorted(set(overrides(node)) - {*names, *BUILT_IN}):
-        context.warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
+        warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
 
 
 def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:

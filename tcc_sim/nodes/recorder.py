@@ -28,12 +28,11 @@ from rclpy.qos import DurabilityPolicy
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
-from tcc_sim.nodes import context, signals
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import qos_fields
 from tcc_sim.nodes.parameters import warn_of_unknown
-from tcc_sim.nodes.process import run
-from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, publisher_of
-from tcc_sim.nodes.unsent import UnsentCount
+from tcc_sim.nodes.process import Spinner, log, run, warn
+from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, UnsentCount, publisher_of
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
@@ -101,7 +100,7 @@ class Recorder:
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
-        self._spinner = context.Spinner(node)
+        self._spinner = Spinner(node)
         self._told: dict[str, dict[str, int]] = {}
         self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
                              result=self._part_result)
@@ -173,7 +172,7 @@ class Recorder:
         try:
             self.bag.describe(cdr.read_string(data), log_ns=said_ns)
         except ValueError as error:
-            context.warn(self.node, f"a scene is not understood: {one_line(str(error))}")
+            warn(self.node, f"a scene is not understood: {one_line(str(error))}")
 
     def look(self) -> None:
         """See who publishes: adapt to the quality of service offered, add topics by their type, tell of who is gone."""
@@ -184,7 +183,7 @@ class Recorder:
                 try:
                     self._add(topic, found[topic][0])
                 except InputError as error:
-                    context.warn(self.node, f"{topic} is not recorded: {error}")
+                    warn(self.node, f"{topic} is not recorded: {error}")
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
@@ -199,17 +198,17 @@ class Recorder:
                 now = {bytes(o.endpoint_gid) for o in offered}
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
-                    context.warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording goes on")
+                    warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording goes on")
                 track.publishers = now
 
     def _tell_of_silence(self, track: Track) -> None:
         """Say once that nothing more arrives, and once that it does again."""
         silent = track.messages > 0 and time.monotonic() - track.arrived > SILENCE
         if silent and not track.silence_told:
-            context.warn(
-                self.node, f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording goes on")
+            warn(self.node,
+                 f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording goes on")
         elif track.silence_told and not silent:
-            context.say(self.node, f"{track.topic} is heard again")
+            log(self.node, f"{track.topic} is heard again")
         track.silence_told = silent
 
     def close(self, drain: bool = True) -> str:
@@ -279,7 +278,7 @@ def record(node: Node) -> int:
         recorder = Recorder(node)
     failure: OSError | RecordingError | None = None
     try:
-        context.say(node, f"recording to {recorder.bag.directory}")
+        log(node, f"recording to {recorder.bag.directory}")
         recorder.spin()
     except (OSError, RecordingError) as error:
         failure = error

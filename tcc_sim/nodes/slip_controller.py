@@ -22,10 +22,10 @@ from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
-from tcc_sim.nodes import context, signals
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import LATCHED, poll
 from tcc_sim.nodes.parameters import warn_of_unknown
-from tcc_sim.nodes.process import run
+from tcc_sim.nodes.process import Spinner, log, run
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
@@ -61,11 +61,9 @@ class SlipControllerNode(Node):
     def report(self) -> None:
         """Say what it controls, and with what belief of its plant."""
         tuning = self.controller.tuning
-        context.say(
-            self, f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
-            f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, "
-            f"engine cycle {tuning.cycle_steps:.4g} states of {tuning.step:g} s, "
-            f"at most {tuning.pressure_limit:g} Pa")
+        log(self, f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
+                  f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, engine cycle "
+                  f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
 
     def _on_state(self, state: JointState) -> None:
         """Take a state and those that wait behind it, and answer the last.
@@ -106,6 +104,6 @@ def _spin(node: SlipControllerNode) -> NoReturn:
     """Answer states until the context ends."""
     signals.leave_to_ros()
     node.report()
-    spinner = context.Spinner(node)
+    spinner = Spinner(node)
     while True:
         spinner.once()

@@ -1,4 +1,4 @@
-"""One recorded topic: its subscription, its channels in the bag, and what was lost of it."""
+"""One recorded topic: its subscription, its channels in the bag, and what was lost of it on its way or never sent."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from tcc_sim.errors import counted
 from tcc_sim.nodes.middleware import message_class, poll, subscribe
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
@@ -20,6 +23,8 @@ MOST_PUBLISHERS = 1000
 """Publishers of a topic that are told apart; a driveline that is restarted every minute reaches it in 16 hours."""
 DEPTH = 20_000
 """Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
+MOST_TOPICS = 100
+"""Topics of one driveline whose unsent messages are counted; it has a dozen."""
 _MOST_ASKED = 20
 
 
@@ -125,3 +130,43 @@ class Track:
                   and self._asked[publisher] < _MOST_ASKED]
         self._asked.update(silent)
         return bool(silent)
+
+
+def unsent_message(name: str, counts: Mapping[str, int]) -> bytes:
+    """How many messages the node `name` could not send since its start, by topic, as the message on `unsent_messages`:
+    no gap in a publisher's numbers shows them.
+    """
+    message = DiagnosticStatus(level=DiagnosticStatus.WARN, name=name,
+                               message=f"{counted(sum(counts.values()), 'message')} not sent",
+                               values=[KeyValue(key=topic, value=str(count)) for topic, count in counts.items()])
+    data: bytes = serialize_message(message)
+    return data
+
+
+class UnsentCount:
+    """Adds up what every driveline of a recording could not send, as it says; `most` of them are told apart."""
+
+    def __init__(self, most: int = MOST_PUBLISHERS) -> None:
+        self._most = most
+        self._by_publisher: dict[bytes, dict[str, int]] = {}
+        self._earlier: Counter[str] = Counter()
+
+    def add(self, publisher: bytes, data: bytes) -> None:
+        """Take a message; what is no such message says nothing."""
+        try:
+            values = deserialize_message(data, DiagnosticStatus).values
+        except Exception:
+            # Whatever rclpy makes of bytes that a stranger sent.
+            return
+        counts = {item.key: int(item.value) for item in values[:MOST_TOPICS]
+                  if item.value.isdecimal() and len(item.value) < 19}
+        if publisher not in self._by_publisher and len(self._by_publisher) >= self._most:
+            self._earlier.update(self._by_publisher.pop(next(iter(self._by_publisher))))
+        self._by_publisher[publisher] = counts
+
+    def by_topic(self) -> dict[str, int]:
+        """Messages of all drivelines."""
+        total = Counter(self._earlier)
+        for counts in self._by_publisher.values():
+            total.update(counts)
+        return dict(total)

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.inputs import Command
+from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
 from tcc_sim.nodes.shared_memory import remove_ownerless
 from tcc_sim.plant.closed_loop import INPUTS, Samples
@@ -172,7 +172,7 @@ class Rig:
         return LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
                          refusal=next((command.refusal for command in commands if command.refusal), ""), target=said)
 
-    def _begin(self) -> list[Command]:
+    def _begin(self) -> list[CommandedInput]:
         """The commands that are waited for; the initial state is said when those who take part are there."""
         commands = [command for command in self._loop.commands if command.subscription.get_publisher_count()]
         if self._loop.commands and not commands:
@@ -183,7 +183,7 @@ class Rig:
             self._loop.begin()
         return commands
 
-    def _await_answers(self, commands: list[Command]) -> None:
+    def _await_answers(self, commands: list[CommandedInput]) -> None:
         """Spin the nodes under test until every command that answers the state is there."""
         plant = self._plant
         tick, stamp, since = plant.stepper.tick, plant.stamp_ns, time.monotonic()
@@ -206,7 +206,7 @@ class Rig:
                     self._requests.spin_once(timeout_sec=0.0)
             self._worker.beat()
 
-    def _deliver(self, commands: list[Command]) -> int:
+    def _deliver(self, commands: list[CommandedInput]) -> int:
         """Hand over what arrives before the next tick; how many inputs have nothing new."""
         tick, missed = self._plant.stepper.tick, 0
         for command in commands:

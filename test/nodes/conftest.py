@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from tcc_sim.nodes.children import NodeProcess
-from tcc_sim.nodes.domain import Domain
+from tcc_sim.nodes.children import Domain, NodeProcess
 from tcc_sim.nodes.shared_memory import remove_ownerless
 
 

@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
 from tcc_sim.nodes.driveline import DrivelineNode, spin
-from tcc_sim.nodes.inputs import Command
+from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.topics import topic
 
@@ -94,13 +94,13 @@ class Sender:
         self.pressures = sender.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
         bench.until(lambda: self.torques.get_subscription_count() and self.pressures.get_subscription_count())
 
-    def torque(self, value: float) -> Command:
+    def torque(self, value: float) -> CommandedInput:
         return self._sent(self.torques, cdr.float64(value), self.node.loop.engine_command)
 
-    def pressure(self, value: float) -> Command:
+    def pressure(self, value: float) -> CommandedInput:
         return self._sent(self.pressures, cdr.fluid_pressure(0, value), self.node.loop.pressure_command)
 
-    def _sent(self, publisher: Any, data: bytes, command: Command | None) -> Command:
+    def _sent(self, publisher: Any, data: bytes, command: CommandedInput | None) -> CommandedInput:
         assert command is not None
         count = command.received + command.refused
         publisher.publish(data)
@@ -151,9 +151,10 @@ def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(b
     node = start(bench, scene="commands", command_timeout=0.0, pacing="lockstep", rate=20000.0)
     for name, low, high in (("engine_torque", -TORQUE_MAXIMUM, TORQUE_MAXIMUM), ("actuation_pressure", 0.0,
                                                                                   PRESSURE_MAXIMUM)):
-        command = Command(bench.nodes[0], topic(name), node.loop.plant.check_pressure if low == 0.0 else lambda _: None)
+        command = CommandedInput(bench.nodes[0], topic(name),
+                                 node.loop.plant.check_pressure if low == 0.0 else lambda _: None)
 
-        def take(value: float, command: Command = command) -> bool:
+        def take(value: float, command: CommandedInput = command) -> bool:
             before = command.received
             command.accept(cdr.float64(value) if command.name == "engine_torque" else cdr.fluid_pressure(0, value), 0)
             return command.received > before
@@ -168,7 +169,7 @@ def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(b
 
 def test_the_fallback_comes_at_the_tick_of_the_time_out_and_not_before(bench: Any) -> None:
     node = bench.add(rclpy.create_node("driveline", context=bench.context))
-    command = Command(node, topic("engine_torque"))
+    command = CommandedInput(node, topic("engine_torque"))
     assert command.accept(cdr.float64(5.0), 100)
     command.poll(149, 50.0)
     assert (command.value, command.timeouts) == (5.0, 0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.errors import TccError
-from tcc_sim.nodes.domain import DOMAINS, Domain, ports_in_use
+from tcc_sim.nodes.children import DOMAINS, Domain, ports_in_use
 
 
 def test_no_two_have_the_same_domain_until_it_is_given_back() -> None:

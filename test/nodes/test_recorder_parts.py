@@ -13,9 +13,8 @@ from test_recorder import context as context
 from waiting import until
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import unsent
 from tcc_sim.nodes.middleware import COMMANDS, LATCHED, poll, subscribe
-from tcc_sim.nodes.track import MOST_PUBLISHERS, Track
+from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, UnsentCount, unsent_message
 from tcc_sim.recording.reader import open_run
 
 
@@ -36,7 +35,7 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     for n in range(0, 2000, 200):
         publish(found, publisher, range(n, n + 200))
         found.bag.file.flush()
-    found.unsent.add(b"driveline", unsent.encoded("driveline", {"/joint_states": 3}))
+    found.unsent.add(b"driveline", unsent_message("driveline", {"/joint_states": 3}))
     assert "2001 messages" in (said := found.close())
     assert said.endswith("0 lost, 3 never sent")
     parts = sorted((tmp_path / "run").glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
@@ -55,9 +54,9 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
 
 def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart():
     """Of those that were forgotten the count stays, and is added to."""
-    count = unsent.UnsentCount(most=2)
+    count = UnsentCount(most=2)
     for name, said in (("a", 1), ("b", 10), ("a", 2), ("c", 100), ("d", 1000), ("a", 3)):
-        count.add(name.encode(), unsent.encoded(name, {"/joint_states": said}))
+        count.add(name.encode(), unsent_message(name, {"/joint_states": said}))
     assert count.by_topic() == {"/joint_states": 2 + 10 + 100 + 1000 + 3}
 
 

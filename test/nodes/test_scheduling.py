@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tcc_sim.nodes.scheduling import attend, prepare_thread
+from tcc_sim.nodes.pacing import attend, prepare_thread
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
 _PR_GET_TIMERSLACK = 30

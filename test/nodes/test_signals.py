@@ -107,9 +107,9 @@ ASKED = """
 from tcc_sim.nodes import signals
 signals.take()
 import os, signal, sys, rclpy
-from tcc_sim.nodes import context
+from tcc_sim.nodes import process
 from tcc_sim.nodes.executables import {module}_node
-whole, leave = context.executor_of, signals.leave_to_ros
+whole, leave = process.executor_of, signals.leave_to_ros
 
 def ask():
     os.kill(os.getpid(), signal.{number})
@@ -125,7 +125,7 @@ def wanted(node):
     ask()
     return whole(node)
 
-class Interrupted(context.SingleThreadedExecutor):
+class Interrupted(process.SingleThreadedExecutor):
     def __init__(self, **options):
         ask()
         assert rclpy.ok()
@@ -134,9 +134,9 @@ class Interrupted(context.SingleThreadedExecutor):
 if "{moment}" == "as it is told to":
     signals.leave_to_ros = left
 elif "{moment}" == "before the executor":
-    context.executor_of = wanted
+    process.executor_of = wanted
 else:
-    context.SingleThreadedExecutor = Interrupted
+    process.SingleThreadedExecutor = Interrupted
 sys.argv += ["--ros-args", *{words!r}]
 {module}_node()
 """
@@ -164,14 +164,14 @@ def test_what_is_said_after_the_shutdown_goes_to_standard_error_alone(bench: Any
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
-    from tcc_sim.nodes import context
+    from tcc_sim.nodes import process
 
     node = rclpy.create_node("late", context=bench.context)
     bench.context.handle.shutdown()
-    context.say(node, "first")
-    context.warn(node, "second")
+    process.log(node, "first")
+    process.warn(node, "second")
     with pytest.raises(ExternalShutdownException):
-        context.executor_of(node)
+        process.executor_of(node)
     node.destroy_node()
     assert capfd.readouterr().err == "[INFO] [late]: first\n[WARN] [late]: second\n"
 

@@ -103,17 +103,17 @@ def test_lockstep_gives_the_same_run_to_the_last_bit_with_a_slow_controller(
         bench: Any, tmp_path: Path, controller: Callable[..., SlipControllerNode],
     monkeypatch: pytest.MonkeyPatch) -> None:
     """The second controller lets the driveline look in vain up to 40 times before it answers."""
-    from tcc_sim.nodes import inputs
+    from tcc_sim.nodes import loop_topics
 
     looks, delays = 0, itertools.cycle([0, 3, 1, 17, 0, 0, 41])
-    plain_poll = inputs.poll
+    plain_poll = loop_topics.poll
 
     def counting(*words: Any, **options: Any) -> Any:
         nonlocal looks
         looks += 1
         return plain_poll(*words, **options)
 
-    monkeypatch.setattr(inputs, "poll", counting)
+    monkeypatch.setattr(loop_topics, "poll", counting)
     node = controller()
     messages = []
     for name, slow in (("quick", False), ("slow", True)):
@@ -193,7 +193,7 @@ def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(b
 def test_a_state_that_is_none_is_said_and_the_next_one_answered(bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
     from sensor_msgs.msg import FluidPressure, JointState
 
-    from tcc_sim.nodes.context import Spinner
+    from tcc_sim.nodes.process import Spinner
     from tcc_sim.nodes.slip_controller import QOS
 
     controller = SlipControllerNode(context=bench.context)
@@ -220,7 +220,7 @@ def test_a_parameter_of_a_type_that_there_is_not_is_said_and_the_node_goes_on(
     from rcl_interfaces.msg import ParameterValue
     from rcl_interfaces.srv import GetParameters
 
-    from tcc_sim.nodes.context import Spinner
+    from tcc_sim.nodes.process import Spinner
 
     controller = SlipControllerNode(context=bench.context)
     spinner = Spinner(controller)
