@@ -11,7 +11,7 @@ import numpy as np
 
 from tcc_sim.benchmarks.extremes import ENGINES, MANY, Truth, cases, examine
 from tcc_sim.model.parameters import DEFAULTS
-from tcc_sim.output.markdown import markdown_table
+from tcc_sim.output.tables import markdown_table
 
 Record = dict[str, Any]
 COUNT, QUICK_COUNT = 420, 36

@@ -23,7 +23,7 @@ from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.verdicts import WITHIN
 from tcc_sim.model.parameters import values_of
-from tcc_sim.output.markdown import markdown_table
+from tcc_sim.output.tables import markdown_table
 from tcc_sim.output.terminal import say
 from tcc_sim.scene import load_scene
 

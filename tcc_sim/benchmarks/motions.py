@@ -19,8 +19,8 @@ from tcc_sim.basins.rows import basins
 from tcc_sim.benchmarks.branch_speed import compared, page_lines
 from tcc_sim.errors import BasinsInterrupted, InputError, counted, require
 from tcc_sim.output.files import new_directory, write_json
-from tcc_sim.output.markdown import escape
 from tcc_sim.output.provenance import document
+from tcc_sim.output.tables import escape
 from tcc_sim.output.terminal import say
 from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, behind
 from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system

@@ -9,7 +9,7 @@ from tcc_sim.benchmarks.peers import TIMED
 from tcc_sim.benchmarks.steady_state import comparison
 from tcc_sim.benchmarks.sweep_speed import STRETCHES, speed_rows, speed_summary
 from tcc_sim.benchmarks.work_precision import fastest
-from tcc_sim.output.markdown import markdown_table
+from tcc_sim.output.tables import markdown_table
 from tcc_sim.solvers import SOLVERS
 
 Record = dict[str, Any]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_outputs, check_outputs, draw, present
+from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
 from tcc_sim.errors import require
 from tcc_sim.topics import JOINT_NAMES
 
@@ -52,7 +52,7 @@ def joint_names(text: str) -> dict[str, str]:
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
     from tcc_sim.output.samples import write_samples
-    from tcc_sim.output.table import order_lines
+    from tcc_sim.output.tables import order_lines
     from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
     from tcc_sim.replay.window import Window
@@ -81,6 +81,6 @@ def run(arguments: argparse.Namespace) -> int:
         lines += order_lines(orders)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), recorded=True)
-    draw(arguments, drawn, arguments.recording.name)
+    plot_result(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, lambda: results, lines)
     return 0

@@ -144,7 +144,7 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
         require("distributed", "--dask")
 
 
-def draw(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
+def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
     """Draw a result where --plot asks for it."""
     if arguments.plot is not None:
         from tcc_sim.views.plots import plot
@@ -167,6 +167,13 @@ def present(arguments: argparse.Namespace, scene: Scene | System, values: Callab
         write_json(arguments.json, document(arguments.verb, values(), scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
         say(said)
+
+
+def add_report_arguments(parser: argparse.ArgumentParser, name: str, quick: str) -> None:
+    """Where the report `name` goes, and what `--quick` does."""
+    parser.add_argument("--out", type=Path, default=Path(name), metavar="DIR",
+                        help=f"new directory for {name}.png, .svg, .json and .md (default {name})")
+    parser.add_argument("--quick", action="store_true", help=quick)
 
 
 def add_measurement(parser: argparse.ArgumentParser, shortest: float, default: float) -> None:

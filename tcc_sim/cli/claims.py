@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Judge every claim, print each as it is reached, and write what was asked for."""
     from tcc_sim.output.files import draft
-    from tcc_sim.output.markdown import text
+    from tcc_sim.output.tables import text
     from tcc_sim.paper.catalogue import paper_system
     from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
     from tcc_sim.paper.evidence import Evidence

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, draw, present, scene_of
+from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
 from tcc_sim.errors import counted
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         interrupted = True
     present(arguments, scene, found.as_json, _lines(found))
     if found.branches:
-        draw(arguments, found, scene.name)
+        plot_result(arguments, found, scene.name)
     if interrupted:
         print("tcc-sim: interrupted; what was found until then is kept", file=sys.stderr)
         return 130

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import number
-from tcc_sim.cli.study import seconds_bar
 from tcc_sim.output.files import new_directory
-from tcc_sim.output.terminal import say
+from tcc_sim.output.terminal import say, seconds_bar
 
 if TYPE_CHECKING:
     from tcc_sim.scene import Scene

@@ -23,8 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = scene_of(arguments)
     if arguments.json is not None:
         new_file(arguments.json)
-    from tcc_sim.output.closed_forms import closed_form_lines
-    from tcc_sim.output.explanation import explain
+    from tcc_sim.output.explanation import closed_form_lines, explain
 
     found = explain(scene, cost=arguments.cost)
     say(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_outputs, check_outputs, draw, present
+from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
 from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, [".yaml"])
     with progress_bar("iteration") as bar:
         found = identify(measured, free, scene=scene, noise=noise, likelihood=arguments.likelihood, tick=bar.update)
-    draw(arguments, found, scene.name)
+    plot_result(arguments, found, scene.name)
     present(arguments, scene, found.as_json, _lines(found))
     if not found.accepted:
         print(f"tcc-sim: no fit: {found.why}", file=sys.stderr)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, draw, present, scene_of
+from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
 from tcc_sim.errors import counted
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
             np.savez(file, **found.arrays())  # type: ignore[arg-type]
-    draw(arguments, found, scene.name)
+    plot_result(arguments, found, scene.name)
     present(arguments, scene, found.as_json, _lines(found))
     return 0
 

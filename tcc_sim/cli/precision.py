@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from tcc_sim.cli.study import add_report_arguments, study
+from tcc_sim.cli.arguments import add_report_arguments
 from tcc_sim.errors import require
 from tcc_sim.output.files import new_directory
-from tcc_sim.output.terminal import say
+from tcc_sim.output.terminal import counted_bar, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     effort = precision.QUICK if arguments.quick else precision.FULL
     records, speed = [], None
-    with study("run") as running:
+    with counted_bar("run") as running:
         for record in precision.study(effort, running.done):
             records += [record]
         speed = sweep_speed(effort.speed, running.done)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tcc_sim.cli.arguments import add_measurement, check_measurement, number, write_measurement
-from tcc_sim.cli.study import seconds_bar
-from tcc_sim.output.terminal import say
+from tcc_sim.output.terminal import say, seconds_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

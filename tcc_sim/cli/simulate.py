@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.output.samples import SUFFIXES, write_samples
-    from tcc_sim.output.table import order_lines, simulation_lines
+    from tcc_sim.output.tables import order_lines, simulation_lines
     from tcc_sim.scene import parse_profiles
     from tcc_sim.sweeps.simulation import Plan, simulate
 
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         write_samples(arguments.out, found.trajectory, scene.text())
         lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
-    common.draw(arguments, drawn, scene.name)
+    common.plot_result(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
     common.present(arguments, scene, lambda: results, lines)

@@ -7,9 +7,8 @@ import tempfile
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_measurement, check_measurement, write_measurement
-from tcc_sim.cli.study import seconds_bar
 from tcc_sim.errors import counted
-from tcc_sim.output.terminal import say
+from tcc_sim.output.terminal import say, seconds_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

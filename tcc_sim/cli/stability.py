@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from tcc_sim.cli.study import add_report_arguments, study
+from tcc_sim.cli.arguments import add_report_arguments
 from tcc_sim.errors import counted, require
 from tcc_sim.output.files import new_directory
-from tcc_sim.output.terminal import say
+from tcc_sim.output.terminal import counted_bar, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.provenance import document
 
     records, maps = [], []
-    with study("scene") as running:
+    with counted_bar("scene") as running:
         for record in grid(arguments.quick, running.done):
             records += [record]
         maps = charts(arguments.quick, running.name)

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
     from tcc_sim.output.provenance import said
-    from tcc_sim.output.sweep_table import quantile_lines, sweep_lines
+    from tcc_sim.output.tables import quantile_lines, sweep_lines
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import Grid, Plan, sweep_curves
 
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.json = None  # What the same command would not overwrite is left to it.
     common.present(arguments, scene, found.as_json, lines)
     if not resumable:
-        common.draw(arguments, found, scene.name)
+        common.plot_result(arguments, found, scene.name)
     if ended:
         kept = f"; the same command goes on from {arguments.out}" if resumable else ""
         print(f"tcc-sim: {ended}{kept}", file=sys.stderr)

@@ -19,7 +19,6 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from tcc_sim.errors import InputError
-from tcc_sim.messages.definitions import type_parts
 
 COMMANDS = QoSProfile(depth=100)
 """What the driveline asks of those who send commands; reliable and volatile, as all where nothing else is said."""
@@ -54,6 +53,8 @@ def message_class(type_name: str) -> type:
     InputError
         Not a message type, or its package is not installed.
     """
+    from tcc_sim.messages.definitions import type_parts
+
     package, short = type_parts(type_name)
     try:
         found: type = getattr(import_module(f"{package}.msg"), short)

@@ -1,4 +1,6 @@
-"""Text for a terminal: no line wider than it, and what is broken goes on under the place where its text begins."""
+"""What a terminal shows: lines that are no wider than it, of which what is broken goes on under the place where its
+text begins, and bars for what takes a while.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,9 @@ import re
 import shutil
 import sys
 import textwrap
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 NARROWEST = 40
 """Columns that are filled even where a terminal has fewer."""
@@ -54,3 +59,45 @@ def open_streams() -> None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+class CountedBar:
+    """A bar for what is done part by part.
+
+    complete : whether it came to its end
+    """
+
+    def __init__(self, bar: Any) -> None:
+        self.complete = False
+        self.name = bar.set_description_str
+        self._bar = bar
+
+    def done(self, count: int, total: int, following: str) -> None:
+        """Say how much of it is done, and what comes next."""
+        self._bar.total = total
+        self._bar.set_description_str(following, refresh=False)
+        self._bar.update(count - self._bar.n)
+
+
+@contextmanager
+def counted_bar(unit: str) -> Iterator[CountedBar]:
+    """A bar on a terminal for what Ctrl-C may end early; it then says so, and leaves `complete` False."""
+    from tqdm import tqdm
+
+    with tqdm(unit=unit, disable=None, leave=False) as bar:
+        found = CountedBar(bar)
+        try:
+            yield found
+            found.complete = True
+        except KeyboardInterrupt:
+            print("tcc-sim: interrupted", file=sys.stderr)
+
+
+@contextmanager
+def seconds_bar(name: str, total: float) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal for what runs `total` s; what it gives is called with the seconds done so far."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, desc=name, disable=None, leave=False,
+              bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
+        yield lambda done: bar.update(done - bar.n)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tcc_sim.output.markdown import escape, markdown_table, text
+from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper.claims import TIGHTER, TOLERANCE, Verdict
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
 from tcc_sim.paper.errata import ERRATA, OPEN, RIGHT, engine_speeds

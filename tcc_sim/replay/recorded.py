@@ -22,7 +22,7 @@ from tcc_sim.recording.commands import SOURCE, Commands
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.places import places_of
 from tcc_sim.replay.segments import Segment
-from tcc_sim.replay.timing import Timing, frequency_changes, scene_of, timing_of
+from tcc_sim.replay.timing import Timing, frequency_changes, recorded_scene, timing_of
 from tcc_sim.replay.window import Window
 from tcc_sim.result import Result, html_of
 from tcc_sim.scene import parse_scene
@@ -89,7 +89,7 @@ class Recording(Result):
     def __init__(self, path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
         self._run, self._given, self._joints = open_run(path, joints=joints), scene, joints
-        self.scene = scene_of(self._run, scene)
+        self.scene = recorded_scene(self._run, scene)
 
     def __repr__(self) -> str:
         ended = "complete" if self._run.complete else "cut short"

@@ -28,7 +28,7 @@ from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
 from tcc_sim.replay.recorded import trajectory_of
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog
-from tcc_sim.replay.timing import Pace, Timing, frequency_changes, scene_of, timing_of
+from tcc_sim.replay.timing import Pace, Timing, frequency_changes, recorded_scene, timing_of
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.replay.window import Window
 from tcc_sim.scene import Scene
@@ -83,7 +83,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     """
     began = time.perf_counter()
     run = open_run(path, joints=joints)
-    own = scene_of(run, scene)
+    own = recorded_scene(run, scene)
     if damping:
         _check_damping(own)
     part = window or Window()

@@ -11,7 +11,7 @@ from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.damping import Damping, damping_as_json
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted, printable
-from tcc_sim.output.table import damping_row, rows, summary_rows
+from tcc_sim.output.tables import aligned, damping_row, summary_rows
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
@@ -129,7 +129,7 @@ class Replay(Result):
             if len(self.segments) > SEGMENTS_SHOWN:
                 table.append(("", f"--json has {counted(len(self.segments) - SEGMENTS_SHOWN, 'more segment')}"))
         notes = [f"  note: {text}" for text in self.warnings]
-        lines = [f"{self.path}: {self.scene.description or self.scene.name}", *rows(table), *notes]
+        lines = [f"{self.path}: {self.scene.description or self.scene.name}", *aligned(table), *notes]
         return [printable(line) for line in lines]
 
     def _pace(self) -> list[tuple[str, str]]:

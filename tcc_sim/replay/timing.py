@@ -103,7 +103,7 @@ def frequency_changes(run: Run) -> bool:
                for record, before, after in zip(run.scenes[1:], said, said[1:]))
 
 
-def scene_of(run: Run, given: str | None = None) -> Scene:
+def recorded_scene(run: Run, given: str | None = None) -> Scene:
     """The scene that a recording holds, or the one given where it holds none.
 
     Raises

@@ -16,7 +16,7 @@ import pytest
 from documents import valid
 
 from tcc_sim.cli import main
-from tcc_sim.output.markdown import escape, markdown_table
+from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper import claims, claims_model, mean_pressure, pages
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
-from tcc_sim.output.markdown import escape, markdown_table
+from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper import claims_model, errata, mean_pressure, pages
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import Evidence

@@ -16,7 +16,7 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
-from tcc_sim.output.sweep_table import sweep_lines
+from tcc_sim.output.tables import sweep_lines
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.results import Point

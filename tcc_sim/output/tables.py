@@ -1,0 +1,213 @@
+"""Results as tables: a run, a sweep and its quantiles as lines for a terminal, and Markdown for the pages that commands
+write.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
+from tcc_sim.analysis.summary import Summary, runaway_cause
+from tcc_sim.errors import counted
+
+if TYPE_CHECKING:
+    from tcc_sim.analysis.damping import Damping
+    from tcc_sim.analysis.orders import Orders
+    from tcc_sim.sweeps.exponents import Lyapunov
+    from tcc_sim.sweeps.results import Sweep
+    from tcc_sim.sweeps.scatter import Scattered
+    from tcc_sim.sweeps.simulation import Simulation
+
+SECTION_LINES = 16
+"""Most section points shown."""
+Row = dict[str, Any]
+Column = tuple[str, int, Callable[[Row], str]]
+
+COLUMNS: list[Column] = [
+    ("max |slip|", 11, lambda r: f"{r['max_slip_speed']:.7g}"),
+    ("period", 7, lambda r: _period(r)),
+    ("stick", 6, lambda r: f"{r['stick_fraction']:.4f}"),
+    ("regime", 10, lambda r: str(r["regime"]))]
+"""Heading, width and text of the columns that are always there."""
+DAMPING: list[Column] = [
+    ("Cf (21)", 9, lambda r: _number(r.get("equivalent_damping"))),
+    ("neg. slope", 10, lambda r: _number(r.get("negative_slope_mean")))]
+EXPONENT: list[Column] = [
+    ("exponent", 9, lambda r: _number(r["lyapunov"]["exponent"])),
+    ("+-", 7, lambda r: _half(r["lyapunov"])),
+    ("diagnosis", 14, lambda r: str(r["lyapunov"]["diagnosis"]))]
+QUANTILES = (("max_slip_speed", "largest |slip speed|", "rad/s", 1.0), ("stick_fraction", "in stick", "%", 100.0),
+             ("clutch_energy", "clutch energy", "J", 1.0), ("max_shaft_torque", "largest shaft torque", "N m", 1.0))
+
+
+def aligned(pairs: list[tuple[str, str]]) -> list[str]:
+    """Names and what they are, in two columns."""
+    width = max((len(name) for name, _ in pairs), default=0)
+    return [f"  {name:<{width}}  {value}" for name, value in pairs]
+
+
+def simulation_lines(name: str, found: Simulation) -> list[str]:
+    """A simulation of a scene: how it was solved, its summary, and the extras that were asked for."""
+    run = found.trajectory
+    lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
+             f"{run.statistics.seconds:.3g} s"]
+    pairs = summary_rows(found.summary) if found.summary is not None else [("status", found.status)]
+    if found.summary is not None and found.summary.runaway and run.system is not None:
+        pairs.append(("runaway", runaway_cause(run.system)))
+    if found.damping is not None:
+        pairs.append(damping_row(found.damping))
+    if found.lyapunov is not None:
+        pairs.append(lyapunov_row(found.lyapunov))
+    return [*lines, *aligned(pairs)]
+
+
+def order_lines(found: Orders) -> list[str]:
+    """The orders of a run in a few figures."""
+    pairs = [("orders", f"{counted(len(found.time), 'window')} from {found.frequency.min():.6g} to "
+                        f"{found.frequency.max():.6g} rad/s, up to order {found.order[-1]:g}")]
+    for order, passed in zip(found.torque_order, found.transmissibility.T):
+        pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
+                                          f"{found.frequency[passed.argmax()]:.6g} rad/s"))
+    pairs.append(("judder", f"at most {found.peak.max():.6g} rad/s about the cycle mean, rms {found.rms.max():.6g}; "
+                            f"{found.breakaways.max():.4g} breakaways a second"))
+    return aligned(pairs)
+
+
+def summary_rows(summary: Summary) -> list[tuple[str, str]]:
+    """The figures of a steady state with their units."""
+    if summary.runaway:
+        period = "none: slip grows and never sticks"
+    elif summary.period:
+        period = counted(summary.period, "engine cycle")
+        period += (", settled" if summary.settled else
+                   f", still converging: it changes by {summary.section_change:.1e} of it")
+    else:
+        period = f"none up to {MAXIMUM_PERIOD} engine cycles, as far as can be told yet"
+    out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
+           ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
+           ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]
+    if not summary.cycles:
+        return out
+    out.append(("period", period))
+    for number, (angle, speed) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
+        out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
+    if not summary.period and summary.section:
+        out.append(("section", counted(len(summary.section), "point")))
+    if not math.isnan(summary.clutch_energy):
+        out += [("clutch", f"{summary.clutch_energy:.6g} J turned into heat, at most {summary.peak_power:.6g} W"
+                 + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else "")),
+                ("shaft torque", f"{summary.min_shaft_torque:.6g} to {summary.max_shaft_torque:.6g} N m")]
+    dropped = f"the first {summary.discarded}" if summary.discarded else "none"
+    out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
+    return out
+
+
+def damping_row(found: Damping) -> tuple[str, str]:
+    """The equivalent damping (21) beside what (23) compares it with."""
+    if math.isnan(found.weighted):
+        reason = "no whole engine cycle could be solved" if math.isnan(found.negative_mean) else "there is no slip"
+        return "equivalent damping (21)", f"none: {reason}"
+    return ("equivalent damping (21)",
+            f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
+            f"-C23 is {found.threshold:.4g}")
+
+
+def lyapunov_row(found: Lyapunov) -> tuple[str, str]:
+    """The largest Lyapunov exponent with its confidence interval."""
+    return ("largest Lyapunov exponent", f"{found.exponent:.4g} 1/s, {found.low:.4g} to {found.high:.4g} at "
+            f"{100.0 * found.confidence:g} % confidence: {found.diagnosis}")
+
+
+def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Sequence[float] = (),
+                width: int | None = None) -> list[str]:
+    """A heading and a line per point; a grid has the value of its second key first. Columns beyond the width of the
+    terminal make tables of their own below.
+    """
+    from tcc_sim.sweeps.results import extras_of
+
+    extras = extras_of(sweeps)
+    columns = [*COLUMNS, *(DAMPING if "equivalent_damping" in extras else []),
+               *(EXPONENT if "lyapunov" in extras else [])]
+    keys = [*([second_key] if second_key else []), sweeps[0].curve.key]
+    lines = [", ".join(keys) + "; slip speed in rad/s" + ("; exponent in 1/s" if "lyapunov" in extras else "")
+             + ("; Cf and slope in N m s/rad" if "equivalent_damping" in extras else "")]
+    rows = [("  ".join(f"{x:>12.8g}" for x in ([*second_values[k:k + 1], value])), record)
+            for k, sweep in enumerate(sweeps) for value, record in zip(sweep.curve.values, sweep.records)]
+    start = "  ".join(f"{name.rpartition('.')[2][:12]:>12}" for name in keys)
+    for table in _tables(columns, len(start), width):
+        lines.append(start + "".join(f"  {name:>{wide}}" for name, wide, _ in table))
+        for values, record in rows:
+            if record is None or record["max_slip_speed"] is None:
+                lines.append(f"{values}  {record['status'] if record is not None else 'not solved'}")
+            else:
+                lines.append(values + "".join(f"  {text(record):>{wide}}" for _, wide, text in table))
+    settling = any(record is not None and record["period"] and not record["settled"] for _, record in rows)
+    return [*lines, "* still settling"] if settling else lines
+
+def quantile_lines(found: Scattered) -> list[str]:
+    """Quantiles of the main results over the samples, per value where there is another key."""
+    from tcc_sim.sweeps.scatter import PROBABILITIES
+
+    values = found.sweeps[0].curve.values if found.over else ()
+    lines = [f"{counted(found.tolerances.samples, 'sample')} of "
+             + ", ".join(f"{key} {low:g} to {high:g}" for key, low, high in found.tolerances.bounds)]
+    for name, told, unit, scale in QUANTILES:
+        lines.append(f"{told} ({unit})" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
+        for k, row in enumerate(scale * found.quantiles(name)):
+            start = f"  {found.over} {values[k]:.8g}" if found.over else " "
+            lines.append(start + "".join(f"  {x:.6g}" for x in row))
+    return lines
+
+
+def _tables(columns: list[Column], start: int, width: int | None) -> list[list[Column]]:
+    """The columns in as many tables as the width asks for, each behind `start` characters of keys."""
+    tables: list[list[Column]] = [[]]
+    for column in columns:
+        used = start + sum(2 + wide for _, wide, _ in tables[-1])
+        if width is not None and tables[-1] and used + 2 + column[1] > width:
+            tables.append([])
+        tables[-1].append(column)
+    return tables
+
+
+def _period(record: Row) -> str:
+    """The period in engine cycles, with a star where it has not settled; runaway, or none."""
+    if record["runaway"]:
+        return "runaway"
+    return f"{record['period']}{'' if record['settled'] else '*'}" if record["period"] else "none"
+
+
+def _number(value: float | None) -> str:
+    """Four digits, or none."""
+    return "none" if value is None else f"{value:.4g}"
+
+
+def _half(found: Row) -> str:
+    """Half the width of an interval."""
+    return "none" if found["low"] is None else f"{0.5 * (found['high'] - found['low']):.2g}"
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---",
+                   first: str | None = None) -> list[str]:
+    """The lines of a table; `align` is the rule below every heading: ``---`` to the left, ``---:`` to the right.
+
+    `first` is the rule below the first heading where it is another.
+    """
+    rules = [align if first is None else first, *[align] * (len(head) - 1)]
+    return ["| " + " | ".join(cells) + " |" for cells in (head, rules, *rows)]
+
+
+def escape(words: str) -> str:
+    """Words with the signs that Markdown would take for its own."""
+    return words.replace("|", "\\|").replace("*", "\\*").replace("_", "\\_").replace("<", "&lt;")
+
+
+def text(value: Any) -> str:
+    """Numbers for people, with five digits."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k}: {text(v)}" for k, v in value.items())
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(text(v) for v in value) + "]"
+    return f"{value:.5g}" if isinstance(value, float) else "none" if value is None else str(value)
