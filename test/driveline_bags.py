@@ -5,9 +5,8 @@ import math
 import numpy as np
 
 from tcc_sim.messages import cdr
+from tcc_sim.recording.announcements import holding_from, source_text
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.input_sources import written
-from tcc_sim.recording.scene_records import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import general_terms, holding, terms_of
@@ -37,7 +36,7 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
         rows.append((stepper.tick * TICK, flywheel, angle, v + speed, speed, engine, friction, applied))
 
     def say_source(torque, pressure):
-        source = written({"engine_torque": torque is not None, "actuation_pressure": pressure is not None})
+        source = source_text({"engine_torque": torque is not None, "actuation_pressure": pressure is not None})
         if sources is not None and (stepper.tick == 0 or sources[-1][2] != source):
             sources.append((len(rows), stepper.tick * TICK, source))
 

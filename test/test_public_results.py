@@ -17,7 +17,7 @@ from tcc_sim.basins.compute import Axis
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.recording.trajectory_bag import write_trajectory
+from tcc_sim.output.samples import write_trajectory
 
 AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
 FOLDER = TemporaryDirectory()

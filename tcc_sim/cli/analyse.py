@@ -53,9 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.tables import order_lines
-    from tcc_sim.replay.recorded import read
+    from tcc_sim.replay.recorded import Window, read
     from tcc_sim.replay.replay import replay
-    from tcc_sim.replay.window import Window
 
     window = Window(arguments.run, arguments.start, arguments.end)
     check_outputs(arguments, (".csv", ".npz"), arguments.rrd)

@@ -32,7 +32,7 @@ from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.process import Spinner, Throttle, log, run, warn
-from tcc_sim.recording.scene_records import holding_from
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import Scene
 
 SWITCH_INTERVAL = 1e-4

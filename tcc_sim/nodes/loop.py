@@ -25,7 +25,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread
 from tcc_sim.plant.driveline import Plant, Reading
-from tcc_sim.recording.input_sources import written
+from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
 from tcc_sim.topics import topic
 
@@ -296,7 +296,7 @@ class RealTimeLoop:
         commanded = [command.value is not None for command in self.commands]
         if commanded != self._said_commanded:
             self._said_commanded = commanded
-            source = written(dict(zip((command.name for command in self.commands), commanded)))
+            source = source_text(dict(zip((command.name for command in self.commands), commanded)))
             self.outputs.say("input_source", cdr.header(stamp_ns, source))
 
     def _await_subscribers(self) -> bool:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.errors import check_suffix
+from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
-from tcc_sim.trajectory import Trajectory
+from tcc_sim.topics import topic
+from tcc_sim.trajectory import Trajectory, integral
 
 if TYPE_CHECKING:
     from tcc_sim.basins.compute import Axis, Basins
@@ -37,8 +39,6 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         columns["actuation_pressure"], units["actuation_pressure"] = load / system.torque_per_pressure, "Pa"
     with draft(path) as part:
         if path.suffix == ".mcap":
-            from tcc_sim.recording.trajectory_bag import write_trajectory
-
             write_trajectory(part, trajectory, scene_text)
         elif path.suffix == ".npz":
             np.savez(part, **columns, units=np.array(list(units.values())), scene=np.array(scene_text))
@@ -50,6 +50,42 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
                     file.writelines(f"# {line}\n" for line in (named, *scene_text.splitlines()))
                 file.write(",".join(columns) + "\n")
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+
+
+def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None) -> None:
+    """Write joint_states, slip_speed, friction_torque and stick_slip_state of every sample to a new MCAP file, as the
+    driveline node would have published them.
+
+    All times in it are simulation time. The flywheel angle, where the trajectory has none, is the plate angle plus the
+    integral of the slip speed (trapezoidal rule) from 0.
+
+    Raises
+    ------
+    RecordingError
+        The file exists or cannot be created.
+    """
+    from tcc_sim.recording.mcap_file import McapFile
+
+    flywheel = trajectory.flywheel_angle
+    if flywheel is None:
+        flywheel = trajectory.plate_angle + integral(trajectory.slip_speed, trajectory.t)
+    columns = (flywheel, trajectory.plate_angle, trajectory.slip_speed + trajectory.plate_speed, trajectory.plate_speed,
+               trajectory.engine_torque, trajectory.friction_torque)
+    stamps = np.rint(trajectory.t * 1e9).astype(np.int64).tolist()
+    output = McapFile(path, scene_text)
+    try:
+        joints, slip, friction, state = (output.channel(f"/{name}", topic(name).type) for name in
+                                         ("joint_states", "slip_speed", "friction_torque", "stick_slip_state"))
+        for stamp, slip_speed, mode, *values in zip(stamps, trajectory.slip_speed.tolist(), trajectory.state.tolist(),
+                                                    *(column.tolist() for column in columns)):
+            output.write(joints, stamp, stamp, cdr.joint_state(stamp, *values))
+            output.write(slip, stamp, stamp, cdr.float64(slip_speed))
+            output.write(friction, stamp, stamp, cdr.float64(values[-1]))
+            output.write(state, stamp, stamp, cdr.int8(mode))
+        output.close({"lost": {}, "solver": trajectory.solver})
+    except BaseException:
+        output.abandon()
+        raise
 
 
 def write_basins(path: Path, found: Sequence[Basins], over: Axis | None) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tcc_sim.recording.announcements import read_source
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.input_sources import read_source
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER
 

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 from tcc_sim.errors import one_line
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
+from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
 from tcc_sim.recording.records import DamagedChunk, Record
-from tcc_sim.recording.scene_records import SceneRecord
 
 MOST_TOPICS = 4096
 """Channels, and types, that a recording may describe; records of more are passed over."""

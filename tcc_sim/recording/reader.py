@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.recording import records
+from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.batches import JointStates, PressureJoin, joined, joint_states, layout_of, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
-from tcc_sim.recording.scene_records import SceneRecord
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_NAMES, JOINT_STATE
 

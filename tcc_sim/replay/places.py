@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tcc_sim.recording.announcements import InputSource, SceneRecord
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.input_sources import InputSource
 from tcc_sim.recording.reader import Run, Tap
-from tcc_sim.recording.scene_records import SceneRecord
 
 MOST_SCENES = 10_000
 """Scenes of a recording that are followed."""

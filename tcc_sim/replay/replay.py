@@ -19,18 +19,17 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
+from tcc_sim.recording.announcements import MOST_SOURCES, input_sources
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Commands, Rows
-from tcc_sim.recording.input_sources import MOST_SOURCES, input_sources
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
-from tcc_sim.replay.recorded import trajectory_of
+from tcc_sim.replay.recorded import Window, trajectory_of
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog
 from tcc_sim.replay.timing import Pace, Timing, frequency_changes, recorded_scene, timing_of
 from tcc_sim.replay.verification import Verifier
-from tcc_sim.replay.window import Window
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats, Trajectory, modes_of
@@ -75,7 +74,7 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     Examples
     --------
     >>> import tcc_sim
-    >>> from tcc_sim.recording.trajectory_bag import write_trajectory
+    >>> from tcc_sim.output.samples import write_trajectory
     >>> scene = tcc_sim.load_scene("slip")
     >>> write_trajectory(folder / "slip.mcap", tcc_sim.solve(scene, cycles=60, samples_per_cycle=50), scene.text())
     >>> tcc_sim.analyse(folder / "slip.mcap", discard=30).summary.regime

@@ -20,8 +20,7 @@ from tcc_sim.nodes.shared_memory import remove_ownerless
 from tcc_sim.plant.closed_loop import INPUTS, Samples
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
-from tcc_sim.testing.run import ControllerFailed, LockstepRun
-from tcc_sim.testing.worker import Worker
+from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
 PATIENCE = 20.0

@@ -89,7 +89,7 @@ def test_what_is_too_short_or_too_coarse_is_refused():
 
 def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
     from tcc_sim.cli import main
-    from tcc_sim.recording.trajectory_bag import write_trajectory
+    from tcc_sim.output.samples import write_trajectory
 
     scene = ramp("minimal", 80.0, 160.0, 3.0)
     run = solve(scene, duration=3.0, samples_per_cycle=64, flywheel_angle=True, solver="fixed_step")

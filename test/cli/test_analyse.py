@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
+from tcc_sim.output.samples import write_trajectory
 from tcc_sim.plant.closed_loop import closed_loop
-from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory

@@ -19,7 +19,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from child_output import without_compiling
 
 from tcc_sim.cli import main
-from tcc_sim.recording.input_sources import input_sources
+from tcc_sim.recording.announcements import input_sources
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve

@@ -12,10 +12,10 @@ import yaml
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import CARRIED, definition, installed
+from tcc_sim.output.samples import write_trajectory
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.batches import PressureJoin
 from tcc_sim.recording.reader import open_run
-from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.topics import topic
 
 SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"

@@ -9,9 +9,8 @@ from driveline_bags import bag, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
-from tcc_sim.output.samples import write_samples
+from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.plant.driveline import Plant
-from tcc_sim.recording.trajectory_bag import write_trajectory
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve

@@ -8,7 +8,7 @@ import pytest
 from driveline_bags import START, TICK, bag, by_hand, ticked
 
 from tcc_sim.cli import main
-from tcc_sim.recording.scene_records import holding_from
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.segments import MOST_SEGMENTS
