@@ -23,13 +23,13 @@ from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import SENDING
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.process import log, run
+from tcc_sim.nodes.process import log, run_node
 from tcc_sim.scene import load_scene
 
 
 def main(args: list[str] | None = None) -> int:
     """Send commands until SIGINT or SIGTERM."""
-    return run("commander", lambda: rclpy.create_node("commander"), send, args)
+    return run_node("commander", lambda: rclpy.create_node("commander"), send, args)
 
 
 def send(node: Node) -> int:

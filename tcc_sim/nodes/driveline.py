@@ -31,7 +31,7 @@ from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
-from tcc_sim.nodes.process import Spinner, Throttle, log, run, warn
+from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import Scene
 
@@ -237,7 +237,7 @@ def spin(node: DrivelineNode) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run("driveline_node", DrivelineNode, _run, args)
+    return run_node("driveline_node", DrivelineNode, _run, args)
 
 
 def _run(node: DrivelineNode) -> int:

@@ -112,7 +112,7 @@ class Operator:
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
         known = self._listeners(row.name)
-        self._until(settled(lambda: (publisher.get_subscription_count(), known())), MET_WITHIN)
+        self._until(all_met(lambda: (publisher.get_subscription_count(), known())), MET_WITHIN)
         publisher.publish(data)
         self._until(lambda: heard or applied() == value, HEARD_WITHIN)
         # A recorder may be served later than the driveline.
@@ -188,7 +188,7 @@ class Operator:
         return True
 
 
-def settled(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:
+def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:
     """Tells whether everyone who is known to listen is connected, and nobody else has been for SETTLED seconds: a
     command whose sender is gone at once is not heard by a recorder that it has not met by then.
 

@@ -51,7 +51,7 @@ def _created(create: Callable[[], N]) -> N:
         raise
 
 
-def run(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequence[str] | None = None) -> int:
+def run_node(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequence[str] | None = None) -> int:
     """Run a node's process: initialise ROS, create the node, run `body` with it, and give the exit status.
 
     Until `body` calls `signals.leave_to_ros`, since there is something to end in order, SIGINT, SIGTERM and SIGHUP end
@@ -110,7 +110,7 @@ def executor_of(node: Node) -> SingleThreadedExecutor:
     ExternalShutdownException
         The context has been shut down.
     """
-    with signals.held():
+    with signals.deferred():
         if not node.context.ok():
             raise ExternalShutdownException
         executor = SingleThreadedExecutor(context=node.context)
@@ -121,7 +121,7 @@ def executor_of(node: Node) -> SingleThreadedExecutor:
 
 def log(node: Node, sentence: str, warning: bool = False) -> None:
     """Log a sentence; on standard error alone where the context was shut down, since /rosout is then no more."""
-    with signals.held():
+    with signals.deferred():
         if not node.context.ok():
             sys.stderr.write(f"[{'WARN' if warning else 'INFO'}] [{node.get_logger().name}]: {sentence}\n")
         elif warning:

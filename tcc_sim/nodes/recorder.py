@@ -31,7 +31,7 @@ from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import qos_fields
 from tcc_sim.nodes.parameters import warn_of_unknown
-from tcc_sim.nodes.process import Spinner, log, run, warn
+from tcc_sim.nodes.process import Spinner, log, run_node, warn
 from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, UnsentCount, publisher_of
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
@@ -270,10 +270,10 @@ def _default_name() -> str:
     return datetime.now().strftime("tcc_sim_%Y_%m_%d-%H_%M_%S")
 
 
-def record(node: Node) -> int:
+def _record(node: Node) -> int:
     """Record until a signal; the exit status."""
     # A bag that was opened is closed in order: a signal waits until there is somebody to do that.
-    with signals.held():
+    with signals.deferred():
         signals.leave_to_ros()
         recorder = Recorder(node)
     failure: OSError | RecordingError | None = None
@@ -304,4 +304,4 @@ def record(node: Node) -> int:
 
 def main(args: list[str] | None = None) -> int:
     """Run the recorder node."""
-    return run("recorder", lambda: rclpy.create_node("recorder"), record, args)
+    return run_node("recorder", lambda: rclpy.create_node("recorder"), _record, args)

@@ -4,7 +4,7 @@ A node's process takes them before it imports NumPy, Numba and rclpy, and a thre
 into a pipe. While the process starts (imports, ROS 2, compiling) nothing is open that has to be saved, and a signal
 ends it at once with status 0; where a call of the middleware holds the interpreter, by itself (`left_to_the_system`).
 Once `leave_to_ros` was called a signal shuts the ROS 2 context down, and the node ends in order; it does so between two
-`held` blocks, never within one.
+`deferred` blocks, never within one.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def left_to_the_system() -> Iterator[None]:
 
 
 @contextmanager
-def held() -> Iterator[None]:
+def deferred() -> Iterator[None]:
     """Within it no signal shuts the context down, and in a command none is a KeyboardInterrupt; one that comes
     meanwhile has its effect afterwards.
     """

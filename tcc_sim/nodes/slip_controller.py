@@ -25,7 +25,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import LATCHED, poll
 from tcc_sim.nodes.parameters import warn_of_unknown
-from tcc_sim.nodes.process import Spinner, log, run
+from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
@@ -97,7 +97,7 @@ class SlipControllerNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run("slip_controller_node", SlipControllerNode, _spin, args)
+    return run_node("slip_controller_node", SlipControllerNode, _spin, args)
 
 
 def _spin(node: SlipControllerNode) -> NoReturn:

@@ -287,7 +287,7 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
             try:
                 while True:
                     # What was taken is shown whole: between the two nothing may end.
-                    with signals.held():
+                    with signals.deferred():
                         watcher.drain(view)
                     time.sleep(DRAIN_PERIOD)
             except KeyboardInterrupt:

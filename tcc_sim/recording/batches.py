@@ -57,7 +57,7 @@ class JointStates:
         return replace(self, index=self.index + first, **columns)
 
 
-def joined(batches: Sequence[JointStates]) -> JointStates:
+def merged_batches(batches: Sequence[JointStates]) -> JointStates:
     """Batches of one run one after the other; no applied pressure unless all of them have it."""
     columns: dict[str, Any] = {name: np.concatenate([getattr(batch, name) for batch in batches])
                                for name, column in vars(batches[0]).items() if isinstance(column, np.ndarray)

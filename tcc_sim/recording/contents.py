@@ -13,7 +13,7 @@ from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
-from tcc_sim.recording.records import DamagedChunk, Record
+from tcc_sim.recording.records import DamagedChunk, McapRecord
 
 MOST_TOPICS = 4096
 """Channels, and types, that a recording may describe; records of more are passed over."""
@@ -153,12 +153,12 @@ def _pairs(body: bytes, position: int, longest: int = _LONGEST_DEFINITION) -> di
     return values
 
 
-def chunks(stream: Iterable[Record], contents: Contents) -> Iterator[tuple[Record, list[bytes]]]:
+def chunks(stream: Iterable[McapRecord], contents: Contents) -> Iterator[tuple[McapRecord, list[bytes]]]:
     """Chunks with their index records; everything else goes into `contents`.
 
     Messages outside chunks come as one record of opcode MESSAGE whose body holds many of them.
     """
-    chunk: Record | None = None
+    chunk: McapRecord | None = None
     indexes: list[bytes] = []
     loose = bytearray()
     for record in stream:
@@ -173,17 +173,17 @@ def chunks(stream: Iterable[Record], contents: Contents) -> Iterator[tuple[Recor
         elif record.opcode == records.MESSAGE:
             loose += struct.pack("<BQ", record.opcode, len(record.body)) + record.body
             if len(loose) > _UNCHUNKED:
-                yield Record(records.MESSAGE, record.offset, bytes(loose)), []
+                yield McapRecord(records.MESSAGE, record.offset, bytes(loose)), []
                 loose.clear()
         else:
             contents.add(record.opcode, record.body)
     if chunk is not None:
         yield chunk, indexes
     if loose:
-        yield Record(records.MESSAGE, 0, bytes(loose)), []
+        yield McapRecord(records.MESSAGE, 0, bytes(loose)), []
 
 
-def unpack(chunk: Record, indexes: list[bytes], contents: Contents,
+def unpack(chunk: McapRecord, indexes: list[bytes], contents: Contents,
            expansion: records.Expansion) -> tuple[bytes, records.Messages]:
     """The bytes of a chunk and where its messages are; schemas and channels in it go into `contents`.
 
@@ -193,14 +193,14 @@ def unpack(chunk: Record, indexes: list[bytes], contents: Contents,
         The chunk cannot be used.
     """
     data = chunk.body if chunk.opcode == records.MESSAGE else records.unpack_chunk(chunk.body, expansion)
-    messages = records.locate(data, indexes)
+    messages = records.find_messages(data, indexes)
     for opcode, offset, length in messages.others:
         if opcode in (records.SCHEMA, records.CHANNEL):
             contents.add(opcode, data[offset:offset + length], checked=True)
     return data, messages
 
 
-def first_channels(stream: Iterable[Record], contents: Contents, wanted: str, expansion: records.Expansion) -> None:
+def first_channels(stream: Iterable[McapRecord], contents: Contents, wanted: str, expansion: records.Expansion) -> None:
     """Read chunks until one more than the first with a channel of type `wanted`: where no index names the topics."""
     enough = False
     for chunk, indexes in chunks(stream, Contents()):

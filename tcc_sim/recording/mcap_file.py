@@ -68,7 +68,7 @@ class _Output:
 
 
 @dataclass(frozen=True)
-class Topic:
+class TopicMetadata:
     """A channel as it was announced: fully resolved name, message type, quality of service, publisher (or empty)."""
 
     name: str
@@ -153,9 +153,9 @@ class McapFile:
         InputError
             The type has no definition here and none was given.
         """
-        return self.announce(Topic(topic, type_name, tuple(qos), schema or definition(type_name), publisher))
+        return self.announce(TopicMetadata(topic, type_name, tuple(qos), schema or definition(type_name), publisher))
 
-    def announce(self, topic: Topic) -> int:
+    def announce(self, topic: TopicMetadata) -> int:
         """Announce a topic and get its channel."""
         key = (topic.type, topic.definition.text)
         if key not in self._schemas:
@@ -231,7 +231,7 @@ class FileSummary:
     name: str
     first_ns: int = (1 << 63) - 1
     last_ns: int = 0
-    topics: dict[int, Topic] = field(default_factory=dict)
+    topics: dict[int, TopicMetadata] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
 
     @property
@@ -250,7 +250,7 @@ def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
 
 def information(files: Sequence[FileSummary]) -> dict[str, Any]:
     """What metadata.yaml says of a bag of these files (rosbag2_bagfile_information, version 9)."""
-    topics, counts = dict[tuple[str, str], Topic](), Counter[tuple[str, str]]()
+    topics, counts = dict[tuple[str, str], TopicMetadata](), Counter[tuple[str, str]]()
     for file in files:
         for channel, topic in file.topics.items():
             topics.setdefault((topic.name, topic.type), topic)

@@ -15,9 +15,9 @@ from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
-from tcc_sim.recording.batches import JointStates, PressureJoin, joined, joint_states, layout_of, pressures
+from tcc_sim.recording.batches import JointStates, PressureJoin, joint_states, layout_of, merged_batches, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
-from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, Record, RecordStream, Warnings
+from tcc_sim.recording.records import DamagedChunk, Expansion, McapRecord, Messages, RecordStream, Warnings
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_NAMES, JOINT_STATE
 
@@ -73,9 +73,9 @@ class Run:
         contents = Contents()
         with open_file(path) as file:
             size = file.seek(0, 2)
-            first_channels(named(path, RecordStream(file)), contents, JOINT_STATE, Expansion(size))
+            first_channels(records_of(path, RecordStream(file)), contents, JOINT_STATE, Expansion(size))
             stream = RecordStream(file, chunks=False)
-            for record in named(path, stream):
+            for record in records_of(path, stream):
                 contents.add(record.opcode, record.body)
         self._contents[path] = contents
         self.size += size
@@ -116,7 +116,7 @@ class Run:
         runs: dict[int, list[JointStates]] = {}
         for batch in self.batches():
             runs.setdefault(batch.run, []).append(batch)
-        return joined(max(runs.values(), key=lambda batches: sum(map(len, batches))))
+        return merged_batches(max(runs.values(), key=lambda batches: sum(map(len, batches))))
 
     def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
         """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
@@ -178,7 +178,7 @@ class Run:
         seen, unchecked = Counter[int](), False
         with open_file(path) as file:
             stream, expansion = RecordStream(file, warnings=self.warnings), Expansion(file.seek(0, 2))
-            for chunk, indexes in chunks(named(path, stream), contents):
+            for chunk, indexes in chunks(records_of(path, stream), contents):
                 try:
                     data, messages = unpack(chunk, indexes, contents, expansion)
                 except DamagedChunk as error:
@@ -295,7 +295,7 @@ def open_file(path: Path) -> BinaryIO:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def named(path: Path, stream: RecordStream) -> Iterator[Record]:
+def records_of(path: Path, stream: RecordStream) -> Iterator[McapRecord]:
     """The stream's records; errors name the file."""
     try:
         yield from stream

@@ -88,7 +88,7 @@ class Expansion:
         self.left -= count
 
 
-class Record(NamedTuple):
+class McapRecord(NamedTuple):
     """One record of a file: what it is, where it starts and its body (empty where it was skipped)."""
 
     opcode: int
@@ -110,7 +110,7 @@ class RecordStream:
     complete: bool = False
     warnings: Warnings = field(default_factory=Warnings)
 
-    def __iter__(self) -> Iterator[Record]:
+    def __iter__(self) -> Iterator[McapRecord]:
         size = self.file.seek(0, 2)
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
@@ -133,7 +133,7 @@ class RecordStream:
                 position = found
                 continue
             wanted = opcode not in _SKIPPED and (self.chunks or opcode not in (CHUNK, MESSAGE_INDEX, MESSAGE))
-            yield Record(opcode, position, self.file.read(length) if wanted else b"")
+            yield McapRecord(opcode, position, self.file.read(length) if wanted else b"")
             if opcode == FOOTER:
                 self.file.seek(end)
                 self.complete = self.file.read(len(MAGIC)) == MAGIC
@@ -218,7 +218,7 @@ class Messages(NamedTuple):
     """Opcode, offset and length of the bodies of all other records (schemas, channels)."""
 
 
-def locate(data: bytes, indexes: list[bytes]) -> Messages:
+def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
     """Find the messages by the chunk's index records where these tile the chunk without a gap, else record by record.
 
     Raises

@@ -17,7 +17,7 @@ from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.model.parameters import System
-from tcc_sim.recording.batches import JointStates, joined
+from tcc_sim.recording.batches import JointStates, merged_batches
 from tcc_sim.recording.commands import SOURCE, Commands, Rows
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.places import places_of
@@ -313,7 +313,7 @@ def trajectory_of(batches: Sequence[JointStates], system: System, clock: EngineC
 
     The saturation torque is that of the pressure that was applied, or of the scene; NaN where nobody says.
     """
-    states, terms = joined(batches), terms_of(system)
+    states, terms = merged_batches(batches), terms_of(system)
     t, slip_speed = states.stamp_ns.astype(np.float64) * 1e-9, states.flywheel_speed - states.plate_speed
     load = np.full(len(t), math.nan)
     if system.pressure.source != "topic":

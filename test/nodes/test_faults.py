@@ -193,7 +193,7 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
             "from tcc_sim.nodes import signals\n"
             "signals.take()\n"
             "import rclpy\n"
-            "from tcc_sim.nodes.process import run\n"
+            "from tcc_sim.nodes.process import run_node\n"
             "def body(node):\n"
             "    signals.leave_to_ros()\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
@@ -201,7 +201,7 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
             "    while rclpy.ok(): pass\n"
             "    print(saved)\n"
             "    return 0\n"
-            "sys.exit(run('saver', lambda: rclpy.create_node('saver'), body, []))\n")
+            "sys.exit(run_node('saver', lambda: rclpy.create_node('saver'), body, []))\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "300000\n", "")

@@ -225,11 +225,11 @@ def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[.
 
 
 def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_comes() -> None:
-    from tcc_sim.nodes.operator import SETTLED, settled
+    from tcc_sim.nodes.operator import SETTLED, all_met
 
     times = iter([0.0, 0.0, 0.0, 0.9, 0.95, 0.95, 0.94 + SETTLED, 0.96 + SETTLED, 0.97 + SETTLED, 0.97 + SETTLED])
     counts = iter([(1, 1), (1, 1), (2, 2), (2, 2), (2, 2), (2, 3), (3, 3)])
-    complete = settled(lambda: next(counts), lambda: next(times))
+    complete = all_met(lambda: next(counts), lambda: next(times))
     # The clock is looked at when the count changes, and where all who are known are connected.
     assert [complete() for _ in range(7)] == [False, False, False, False, True, False, False]
 

@@ -183,7 +183,7 @@ def test_ctrl_c_in_a_command_waits_for_what_must_be_whole() -> None:
     done = []
 
     def hold() -> None:
-        with signals.held():
+        with signals.deferred():
             signal.raise_signal(signal.SIGINT)
             done.append("whole")
 

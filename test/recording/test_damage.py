@@ -162,18 +162,18 @@ def test_messages_are_found_without_an_index_too(original):
     start = data.index(b"\x04\0\0\0zstd") - 37
     length = struct.unpack_from("<Q", data, start + 1)[0]
     chunk = records.unpack_chunk(data[start + 9:start + 9 + length], records.Expansion(len(data)))
-    walked = records.locate(chunk, [])
+    walked = records.find_messages(chunk, [])
     position, indexes = start + 9 + length, []
     while data[position] == records.MESSAGE_INDEX:
         length = struct.unpack_from("<Q", data, position + 1)[0]
         indexes.append(data[position + 9:position + 9 + length])
         position += 9 + length
-    tiled = records.locate(chunk, indexes)
+    tiled = records.find_messages(chunk, indexes)
     for one, other in zip(walked[:3], tiled[:3]):
         assert (one == other).all()
     assert walked.others == tiled.others
     # An index that leaves messages out is not believed.
-    fewer = records.locate(chunk, indexes[1:])
+    fewer = records.find_messages(chunk, indexes[1:])
     assert (fewer.offset == walked.offset).all()
 
 
