@@ -16,10 +16,9 @@ from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
-from tcc_sim.recording.announcements import SceneRecord
+from tcc_sim.recording.announcements import ScenePlace, SceneRecord
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import SOURCE, SOURCE_BITS, TARGET, Rows
-from tcc_sim.replay.places import ScenePlace
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.trajectory import Floats
 

@@ -17,10 +17,10 @@ from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.model.parameters import System
+from tcc_sim.recording.announcements import places_of
 from tcc_sim.recording.batches import JointStates, merged_batches
 from tcc_sim.recording.commands import SOURCE, Commands, Rows
 from tcc_sim.recording.reader import open_run
-from tcc_sim.replay.places import places_of
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing, frequency_changes, recorded_scene, timing_of
 from tcc_sim.result import Result, html_of

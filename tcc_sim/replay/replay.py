@@ -19,12 +19,11 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
-from tcc_sim.recording.announcements import MOST_SOURCES, input_sources
+from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES, found_places, input_sources, places_of, watched
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Commands, Rows
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.replay.control_log import ControlLog
-from tcc_sim.replay.places import MOST_SCENES, found_places, places_of, watched
 from tcc_sim.replay.recorded import Window, trajectory_of
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, SegmentLog

@@ -20,9 +20,8 @@ from test_live_changes import Recorded, exactly
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS
-from tcc_sim.recording.announcements import input_sources
+from tcc_sim.recording.announcements import ScenePlace, input_sources
 from tcc_sim.recording.reader import open_run
-from tcc_sim.replay.places import ScenePlace
 from tcc_sim.replay.verification import Verifier
 from tcc_sim.scene import load_scene, parse_scene
 

@@ -3,10 +3,9 @@
 import pytest
 from driveline_bags import START, TICK, bag, ticked
 
-from tcc_sim.recording.announcements import SceneRecord, holding_from, input_sources
+from tcc_sim.recording.announcements import Places, ScenePlace, SceneRecord, holding_from, input_sources
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.reader import open_run
-from tcc_sim.replay.places import Places, ScenePlace
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 
