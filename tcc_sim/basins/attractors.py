@@ -14,14 +14,21 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tcc_sim.basins.proximity import UNDECIDED, Attractor, Motion, ProximityMapper, follow, section_of
+from tcc_sim.basins.proximity import (
+    UNDECIDED,
+    Attractor,
+    DynamicalSystem,
+    ProximityMapper,
+    labelled,
+    section_points,
+)
 from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.continuation.newton import minimal_period, multipliers_of, newton
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.shooting import Shooting
 
 
-def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attractor] = (),
+def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequence[Attractor] = (),
                     settings: Settings = DEFAULTS) -> list[Attractor]:
     """The attractors to which motions from the `seeds` (n,) lead, those `known` first, with validated radii.
 
@@ -32,7 +39,7 @@ def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attract
     found, transients = list(known), list[Attractor]()
     for seed in seeds:
         mapper = ProximityMapper(found, scales, forcing)
-        (label,), _ = follow(of, mapper, np.asarray(seed)[None], settings.settling, settings)
+        (label,), _ = labelled(of, mapper, np.asarray(seed)[None], settings.settling, settings)
         if label != UNDECIDED:
             continue
         attractor = _settle(of, seed, transients, settings)
@@ -42,13 +49,13 @@ def find_attractors(of: Motion, seeds: Iterable[Floats], known: Sequence[Attract
     return found
 
 
-def _settle(of: Motion, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
+def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
     """The attractor that a motion comes to, without its radius; None where it runs away or cannot be solved, or stays
     on one of the `transients`, to which a new one is added.
     """
     x, cycle, length = seed, 0, settings.settling
     while cycle < settings.longest:
-        points = section_of(of, x, cycle, length)
+        points = section_points(of, x, cycle, length)
         if len(points) < length + 1 or of.runs_away(points[-1:])[0]:
             return None
         x, cycle = points[-1], cycle + length
@@ -68,15 +75,15 @@ def _settle(of: Motion, seed: Floats, transients: list[Attractor], settings: Set
     return cloud
 
 
-def _cloud(of: Motion, x: Floats, cycle: int, settings: Settings) -> Attractor | None:
+def _cloud(of: DynamicalSystem, x: Floats, cycle: int, settings: Settings) -> Attractor | None:
     """The section points of a motion without a period, until further ones lie among them; None where it runs away."""
     # A quasi-periodic motion beside a resonance is for thousands of cycles on a few arcs of its curve, and on other
     # ones where it was started elsewhere.
-    points = section_of(of, x, cycle, settings.cloud)
+    points = section_points(of, x, cycle, settings.cloud)
     for k in range(1, settings.most_clouds + 1):
         if len(points) < k * settings.cloud + 1 or of.runs_away(points[-1:])[0]:
             return None
-        more = section_of(of, points[-1], cycle + k * settings.cloud, settings.cloud)[1:]
+        more = section_points(of, points[-1], cycle + k * settings.cloud, settings.cloud)[1:]
         tree = cKDTree(points / of.map.scales)
         if len(more) == settings.cloud and np.mean(tree.query(more / of.map.scales)[0] > _spread(tree)) <= settings.new:
             break
@@ -90,7 +97,7 @@ def _spread(points: cKDTree) -> float:
     return float(np.quantile(points.query(points.data, k=2)[0][:, 1], 0.99))
 
 
-def _left(of: Motion, cloud: Attractor, settings: Settings) -> tuple[bool, Attractor | None]:
+def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bool, Attractor | None]:
     """Whether a motion from beside a cloud leaves it, and the orbit that it comes to; None where it runs away."""
     # A chaotic set that is none of the attractors keeps motions for a time that differs from one to the next.
     scales, random = of.map.scales, np.random.default_rng(2)
@@ -112,7 +119,7 @@ def _left(of: Motion, cloud: Attractor, settings: Settings) -> tuple[bool, Attra
     return False, None
 
 
-def _repeating(of: Motion, points: Floats, cycle: int, settings: Settings) -> Attractor | None:
+def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settings) -> Attractor | None:
     """The stable orbit near the last points, whose last one is at `cycle`; None where there is none."""
     scales, forcing = of.map.scales, of.map.forcing_period
     back = cycle % forcing
@@ -129,7 +136,7 @@ def _repeating(of: Motion, points: Floats, cycle: int, settings: Settings) -> At
         multipliers = multipliers_of(of.map.evaluate(x, (), 0, true_period).jacobian)
         if abs(multipliers[0]) >= 1.0 or np.linalg.norm((x - points[last]) / scales) > 4.0 * settings.near:
             continue
-        section = section_of(of, x, 0, true_period)[:-1]
+        section = section_points(of, x, 0, true_period)[:-1]
         return Attractor(true_period, section, np.arange(true_period) % forcing, multipliers,
                          of.largest(x, 0, true_period))
     return None
@@ -155,7 +162,7 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
     return bool(np.mean(there.query(here.data)[0] <= max(_spread(there), settings.same_cloud)) > settings.shared)
 
 
-def _validated(of: Motion, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
+def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
     """The attractors with radii: apart from each other, and such that motions from the sphere come back to each."""
     # Each radius is halved until all of the probes from its sphere end at the attractor.
     out = []
@@ -175,7 +182,7 @@ def _validated(of: Motion, found: Sequence[Attractor], settings: Settings) -> li
     return out
 
 
-def _captures(of: Motion, attractor: Attractor, radius: float, settings: Settings) -> bool:
+def _captures(of: DynamicalSystem, attractor: Attractor, radius: float, settings: Settings) -> bool:
     """Whether motions from the sphere of this radius come back to the attractor."""
     random = np.random.default_rng(1)
     tree = cKDTree(attractor.section / of.map.scales)
@@ -186,7 +193,7 @@ def _captures(of: Motion, attractor: Attractor, radius: float, settings: Setting
         start = attractor.section[k] + radius * away / np.linalg.norm(away) * of.map.scales
         first = k if attractor.period else int(attractor.phases[k])
         for cycle in range(first, first + settings.probe_cycles, 4 * settings.longest_period):
-            points = section_of(of, start, cycle, 4 * settings.longest_period)
+            points = section_points(of, start, cycle, 4 * settings.longest_period)
             if len(points) < 4 * settings.longest_period + 1:
                 return False
             if tree.query(points[-settings.longest_period:] / of.map.scales)[0].max() <= max(within, settings.same):

@@ -1,31 +1,47 @@
 """Basins of attraction in a plane of two initial conditions: every cell followed until it is at an attractor.
 
 Cells are labelled by proximity to attractors with validated radii (`attractors`); a motion that is sure to run away has
-a label of its own, and one that has not decided within the cycles allowed is counted, never guessed. Uncertainty
-exponent of the boundary: C. Grebogi, S. W. McDonald, E. Ott, J. A. Yorke, Final state sensitivity, Phys. Lett. A 99
-(1983).
+a label of its own, and one that has not decided within the cycles allowed is counted, never guessed. Rows of cells are
+done on all cores or a Dask cluster, into a file from which they can go on. Uncertainty exponent of the boundary:
+C. Grebogi, S. W. McDonald, E. Ott, J. A. Yorke, Final state sensitivity, Phys. Lett. A 99 (1983).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor
-from tcc_sim.basins.settings import DEFAULTS as DEFAULT_SETTINGS
+from tcc_sim import __version__
+from tcc_sim.basins.attractors import find_attractors
+from tcc_sim.basins.driveline import DrivelineMotion
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled
+from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.continuation.problem import Floats
-from tcc_sim.errors import InputError, counted
-from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
+from tcc_sim.errors import BasinsInterrupted, InputError, counted
+from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
+from tcc_sim.model.parameters import System, replace, unknown_key, values_of
 from tcc_sim.result import Result
+from tcc_sim.scene import Scene, system_of
+from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
+from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.trajectory import State
 
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
-
+FORMAT = "tcc_sim basin_rows 1"
+Row = tuple[list[int], list[int]]
+Stored = tuple[int, int, dict[str, Any]]
+"""Index of the value, row, and what stands in the file."""
 Labels = NDArray[np.int16]
 Counts = NDArray[np.int32]
 
@@ -104,7 +120,7 @@ class Basins(Result):
 
     def __repr__(self) -> str:
         """A line for the plane and one for each attractor."""
-        return "\n".join(self.lines(DEFAULT_SETTINGS.attractors_shown))
+        return "\n".join(self.lines(DEFAULTS.attractors_shown))
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
@@ -132,16 +148,16 @@ def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
     if len(plane) != 2:
         raise InputError(f"a plane has 2 axes; {len(plane)} are given")
     for axis in plane:
-        if axis.key not in DEFAULTS:
-            raise unknown_key(axis.key, DEFAULTS)
+        if axis.key not in SCENE_KEYS:
+            raise unknown_key(axis.key, SCENE_KEYS)
         if axis.key not in PLANE_KEYS:
             raise InputError(f"{axis.key} is no initial condition; a plane is made of two of {', '.join(PLANE_KEYS)}")
     if plane[0].key == plane[1].key:
         raise InputError(f"{plane[0].key} is given twice; a plane is made of two keys")
     cells = len(plane[0].values) * len(plane[1].values)
-    if cells > DEFAULT_SETTINGS.most_cells:
+    if cells > DEFAULTS.most_cells:
         raise InputError(f"the plane has {cells} cells; it must have at most "
-                         f"{DEFAULT_SETTINGS.most_cells}")
+                         f"{DEFAULTS.most_cells}")
     return plane[0], plane[1]
 
 
@@ -156,7 +172,7 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
     """(seeds + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, a Halton set."""
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
-    unit = np.concatenate([edges, halton(DEFAULT_SETTINGS.seeds, 2)])
+    unit = np.concatenate([edges, halton(DEFAULTS.seeds, 2)])
     out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
     for axis, part in zip(plane, unit.T):
         low, high = min(axis.values), max(axis.values)
@@ -174,7 +190,7 @@ def halton(count: int, dimensions: int) -> Floats:
 def boundary_of(labels: Labels) -> Boundary | None:
     """The uncertainty exponent of a map of labels, from cells that differ from one a few away along either axis."""
     sizes, parts = [], []
-    for k in DEFAULT_SETTINGS.distances:
+    for k in DEFAULTS.distances:
         if k >= min(labels.shape):
             break
         along = [labels[:, k:] != labels[:, :-k], labels[k:] != labels[:-k]]
@@ -187,3 +203,119 @@ def boundary_of(labels: Labels) -> Boundary | None:
     (slope, _), covariance = np.polyfit(sizes, parts, 1, cov="unscaled")
     rest = np.array(parts) - np.polyval(np.polyfit(sizes, parts, 1), sizes)
     return Boundary(float(slope), float(np.sqrt(covariance[0, 0] * (rest @ rest) / max(len(sizes) - 2, 1))))
+
+
+def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
+    """Labels and cycles of one row of cells; what a worker does."""
+    motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
+    mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
+    labels, cycles = labelled(motion, mapper, starts(system, plane, row), most)
+    return labels.tolist(), cycles.tolist()
+
+
+def basins(scene: Scene | System | str, plane: Sequence[Axis], *, cycles: int = DEFAULTS.cycles,
+           over: Axis | None = None, jobs: int | None = None, dask: str | None = None, part: Path | None = None,
+           progress: bool = False, said: Mapping[str, Any] | None = None) -> list[Basins]:
+    """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
+
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    plane : two axes of initial.* keys
+    cycles : most engine cycles that a cell is followed, 16 to 1000000
+    over : a scene key and its values; the plane is worked out for each
+    jobs : threads; all available cores by default
+    dask : address of a Dask scheduler whose workers do the work instead
+    part : file that takes every row as it is done, and from which the same call goes on
+    said : what the first line of that file says besides, such as the command
+    progress : show a bar on a terminal
+
+    Raises
+    ------
+    InputError
+        A wrong plane, number of cycles or jobs, or a file that holds something else.
+    BasinsInterrupted
+        Ctrl-C; what was done stands in `part`.
+
+    Examples
+    --------
+    >>> from tcc_sim.basins.compute import Axis
+    >>> plane = [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))]
+    >>> found, = basins("stick", plane)
+    >>> found.fraction(0)
+    1.0
+    """
+    system = system_of(scene)
+    axes = check_plane(plane)
+    if over is not None and over.key in (axes[0].key, axes[1].key):
+        raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
+    if not 16 <= cycles <= 1_000_000:
+        raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
+    systems = [system] if over is None else [replace(system, {over.key: x}) for x in over.values]
+    for each in systems:
+        DrivelineMotion(each)
+    stored: list[Stored] = []
+    out: list[Basins] = []
+    try:
+        with workers(jobs, dask) as (executor, there), closing(
+                SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
+                          kind="basin map", said=said)) as file, progress_bar(
+                    "row", len(systems) * len(axes[1].values), shown=progress) as bar:
+            for index, each in enumerate(systems):
+                mine = [(row, record) for i, row, record in stored if i == index]
+                found = _one(each, axes, cycles, mine, executor, there, partial(file.append, index), bar.update)
+                value = None if over is None else (over.key, over.values[index])
+                out.append(dataclasses.replace(found, over=value))
+    except KeyboardInterrupt:
+        raise BasinsInterrupted from None
+    return out
+
+
+def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
+         executor: Executor, there: Attendance, keep: Callable[[int, dict[str, Any]], None],
+         tick: Callable[[], object]) -> Basins:
+    """One plane: attractors from seeds, rows, and attractors again from the cells that came to none."""
+    began = time.perf_counter()
+    motion = DrivelineMotion(system)
+    shape = len(plane[1].values), len(plane[0].values)
+    labels, cycles = np.full(shape, UNDECIDED, np.int16), np.zeros(shape, np.int32)
+    attractors, missing = find_attractors(motion, seeds_of(system, plane)), set(range(shape[0]))
+
+    def solved(rows: set[int]) -> Iterator[int]:
+        """The rows as they are done."""
+        waiting = iter(sorted(rows))
+        for row, found in each_done(there, lambda: next(waiting, None), lambda row: executor.submit(
+                solve_row, system, plane, row, attractors, most)):
+            labels[row], cycles[row] = found
+            yield row
+
+    for row, found in stored:
+        # Those of a file that the same attractors were not known for are solved again.
+        if found["attractors"] == len(attractors) and len(found["labels"]) == shape[1] == len(found["cycles"]):
+            labels[row], cycles[row] = found["labels"], found["cycles"]
+            missing.discard(row)
+            tick()
+    for row in solved(missing):
+        keep(row, {"attractors": len(attractors), "labels": labels[row].tolist(), "cycles": cycles[row].tolist()})
+        tick()
+    for _ in range(DEFAULTS.rounds):
+        lost = np.argwhere(labels == UNDECIDED)
+        if not len(lost):
+            break
+        chosen = lost[np.unique(np.linspace(0, len(lost) - 1, DEFAULTS.searched).astype(int))]
+        seeds = [starts(system, plane, int(j))[int(i)] for j, i in chosen]
+        more = find_attractors(motion, seeds, attractors)
+        if len(more) == len(attractors):
+            break
+        shrunk = any(a.radius < b.radius for a, b in zip(more, attractors))
+        attractors = more
+        for _ in solved(set(range(shape[0]) if shrunk else lost[:, 0].tolist())):
+            pass
+    return Basins(plane, tuple(attractors), labels, cycles, time.perf_counter() - began)
+
+
+def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | None) -> dict[str, Any]:
+    """What tells one piece of work from another."""
+    axes = [{"key": axis.key, "values": list(axis.values)} for axis in plane]
+    return {"version": __version__, "plane": axes, "cycles": cycles, "scene": dict(values_of(system)),
+            "over": None if over is None else {"key": over.key, "values": list(over.values)}}

@@ -1,4 +1,4 @@
-"""A scene of the driveline as a `Motion`: sections of many cycles by its fast engine, and what running away is."""
+"""A scene of the driveline as a `DynamicalSystem`: sections of many cycles by its fast engine; what running away is."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ Labels = NDArray[np.int64]
 Counts = NDArray[np.int64]
 
 
-class Motion(Protocol):
+class DynamicalSystem(Protocol):
     """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
 
     map: ParameterMap
@@ -39,7 +39,7 @@ class Motion(Protocol):
         """The largest size of the motion over some cycles."""
 
 
-def section_of(of: Motion, x: Floats, first: int, cycles: int) -> Floats:
+def section_points(of: DynamicalSystem, x: Floats, first: int, cycles: int) -> Floats:
     """(m + 1, n) states of one motion at the starts of its cycles; m < cycles where it cannot be solved further."""
     points = of.sections(np.asarray(x, dtype=np.float64)[None], first, cycles)[0]
     out: Floats = points[np.isfinite(points).all(axis=1)]
@@ -121,7 +121,7 @@ class ProximityMapper:
         return labels, after
 
 
-def follow(of: Motion, mapper: ProximityMapper, starts: Floats, most: int,
+def labelled(of: DynamicalSystem, mapper: ProximityMapper, starts: Floats, most: int,
            settings: Settings = DEFAULTS) -> tuple[Labels, Counts]:
     """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
 

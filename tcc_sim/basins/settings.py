@@ -40,7 +40,7 @@ class Settings:
     cycles: int = quantity(600, "longest that a cell is followed", "cycles")
     chunk: int = quantity(4, "time after which motions are first asked where they are", "cycles")
 
-    # The cells of a plane (`compute.py`, `rows.py`, `driveline.py`).
+    # The cells of a plane (`compute.py`, `driveline.py`).
     seeds: int = quantity(48, "cells of the plane from which attractors are looked for, beside its corners and middle")
     rounds: int = quantity(3, "how often attractors are looked for again from the cells that came to none known")
     searched: int = quantity(24, "undecided cells from which they are then looked for")

@@ -13,9 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.basins.compute import Axis, Basins
+from tcc_sim.basins.compute import Axis, Basins, basins
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
-from tcc_sim.basins.rows import basins
 from tcc_sim.benchmarks.branch_speed import compared, page_lines
 from tcc_sim.errors import BasinsInterrupted, InputError, counted, require
 from tcc_sim.output.files import new_directory, write_json

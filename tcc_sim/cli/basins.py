@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
-    from tcc_sim.basins.rows import basins
+    from tcc_sim.basins.compute import basins
     from tcc_sim.output.files import draft
     from tcc_sim.output.provenance import said
 

@@ -10,10 +10,9 @@ import pytest
 from textbook_maps import TextbookMap
 
 from tcc_sim.basins.attractors import find_attractors
-from tcc_sim.basins.compute import Axis, boundary_of, halton
+from tcc_sim.basins.compute import Axis, basins, boundary_of, halton
 from tcc_sim.basins.driveline import DrivelineMotion, mean_load
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, follow, section_of
-from tcc_sim.basins.rows import basins
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled, section_points
 from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
@@ -49,7 +48,7 @@ class Iterated:
         return np.abs(points).max(axis=1) > 1e3
 
     def largest(self, x, first, cycles):
-        return float(np.abs(section_of(self, x, first, cycles)).max())
+        return float(np.abs(section_points(self, x, first, cycles)).max())
 
 
 def newton_for_cube_roots(x, p):
@@ -81,8 +80,8 @@ def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_it
     assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
     mapper = ProximityMapper(found, of.map.scales, 1)
     cells = 4.0 * halton(300, 2) - 2.0
-    for cell, k in zip(cells, follow(of, mapper, cells, DEFAULTS.cycles)[0]):
-        assert abs(complex(*section_of(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
+    for cell, k in zip(cells, labelled(of, mapper, cells, DEFAULTS.cycles)[0]):
+        assert abs(complex(*section_points(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
 
 
 def test_two_fixed_points_and_what_runs_away():
@@ -91,7 +90,7 @@ def test_two_fixed_points_and_what_runs_away():
     assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
     mapper = ProximityMapper(found, of.map.scales, 1)
     cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
-    *labels, fast, middle = follow(of, mapper, cells, DEFAULTS.cycles)[0]
+    *labels, fast, middle = labelled(of, mapper, cells, DEFAULTS.cycles)[0]
     for x, k in zip(cells[:, 0], labels):
         assert found[k].section[0, 0] == pytest.approx(_end(x))
     assert fast == RUNAWAY
@@ -112,7 +111,7 @@ def test_a_strange_attractor_is_one_cloud():
     wide.map.scales = 7.0 * of.map.scales  # Points of the cloud lie as near to each other in any unit.
     assert len(found[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
     mapper = ProximityMapper(found, of.map.scales, 1)
-    assert follow(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
+    assert labelled(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
 
 
 C, S = (f(2.0 * np.pi * (1.0 / 7.0 + 1e-5)) for f in (math.cos, math.sin))
@@ -214,17 +213,17 @@ def test_basins_end_where_they_do_for_motions_solved_finely(law):
     mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
     v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 7))
     cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
-    labels = follow(fine, mapper, cells.reshape(-1, 3), 100)[0].reshape(v.shape)
+    labels = labelled(fine, mapper, cells.reshape(-1, 3), 100)[0].reshape(v.shape)
     rows, columns = np.nonzero(labels[:, 1:] != labels[:, :-1])
     low, high = cells[rows, columns], cells[rows, columns + 1]
     assert len(rows) > 9
     width, before = high - low, labels[rows, columns]
     for _ in range(14):
         middle = 0.5 * (low + high)
-        same = (follow(fine, mapper, middle, 100)[0] == before)[:, None]
+        same = (labelled(fine, mapper, middle, 100)[0] == before)[:, None]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     for start in (low - 1e-4 * width, high + 1e-4 * width):
-        assert follow(coarse, mapper, start, 100)[0].tolist() == follow(fine, mapper, start, 100)[0].tolist()
+        assert labelled(coarse, mapper, start, 100)[0].tolist() == labelled(fine, mapper, start, 100)[0].tolist()
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])

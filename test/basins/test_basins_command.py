@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from test_basins import COEXISTENCE
 
-from tcc_sim.basins import rows as basin_rows
-from tcc_sim.basins.compute import Axis
-from tcc_sim.basins.rows import basins
+from tcc_sim.basins import compute
+from tcc_sim.basins.compute import Axis, basins
 from tcc_sim.cli import main
 
 PLANE = ["--plane", "initial.slip_speed=0:120:5", "--plane", "initial.plate_angle=-0.1:0.3:4"]
@@ -42,7 +41,7 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
     plane = (Axis("initial.slip_speed", (0.0, 60.0, 120.0)), Axis("initial.plate_angle", (0.0, 0.1, 0.2)))
     whole, = basins(COEXISTENCE, plane)
     part = tmp_path / "b.part"
-    rows, solve_row = itertools.count(), basin_rows.solve_row
+    rows, solve_row = itertools.count(), compute.solve_row
 
     def broken(*task):
         if next(rows) == 2:
@@ -51,7 +50,7 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
             raise KeyboardInterrupt
         return solve_row(*task)
 
-    monkeypatch.setattr(basin_rows, "solve_row", broken)
+    monkeypatch.setattr(compute, "solve_row", broken)
     with pytest.raises(KeyboardInterrupt):
         basins(COEXISTENCE, plane, jobs=1, part=part)
     monkeypatch.undo()

@@ -11,7 +11,7 @@ from documents import keys_of, valid
 from jsonschema import Draft202012Validator, ValidationError
 
 from tcc_sim import cli
-from tcc_sim.basins import rows as basin_rows
+from tcc_sim.basins import compute
 from tcc_sim.model.parameters import System
 from tcc_sim.output import provenance
 from tcc_sim.scene import load_scene
@@ -138,7 +138,7 @@ def test_basins_and_the_file_of_their_rows(more: tuple[str, ...], folder: Path) 
     assert len(rows) == 2 * (2 if more else 1)
     for row in rows:
         judge.validate(row)
-    assert provenance.format_of("basin_rows") == basin_rows.FORMAT
+    assert provenance.format_of("basin_rows") == compute.FORMAT
 
 
 def test_explain_and_a_figure(folder: Path) -> None:
