@@ -20,9 +20,9 @@ from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
-from tcc_sim.estimation.multiple_shooting import Fit, Settings, fit
-from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.estimation.verdicts import Gates, Parameter, judged, why_not
+from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.verdicts import Parameter, judged, why_not
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
@@ -89,7 +89,7 @@ class Identification(Result):
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
              scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, likelihood: str | None = None,
-             settings: Settings | None = None, gates: Gates | None = None,
+             settings: FitSettings | None = None, gates: Gates | None = None,
              tick: Callable[[], None] | None = None) -> Identification:
     """Free parameters of a scene from a measurement.
 
@@ -121,7 +121,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     (True, 3000.0)
     """
     began = time.perf_counter()
-    settings, gates = settings or Settings(), gates or Gates()
+    settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene))
     starts = _starts(scene, free)
     keys = tuple(starts)
@@ -215,7 +215,7 @@ def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str
     return {name: float((given or {}).get(name, 0.0)) or noise_of(column) for name, column in measured.channels.items()}
 
 
-def _best(model: Model, levels: dict[str, float], begin: Floats, limit: float, settings: Settings, gates: Gates,
+def _best(model: Model, levels: dict[str, float], begin: Floats, limit: float, settings: FitSettings, gates: Gates,
           tick: Callable[[], None] | None) -> tuple[Fit, int]:
     """The best of the fits from starts around `begin`, up to the first one below the limit, and how many were tried."""
     best: Fit | None = None
@@ -248,7 +248,7 @@ def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
     return out
 
 
-def _profile(model: Model, noise: dict[str, float], settings: Settings, found: Fit, key: str,
+def _profile(model: Model, noise: dict[str, float], settings: FitSettings, found: Fit, key: str,
              errors: Floats) -> Likelihood:
     """The least chi-square while `key` is held at values around its own, the others being fitted again."""
     at = model.keys.index(key)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
-from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, settle
+from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, operating_point
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result, json_of
@@ -154,7 +154,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     asked = _frequencies(system, frequencies)
     if not 0 <= check <= len(asked):
         raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")
-    motion = settle(system, slip)
+    motion = operating_point(system, slip)
     found = _about_constant(motion, input, output, asked) if isinstance(motion, Constant) \
         else _about_periodic(motion, input, output, asked)
     if check == 0:

@@ -17,56 +17,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.estimation.normal_equations import Normal
-from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, Swept, states_of, sweep
-from tcc_sim.model.quantity import quantity
+from tcc_sim.estimation.settings import FitSettings, Stage
+from tcc_sim.estimation.windows import (
+    KINETIC,
+    NEAR_ONE,
+    OFFSETS,
+    STATIC,
+    Model,
+    Sensitivities,
+    sensitivities,
+    states_of,
+)
 from tcc_sim.trajectory import Floats
 
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
 """Place of a channel in the state."""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage of the fit.
-
-    window : s of a window
-    weight : of continuity, per squared noise
-    tolerance : relative change of the cost at which the stage ends
-    iterations : most
-    robust : mean square of a window's residuals, over the median of them (at least 1), from which on it counts less
-        and less; infinite where all windows count alike
-    """
-
-    window: float
-    weight: float
-    tolerance: float
-    iterations: int
-    robust: float = math.inf
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How the fit is made.
-
-    The stages go from windows all but free to long ones that are all but one motion: short ones with a great weight
-    creep.
-    """
-
-    stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
-                                 Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
-                                 Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
-    layer: float = quantity(0.03, "slip speed within which a start in stick is held", "rad/s")
-    joined: float = quantity(1e3, "weight from which on starts in stick are no longer held")
-    stuck: float = quantity(4.0, "slip speeds below so many standard deviations of the noise count as stick in a "
-                            "window's start")
-    largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
-    angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
 
 
 @dataclass(frozen=True)
@@ -89,7 +61,7 @@ class Fit:
     gap: float
 
 
-def fit(model: Model, noise: dict[str, float], values: Floats, settings: Settings, stages: tuple[Stage, ...] = (),
+def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSettings, stages: tuple[Stage, ...] = (),
         starts: Floats | None = None, tick: Callable[[], None] | None = None) -> Fit:
     """Fit a measurement from `values` on.
 
@@ -108,7 +80,7 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: Setting
     """
     width = 0
     for stage in stages or settings.stages:
-        problem = Shooting(model, noise, settings, stage.window)
+        problem = MultipleShooting(model, noise, settings, stage.window)
         if starts is None:
             starts = problem.first_starts(values)
         elif width and width != problem.width:
@@ -119,10 +91,10 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: Setting
     return problem.result(values, starts, stage.weight)
 
 
-class Shooting:
+class MultipleShooting:
     """The least-squares problem of one measurement in windows of one length, s."""
 
-    def __init__(self, model: Model, noise: dict[str, float], settings: Settings, window: float) -> None:
+    def __init__(self, model: Model, noise: dict[str, float], settings: FitSettings, window: float) -> None:
         self.model, self.settings = model, settings
         measured = model.measured
         self.width = min(max(4, round(window / measured.step)), len(measured.t) // 2)
@@ -168,7 +140,7 @@ class Shooting:
                 tick: Callable[[], None] | None) -> tuple[Floats, Floats]:
         """One stage: parameters and starts."""
         damping, n = 1e-3, self.model.substeps(values)
-        found = sweep(self.model, starts, self.width, values, n)
+        found = sensitivities(self.model, starts, self.width, values, n)
         for _ in range(stage.iterations):
             rows = self._rows(found.states, starts, stage.weight)
             limit = stage.robust * max(1.0, float(np.median(np.mean(rows**2, axis=1))))
@@ -178,7 +150,7 @@ class Shooting:
                 try:
                     by_start, by_key, _ = normal.solved(damping)
                     tried, moved = self._moved(values, by_key), starts + by_start * self.scales
-                    there = sweep(self.model, moved, self.width, tried, n)
+                    there = sensitivities(self.model, moved, self.width, tried, n)
                     now = self._cost(self._rows(there.states, moved, stage.weight), limit)
                 except (NumericalFailure, np.linalg.LinAlgError):
                     now = math.inf
@@ -242,7 +214,7 @@ class Shooting:
         bound = limit * rows.shape[1]
         return float(np.sum(squares if math.isinf(bound) else bound * np.log1p(squares / bound)))
 
-    def _normal(self, rows: Floats, found: Swept, values: Floats, weight: float, limit: float) -> Normal:
+    def _normal(self, rows: Floats, found: Sensitivities, values: Floats, weight: float, limit: float) -> Normal:
         """The normal equations by all starts, in their scales, and all parameters: logarithms, but for offsets."""
         m, size, root = self.count, len(values), math.sqrt(weight)
         by = np.concatenate([found.by_start * self.scales, found.by_key * np.where(self.logarithmic, values, 1.0)], 3)
@@ -267,7 +239,7 @@ class Shooting:
 
     def result(self, values: Floats, starts: Floats, weight: float) -> Fit:
         """The fit with its covariance."""
-        found = sweep(self.model, starts, self.width, values, self.model.substeps(values))
+        found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
         rows = self._rows(found.states, starts, weight)
         scale = np.where(self.logarithmic, values, 1.0)
         covariance = self._normal(rows, found, values, weight, math.inf).covariance() * np.outer(scale, scale)
@@ -276,3 +248,62 @@ class Shooting:
                    {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
                    float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1),
                    float(np.abs(rows[:, -4:-1]).max()))
+
+
+class Normal(NamedTuple):
+    """Normal equations of m windows, each of which knows its own start, the next one's, and the P parameters.
+
+    own : (m, 3, 3) of the starts
+    following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
+    border : (m, 3, P) of the starts and the parameters
+    corner : (P, P) of the parameters
+    slope, slope_by_key : (m, 3), (P,) right-hand sides
+    """
+
+    own: Floats
+    following: Floats
+    border: Floats
+    corner: Floats
+    slope: Floats
+    slope_by_key: Floats
+
+    def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
+        """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The equations are singular.
+        """
+        m, size = len(self.own), len(self.corner)
+        banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
+        for i in range(3):
+            for j in range(3):
+                if j >= i:
+                    banded[5 + i - j, j::3] = self.own[:, i, j]
+                banded[2 + i - j, 3 + j::3] = self.following[:, i, j]
+        banded[5] *= 1.0 + damping
+        banded[5] += 1e-300
+        right = np.concatenate([self.border.reshape(3 * m, size), self.slope.reshape(3 * m, 1)], axis=1)
+        found = solveh_banded(banded, right)
+        corner = self.corner + damping * np.diag(np.diag(self.corner))
+        both = right[:, :size].T @ found
+        covariance = np.linalg.inv(corner - both[:, :size])
+        by_key = -covariance @ (self.slope_by_key - both[:, size])
+        by_start = -found[:, size] - found[:, :size] @ by_key
+        return by_start.reshape(m, 3), by_key, 0.5 * (covariance + covariance.T)
+
+    def covariance(self) -> Floats:
+        """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
+
+        Raises
+        ------
+        NumericalFailure
+            The equations are singular.
+        """
+        for damping in (0.0, 1e-13, 1e-11, 1e-9):
+            try:
+                return self.solved(damping)[2]
+            except np.linalg.LinAlgError:
+                continue
+        raise NumericalFailure("the parameters' covariance cannot be worked out")

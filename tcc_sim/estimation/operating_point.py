@@ -85,7 +85,7 @@ class Periodic:
         return self.period * self.system.cycle
 
 
-def settle(system: System, slip: float | None) -> Constant | Periodic:
+def operating_point(system: System, slip: float | None) -> Constant | Periodic:
     """The motion that the scene settles in, or the one whose slip speed has the mean `slip`.
 
     Parameters
@@ -132,7 +132,7 @@ def _constant(system: System, slip: float | None) -> Constant:
                          f"{system.friction_ratio * terms.mean_load:g} N m; give --slip or another pressure")
     if terms.smoothing is None:
         return Constant(system, 0.0, math.inf, 0.0)
-    run = solve(system, cycles=400, rtol=1e-10, samples_per_cycle=0).raise_for_status()
+    run = solve(system, cycles=DEFAULTS.cycles, rtol=DEFAULTS.rtol, samples_per_cycle=0).raise_for_status()
     v = run.final.slip_speed
     if abs(v) > stick_speed_of(terms):
         return _at(system, terms, v)

@@ -1,10 +1,11 @@
 """The settings of the room: tolerances, lengths and bounds of measurements, settled motions and their responses.
 
-How a fit is made and judged is in `multiple_shooting.Settings` and `verdicts.Gates`, which callers of `identify` give.
+How a fit is made and judged is in `FitSettings` and `Gates`, which callers of `identify` may give.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from tcc_sim.model.quantity import quantity
@@ -39,3 +40,57 @@ class Settings:
 
 
 DEFAULTS = Settings()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the fit.
+
+    window : s of a window
+    weight : of continuity, per squared noise
+    tolerance : relative change of the cost at which the stage ends
+    iterations : most
+    robust : mean square of a window's residuals, over the median of them (at least 1), from which on it counts less
+        and less; infinite where all windows count alike
+    """
+
+    window: float
+    weight: float
+    tolerance: float
+    iterations: int
+    robust: float = math.inf
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How the fit is made.
+
+    The stages go from windows all but free to long ones that are all but one motion: short ones with a great weight
+    creep.
+    """
+
+    stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
+                                 Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
+                                 Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
+    layer: float = quantity(0.03, "slip speed within which a start in stick is held", "rad/s")
+    joined: float = quantity(1e3, "weight from which on starts in stick are no longer held")
+    stuck: float = quantity(4.0, "slip speeds below so many standard deviations of the noise count as stick in a "
+                            "window's start")
+    largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
+    angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
+
+
+@dataclass(frozen=True)
+class Gates:
+    """What a fit must keep to count as one, and a parameter to count as identified."""
+
+    known: float = quantity(1.2, "largest chi-square a degree of freedom where the noise was given")
+    estimated: float = quantity(1.5, "largest chi-square a degree of freedom where the noise was estimated")
+    gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
+    relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
+    correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
+    starts: int = quantity(5, "fits that are tried, the first from the given values, the others from a Sobol set "
+                           "around them")
+    spread: float = quantity(0.15, "spread of that set, relative")
+    drift: float = quantity(0.15, "largest difference between the phases of the data's first and last quarter and the "
+                            "scene's", "rad")

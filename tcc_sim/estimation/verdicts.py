@@ -10,29 +10,13 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit
+from tcc_sim.estimation.settings import Gates
 from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, states_of
 from tcc_sim.model.parameters import QUANTITIES, System
-from tcc_sim.model.quantity import quantity
 from tcc_sim.trajectory import Floats
 
 WITHIN = 1.959963984540054
 """Standard errors on either side of a 95 % interval."""
-
-
-@dataclass(frozen=True)
-class Gates:
-    """What a fit must keep to count as one, and a parameter to count as identified."""
-
-    known: float = quantity(1.2, "largest chi-square a degree of freedom where the noise was given")
-    estimated: float = quantity(1.5, "largest chi-square a degree of freedom where the noise was estimated")
-    gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
-    relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
-    correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
-    starts: int = quantity(5, "fits that are tried, the first from the given values, the others from a Sobol set "
-                           "around them")
-    spread: float = quantity(0.15, "spread of that set, relative")
-    drift: float = quantity(0.15, "largest difference between the phases of the data's first and last quarter and the "
-                            "scene's", "rad")
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ class Model:
             raise NumericalFailure(str(error)) from None
 
 
-class Swept(NamedTuple):
+class Sensitivities(NamedTuple):
     """All windows: states (m, W + 1, 3), derivatives by the start (m, W + 1, 3, 3) and the keys (m, W + 1, 3, P)."""
 
     states: Floats
@@ -124,10 +124,10 @@ def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) 
     return _advanced(model, starts, width, model.drive(values)._replace(by=np.empty((ROWS, 0))), n)[0]
 
 
-def sweep(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Swept:
+def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Sensitivities:
     """The states of every window with their derivatives."""
     states, derivatives = _advanced(model, starts, width, model.drive(values), n)
-    return Swept(states, derivatives[..., :3], derivatives[..., 3:])
+    return Sensitivities(states, derivatives[..., :3], derivatives[..., 3:])
 
 
 def _advanced(model: Model, starts: Floats, width: int, drive: Drive, n: int) -> tuple[Floats, Floats]:

@@ -17,8 +17,9 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_table
-from tcc_sim.estimation.multiple_shooting import Fit, Settings, fit
-from tcc_sim.estimation.verdicts import Gates, judged
+from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.settings import FitSettings, Gates
+from tcc_sim.estimation.verdicts import judged
 from tcc_sim.estimation.windows import NEAR_ONE, Model
 from tcc_sim.scene import load_scene
 
@@ -86,7 +87,7 @@ def test_intervals_cover_the_truth() -> None:
     Fifty numbers, of which five go together: where the counts of sub-steps were not held this was above 50.
     """
     _, states, _ = moved(0.3)
-    truth, settings, squares = np.array(list(KEYS.values())), Settings(), []
+    truth, settings, squares = np.array(list(KEYS.values())), FitSettings(), []
     for seed in range(10):
         data, noise = measured(100 + seed, 0.3)
         model = Model(FIG02.system, tuple(KEYS), data)

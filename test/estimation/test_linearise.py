@@ -16,7 +16,7 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, linearise
 from tcc_sim.estimation.lock_in import simulated
-from tcc_sim.estimation.operating_point import settle
+from tcc_sim.estimation.operating_point import operating_point
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
 from tcc_sim.scene import load_scene
@@ -99,7 +99,7 @@ def test_periodic_motions_answer_as_simulated_ones(slip: float) -> None:
 
 def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
     """SciPy's Radau with the sine on the pressure, about constant slip."""
-    motion = settle(CONTROLLED.with_values(CONSTANT).system, 20.0)
+    motion = operating_point(CONTROLLED.with_values(CONSTANT).system, 20.0)
     omega, height, mean = 40.0, 2e-3, motion.system.pressure.mean
     found = simulated(motion, "actuation_pressure", "slip_speed", omega)
 
