@@ -131,9 +131,13 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
 
 def _repeats(points: Floats, period: int, tolerance: float) -> bool:
     """Whether points a period apart stay together over the last quarter of the run, and at least three periods."""
-    repeats = max(3, len(points) // 4 // period)
-    tail = points[len(points) - repeats * period:].reshape(repeats, period, -1)
+    tail = points[len(points) - _repeats_of(points, period) * period:].reshape(-1, period, points.shape[1])
     return _largest(tail.max(axis=0) - tail.min(axis=0)) <= tolerance
+
+
+def _repeats_of(points: Floats, period: int) -> int:
+    """Periods in the last quarter of the run, and at least three."""
+    return max(3, len(points) // 4 // period)
 
 
 def _change(points: Floats, period: int) -> float:
@@ -160,9 +164,13 @@ def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, floa
 def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
     """Whether what tells a divisor from a period that repeats dies out, as far as its size tells."""
     # A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its
-    # size is that of A. C. Aitken's delta-squared process. A run that is too short for three sizes leaves it open.
+    # size is that of A. C. Aitken's delta-squared process. A run that is too short for three sizes leaves it open. So
+    # does a difference that falls to half while the period repeats: it is itself hardly above the tolerance.
     thirds = _thirds(points, shorter, period)
     if thirds is None:
+        return True
+    size = np.abs(points[shorter:] - points[:-shorter]).max(axis=1)[-_repeats_of(points, period) * period:]
+    if _largest(size[-period:]) < DOUBTFUL * _largest(size[:period]):
         return True
     a, b, c = thirds
     if not (c < b < a and a - c > SHRINKING * c):

@@ -123,6 +123,19 @@ def test_an_alternation_that_dies_out_is_no_period_two_in_however_few_cycles(cou
     assert (found.period, found.settled) != (2, True)
 
 
+@pytest.mark.parametrize(("tolerance", "count"), [(1e-4, 30), (1e-4, 50), (2e-3, 30)])
+def test_what_falls_below_the_tolerance_while_it_is_looked_at_is_no_longer_period(tolerance, count):
+    """Decaying swings of three modes about one point: the differences one cycle apart end last."""
+    k = np.arange(count + 1)
+    for decay in np.linspace(0.3, 0.95, 14):
+        for angle in np.linspace(0.05, 3.1, 16):
+            for second in (-0.9, -0.7, -0.5, -0.12, 0.3):
+                swing, other = decay**k * np.exp(1j * angle * k), second**k
+                found = periodicity(cycles_through(
+                    np.stack([1.0 + swing.real + other, 1.0 + 0.5 * swing.imag, 1.0 - other], axis=1)), tolerance)
+                assert found.period == 1 or not found.settled
+
+
 def test_too_few_cycles_give_no_period():
     found = periodicity(embedded([0.5, 0.5]))
     assert found.period == 0
