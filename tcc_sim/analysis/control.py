@@ -1,4 +1,7 @@
-"""What a controller is judged by: cycle means beside the target, pressures, events, and how well it held it."""
+"""What a controller is judged by: cycle means beside the target, pressures, events, and how well it held it.
+
+The mean of a signal over each whole engine cycle comes from samples as they come.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tcc_sim.trajectory import Floats
-
-MOST_STEPS = 200_000
-"""Most values of a held signal that are kept for a picture; the earliest go first."""
-SETTLED = 0.02
-"""Part of the step, or of the target where that is larger, within which the cycle mean counts as settled."""
+from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.trajectory import Floats, integral
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Tracking:
     target, mean_slip : rad/s; the mean over the kept cycles
     rms_error, largest_error : of the cycle mean minus the target over the kept cycles, rad/s
     overshoot : how far the cycle mean went beyond the target, seen from where it started, rad/s, in all cycles
-    settling_time : s until the cycle mean stays within SETTLED; NaN where it does not
+    settling_time : s until the cycle mean stays within `Settings.settled`; NaN where it does not
     """
 
     target: float
@@ -99,10 +100,87 @@ def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracki
         return Tracking(target, *(math.nan,) * 5)
     start = float(seen[0])
     beyond = -seen if start > 0.0 else seen
-    outside = np.flatnonzero(~(np.abs(error) <= SETTLED * max(abs(start), abs(target))))
+    outside = np.flatnonzero(~(np.abs(error) <= DEFAULTS.settled * max(abs(start), abs(target))))
     settled = int(outside[-1]) + 1 if len(outside) else 0
     return Tracking(
         target=target, mean_slip=float(kept.mean()) + target if len(kept) else math.nan,
         rms_error=float(np.sqrt(np.mean(kept * kept))) if len(kept) else math.nan,
         largest_error=float(np.abs(kept).max()) if len(kept) else math.nan,
         overshoot=max(float(beyond.max()), 0.0), settling_time=settled * cycle if settled < len(error) else math.nan)
+
+
+class CycleMeans:
+    """Means over whole engine cycles by the trapezoidal rule; none where nobody knows when the cycles start.
+
+    Samples that begin more than one and a half steps after the last ones leave a gap: the cycles that it touches have
+    no mean.
+    """
+
+    def __init__(self, clock: EngineClock) -> None:
+        self._clock = clock
+        self._t = self._v = np.empty(0)
+
+    def restart(self) -> None:
+        """Time has started again, or there is a gap: the cycles that it touches have no mean."""
+        self._t = self._v = np.empty(0)
+
+    def feed(self, t: Floats, v: Floats, run: int = 0) -> list[tuple[int, Floats, Floats]]:
+        """Take the next samples of a run, (n,) arrays: s, and the signal.
+
+        Returns
+        -------
+        for each stretch of cycles that they complete, the number of the first, ends (s) and means, (m,) arrays
+        """
+        if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > 1.5 * float(np.median(np.diff(t))):
+            self.restart()
+        t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
+        if not self._clock.told or (t[-1] - t[0]) / self._clock.cycle > len(t):
+            # Fewer samples than cycles: time has leapt.
+            self._t, self._v = t[-1:], v[-1:]
+            return []
+        stretches = self._clock.stretches(run, float(t[0]), float(t[-1]))
+        whole = [(first, starts) for first, starts in stretches if len(starts) > 1]
+        if not whole:
+            self._t, self._v = (t, v) if stretches else (t[-1:], v[-1:])
+            return []
+        area = integral(v, t)
+        found = []
+        for first, starts in whole:
+            ends = np.clip(starts, t[0], t[-1])
+            left = np.clip(np.searchsorted(t, ends, side="right") - 1, 0, len(t) - 2)
+            part, slope = ends - t[left], (v[left + 1] - v[left]) / (t[left + 1] - t[left])
+            area_at = area[left] + part * (v[left] + 0.5 * part * slope)
+            found.append((first, starts[1:], np.diff(area_at) / np.diff(starts)))
+        self._t, self._v = t[left[-1]:].copy(), v[left[-1]:].copy()
+        return found
+
+
+def joined_means(found: list[tuple[int, Floats, Floats]]) -> tuple[NDArray[np.int64], Floats]:
+    """Ends (ns) and means of the cycles that `CycleMeans.feed` gave, one after the other."""
+    ends = np.concatenate([ends for _, ends, _ in found]) if found else np.empty(0)
+    return np.rint(ends * 1e9).astype(np.int64), np.concatenate([m for *_, m in found]) if found else np.empty(0)
+
+
+class MeansOfCycles:
+    """The same, kept from the first cycle to the last, NaN where a gap was."""
+
+    def __init__(self, clock: EngineClock) -> None:
+        self._running = CycleMeans(clock)
+        self._parts: list[Floats] = []
+        self._next: int | None = None
+
+    def interrupt(self) -> None:
+        """A gap."""
+        self._running.restart()
+
+    def feed(self, t: Floats, v: Floats, run: int = 0) -> None:
+        """Take the next samples of a run, (n,) arrays: s, and the signal."""
+        for first, _, means in self._running.feed(t, v, run):
+            if self._next is not None and first > self._next:
+                self._parts.append(np.full(min(first - self._next, len(t)), math.nan))
+            self._parts.append(means)
+            self._next = first + len(means)
+
+    def means(self) -> Floats:
+        """(n,) array of the cycle means."""
+        return np.concatenate(self._parts) if self._parts else np.empty(0)

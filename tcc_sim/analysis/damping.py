@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
@@ -20,14 +21,6 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
-CYCLES = 16
-"""Engine cycles that the averages are taken over."""
-TOLERANCE = 1e-9
-"""Of the motion and its integrals with the smoothed law."""
-PHASE = 0.07
-"""Growth of slip on the falling law between two samples, in natural logarithm; the error is about its fourth power."""
-FEWEST, MOST = 1024, 131072
-"""Samples per cycle with the set-valued law: between them the motion is interpolated from its equations."""
 STICK, FREE = 0, 2
 GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 """Half the abscissae and weights of the four-point rule."""
@@ -61,7 +54,7 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
     -------
     Damping, NaN where no cycle can be solved
     """
-    count = math.ceil(CYCLES / max(period, 1)) * max(period, 1)
+    count = math.ceil(DEFAULTS.averaged / max(period, 1)) * max(period, 1)
     integrals, time = np.zeros(3), 0.0
     for n in range(max(len(cycles) - count, 0), len(cycles)):
         if not math.isfinite(cycles.highest[n]):
@@ -84,15 +77,15 @@ def _integrated(system: System, section: Floats, number: int, integrals: Floats)
     if system.friction.law == "smoothed":
         from tcc_sim.solvers.smoothed.stroboscopic import slope_integrals
         try:
-            integrals += slope_integrals(system, section, number, TOLERANCE)
+            integrals += slope_integrals(system, section, number, DEFAULTS.rtol)
         except NumericalFailure:
             return False
         return True
     terms = terms_of(system)
     falling = terms.stribeck[0] * terms.stribeck[1] if terms.stribeck is not None else 0.0
-    samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / PHASE)
-    run = solve(system, cycles=1, samples_per_cycle=min(max(samples, FEWEST), MOST), start_cycle=number,
-                state=State.of(section))
+    samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / DEFAULTS.growth_between)
+    samples = min(max(samples, DEFAULTS.fewest_samples), DEFAULTS.most_samples)
+    run = solve(system, cycles=1, samples_per_cycle=samples, start_cycle=number, state=State.of(section))
     if run.status is not Status.DONE:
         return False
     integrals += integrals_of_arcs(run)

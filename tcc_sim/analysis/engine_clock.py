@@ -1,20 +1,23 @@
-"""When the engine cycles of a run start: counted in time, told from the torque, or not known."""
+"""When the engine cycles of a run start: counted in time, told from the phases of a torque, or not known.
+
+Phases are measured in blocks of samples; between them the frequency is one, or drifts.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.per_cycle import cycle_starts, starts_of
 from tcc_sim.trajectory import Floats
 
-SLACK = 1e-9
-"""Part of an engine cycle by which a sample may miss the instant at which the cycle starts."""
 Stretch = tuple[int, Floats]
 """Engine cycles one after the other: the number of the first, and when each starts and the last ends, s."""
 
@@ -30,7 +33,7 @@ class Uniform:
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Of which EngineClock tells."""
-        first = math.ceil(begin / self.cycle - SLACK)
+        first = math.ceil(begin / self.cycle - DEFAULTS.slack)
         return [(first, cycle_starts(first, end, self.cycle))]
 
 
@@ -48,7 +51,7 @@ class Scheduled:
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Of which EngineClock tells."""
-        first = math.ceil(self.system.cycles_until(begin) - SLACK)
+        first = math.ceil(self.system.cycles_until(begin) - DEFAULTS.slack)
         return [(first, starts_of(self.system, first, end))]
 
 
@@ -70,7 +73,7 @@ class Tracked:
         if run not in self.runs:
             return []
         numbers, starts = self.runs[run]
-        slack = SLACK * self.cycle
+        slack = DEFAULTS.slack * self.cycle
         low, high = (int(np.searchsorted(starts, t)) for t in (begin - slack, end + slack))
         cuts = (1 + low + np.flatnonzero(np.diff(numbers[low:high]) > 1)).tolist()
         found = []
@@ -90,3 +93,109 @@ other apart.
 def clock_of_scene(system: System) -> EngineClock:
     """When the engine cycles start where torque and frequency are those of a scene."""
     return Uniform(system.cycle) if system.course is None else Scheduled(system)
+
+
+class Block(NamedTuple):
+    """A phase (rad) with the middle of its block, s, its amplitude (N m), the part of the variance that the line holds,
+    and where the block begins and ends, s.
+    """
+
+    t: float
+    phase: float
+    amplitude: float
+    share: float
+    begin: float
+    end: float
+
+
+Blocks = list[Block]
+"""Blocks that follow each other."""
+
+
+def trim(stretch: Blocks) -> None:
+    """Leave out a block at either end that the oscillation fills in part only."""
+    for end, beside in ((0, 1), (-1, -2)):
+        if len(stretch) > 2 and stretch[end].amplitude < DEFAULTS.full_size * stretch[beside].amplitude:
+            del stretch[end]
+
+
+@dataclass(frozen=True)
+class RunPhase:
+    """What a run comes to: when its cycles start, or why nobody knows.
+
+    numbers, starts : as Tracked has them
+    low, high : smallest and largest frequency, rad/s; equal where it is constant
+    known : part of the run in which they are known
+    why : a sentence where there are none
+    """
+
+    numbers: NDArray[np.int64]
+    starts: Floats
+    low: float
+    high: float
+    known: float = 0.0
+    why: str = ""
+
+
+def cycles_between(stretches: list[Blocks], known: float) -> RunPhase:
+    """A run's cycles from its stretches, the `known` part of it, whose phases are first made to follow each other."""
+    blocks = [(np.array([b.t for b in s]), np.array([b.phase for b in s])) for s in stretches]
+    t, phase = blocks[0]
+    for number, (later, ahead) in enumerate(blocks[1:], 1):
+        steady = _steady(t, phase)
+        tail = slice(0, None) if steady else slice(-DEFAULTS.memory, None)
+        slope, value = np.polyfit(t[tail] - later[0], phase[tail], 1)
+        turns = np.round((value - ahead[0]) / (2.0 * math.pi))
+        blocks[number] = later, ahead + 2.0 * math.pi * turns
+        t, phase = np.concatenate([t, later]), np.concatenate([phase, blocks[number][1]])
+    slope, start = np.polyfit(t - t[0], phase, 1).tolist()
+    steady = _steady(t, phase)
+    numbers, starts, low, high = [], [], math.inf, 0.0
+    zero = start - slope * t[0] if steady else phase[0] - float(np.gradient(phase[:2], t[:2])[0]) * t[0]
+    shift = zero - math.remainder(zero, 2.0 * math.pi)
+    for stretch, (where, values) in zip(stretches, blocks):
+        if steady:
+            ends = [start + slope * (at - t[0]) - shift for at in (stretch[0].begin, stretch[-1].end)]
+            here = np.arange(math.ceil(ends[0] / (2.0 * math.pi) - 1e-9), ends[1] / (2.0 * math.pi) + 1e-9)
+            found, rates = t[0] + (2.0 * math.pi * here + shift - start) / slope, np.array([slope])
+        else:
+            here, found, rates = _varying(stretch, where, values - shift)
+        numbers.append(here.astype(np.int64))
+        starts.append(np.maximum(found, stretch[0].begin))
+        inner = rates[1:-1] if len(rates) > 2 else rates
+        low, high = min(low, float(inner.min())), max(high, float(inner.max()))
+    return RunPhase(np.concatenate(numbers), np.concatenate(starts), low, high, known)
+
+
+def _steady(t: Floats, phase: Floats) -> bool:
+    """Whether phases follow a uniform rotation as well as their own noise lets them, which third differences tell."""
+    if len(t) < 3:
+        return True
+    slope, start = np.polyfit(t - t[0], phase, 1)
+    deviation = float(np.sqrt(np.mean((phase - start - slope * (t - t[0])) ** 2)))
+    if len(t) < DEFAULTS.fewest_for_noise:
+        return deviation <= DEFAULTS.steady
+    noise = float(np.sqrt(np.mean(np.diff(phase, 3) ** 2) / 20.0))
+    return deviation <= max(1e-6, DEFAULTS.noise * min(noise, DEFAULTS.largest_noise))
+
+
+def _varying(stretch: Blocks, t: Floats, phase: Floats) -> tuple[Floats, Floats, Floats]:
+    """Numbers and times of the cycles of one stretch, and frequencies at its blocks."""
+    # The phase is the cubic through local parabolas over five blocks, which carry no noise of single ones.
+    from scipy.interpolate import CubicHermiteSpline
+
+    begin, end = stretch[0].begin, stretch[-1].end
+    knots = np.concatenate([[begin], t, [end]])
+    values, rates = np.empty(len(knots)), np.empty(len(knots))
+    for k, at in enumerate(knots.tolist()):
+        first = min(max(k - 3, 0), max(len(t) - 5, 0))
+        near = slice(first, first + 5)
+        _, rates[k], values[k] = np.polyfit(t[near] - at, phase[near], min(2, len(t[near]) - 1)) if len(t) > 2 else (
+            0.0, *np.polyfit(t - at, phase, 1))
+    keep = np.concatenate([np.diff(knots) > 0.0, [True]])
+    curve = CubicHermiteSpline(knots[keep], values[keep], rates[keep])
+    here = np.arange(math.ceil(values[0] / (2.0 * math.pi)), values[-1] / (2.0 * math.pi))
+    found = np.interp(2.0 * math.pi * here, values[keep], knots[keep])
+    for _ in range(4):
+        found = np.clip(found - (curve(found) - 2.0 * math.pi * here) / curve(found, 1), begin, end)
+    return here, found, rates

@@ -15,24 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.cycles import accelerations_of
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
+from tcc_sim.model import equations
 from tcc_sim.model.course import phase_at
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
 from tcc_sim.solvers.per_cycle import hermite
+from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats, Trajectory, integral
-
-CYCLES, HOP = 16, 4
-"""Engine cycles in a window, and from one window to the next."""
-PER_CYCLE = 64
-"""Points in an engine cycle after resampling."""
-HIGHEST = 10
-"""Highest order that is given."""
-LEAST_SAMPLES = 8
-"""Samples that a cycle must have on average; orders up to a quarter of them, and HIGHEST at most, are given."""
-SAMPLES = 128
-"""Samples per engine cycle that a solve keeps for it."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,35 +81,36 @@ def orders_of(run: Trajectory) -> Orders:
 
     Parameters
     ----------
-    run : with its system, and samples of which there are LEAST_SAMPLES to a cycle
+    run : with its system, and samples of which there are `Settings.least_samples` to a cycle
 
     Raises
     ------
     InputError
-        Fewer than CYCLES cycles, too few samples, or no system.
+        Fewer than `Settings.window` cycles, too few samples, or no system.
     """
     system = run.system
     if system is None:
         raise InputError("the trajectory has no system, which says what the engine's phase is")
     turns, when = _phase_of(run, system)
     whole = math.floor(float(turns[-1] - turns[0]) + 1e-9)
-    if whole < CYCLES:
-        raise InputError(f"orders need {CYCLES} engine cycles, and there are {whole}")
-    if len(turns) < LEAST_SAMPLES * whole:
-        raise InputError(f"orders need {LEAST_SAMPLES} samples in an engine cycle, and there are "
+    if whole < DEFAULTS.window:
+        raise InputError(f"orders need {DEFAULTS.window} engine cycles, and there are {whole}")
+    if len(turns) < DEFAULTS.least_samples * whole:
+        raise InputError(f"orders need {DEFAULTS.least_samples} samples in an engine cycle, and there are "
                          f"{len(turns) / whole:.3g}")
-    begin = math.ceil(float(turns[0]) * PER_CYCLE - 1e-6)
-    count = (math.floor(float(turns[-1]) * PER_CYCLE + 1e-6) - begin) // PER_CYCLE * PER_CYCLE + 1
-    at = when((begin + np.arange(count)) / PER_CYCLE)
+    per_cycle = DEFAULTS.per_cycle
+    begin = math.ceil(float(turns[0]) * per_cycle - 1e-6)
+    count = (math.floor(float(turns[-1]) * per_cycle + 1e-6) - begin) // per_cycle * per_cycle + 1
+    at = when((begin + np.arange(count)) / per_cycle)
     v, shaft, torque = _resampled(run, system, at)
-    length = CYCLES * PER_CYCLE
-    starts = np.arange(0, count - length, HOP * PER_CYCLE)
-    highest = min(float(HIGHEST), 0.25 * len(turns) / whole)
-    order = np.arange(math.floor(highest * CYCLES) + 1) / CYCLES
+    length = DEFAULTS.window * per_cycle
+    starts = np.arange(0, count - length, DEFAULTS.hop * per_cycle)
+    highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
+    order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
     driven = _driven(system)
     driven = driven[driven <= order[-1]]
-    places = np.rint(driven * CYCLES).astype(int)
+    places = np.rint(driven * DEFAULTS.window).astype(int)
     with np.errstate(divide="ignore", invalid="ignore"):
         passed = spectra[1][:, places] / spectra[2][:, places]
     apart = _about_cycle_mean(v)
@@ -129,7 +121,7 @@ def orders_of(run: Trajectory) -> Orders:
     power = run.friction_torque * run.slip_speed
     heat = integral(power, run.t)
     return Orders(
-        time=middle, frequency=2.0 * np.pi * CYCLES / lasted, order=order, slip_speed=spectra[0],
+        time=middle, frequency=2.0 * np.pi * DEFAULTS.window / lasted, order=order, slip_speed=spectra[0],
         shaft_torque=spectra[1], torque_order=driven, transmissibility=passed,
         rms=np.array([math.sqrt(float(np.mean(apart[a:b] ** 2))) for a, b in zip(starts, ends)]),
         peak=np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), breakaways=counts / lasted,
@@ -158,7 +150,8 @@ def _phase_of(run: Trajectory, system: System) -> tuple[Floats, Callable[[Floats
 def _resampled(run: Trajectory, system: System, at: Floats) -> tuple[Floats, Floats, Floats]:
     """Slip speed, shaft torque and engine torque at the times `at`, by cubics with the rates of the equations."""
     d = system.driveline
-    slip, plate = accelerations_of(run.plate_angle, run.plate_speed, run.engine_torque, run.friction_torque, system)
+    slip, plate = equations.accelerations(run.plate_angle, run.plate_speed, run.engine_torque, run.friction_torque,
+                                          terms_of(system).linear)
     shaft = d.damping * run.plate_speed + d.stiffness * run.plate_angle
     return (hermite(at, run.t, run.slip_speed, slip),
             hermite(at, run.t, shaft, d.damping * plate + d.stiffness * run.plate_speed),
@@ -184,8 +177,8 @@ def _driven(system: System) -> Floats:
 
 def _about_cycle_mean(v: Floats) -> Floats:
     """The slip speed less its mean over the engine cycle that it is in."""
-    whole = (len(v) - 1) // PER_CYCLE * PER_CYCLE
-    cycles = v[:whole].reshape(-1, PER_CYCLE)
+    whole = (len(v) - 1) // DEFAULTS.per_cycle * DEFAULTS.per_cycle
+    cycles = v[:whole].reshape(-1, DEFAULTS.per_cycle)
     return np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)
 
 

@@ -11,36 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.trajectory import Cycles, Floats
-
-MAXIMUM_PERIOD = 16
-TOLERANCE = 1e-4
-"""Repetition, relative to the size of the motion, that counts as settled."""
-FINE = 1e-8
-"""Repetition of each coordinate, relative to its largest value, over cycles after which fewer need not be seen."""
-NEAR = 0.25
-"""Largest change over a period, relative to the size of the motion, at the end of a run that still settles."""
-DISTANCE = 0.1
-"""Largest distance that such a run may have left to its limit, relative to the size of the motion."""
-SAME = 0.05
-"""Part of the distance left to the limit that two of its points may lie apart and still be one."""
-MODES = 3
-"""Most modes of a decay: the section has three coordinates."""
-MISFIT, EXACT = 0.02, 1e-3
-"""Largest misfit of a decay, relative to its own size, and one at which fewer modes are enough."""
-LEAST_SHRINKING = 0.95
-"""Largest part of a difference that a decay leaves over a third of the run."""
-LEAST_DECAY = 0.05
-"""Least natural logarithm of a decay over the run that tells it from a motion that goes on for ever."""
-DOUBTFUL = 0.5
-"""A difference may be none in the limit where its decay leaves less than this part of it, as far as its size tells; and
-a decay whose rate falls below this part within the run may end before it is none."""
-SHRINKING = 0.02
-"""Least shrinking over the run, relative to what is left, that is looked at."""
-AFTER_A_GAP = 16
-"""Engine cycles without a gap, at least, that a period is told from after one: as many as the longest."""
-GROWTH = 2.0
-"""Growth of a difference from a third of the run to the next, twice, that shows a motion on its way elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +31,8 @@ class Periodicity:
     change: float
 
 
-def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAXIMUM_PERIOD) -> Periodicity:
+def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
+                maximum: int = DEFAULTS.maximum_period) -> Periodicity:
     """The smallest number of engine cycles after which the section repeats.
 
     Settled: over the last quarter of the cycles, and at least three periods, points that are p cycles apart stay within
@@ -72,7 +45,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     Parameters
     ----------
     cycles : consecutive engine cycles, the transient dropped; NaN marks cycles that were not observed, and only those
-        after the last gap are looked at, where these are AFTER_A_GAP or more
+        after the last gap are looked at, where these are `Settings.after_a_gap` or more
     tolerance : relative to the size of the motion
     maximum : longest period looked for, engine cycles
     """
@@ -82,7 +55,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
-    candidates = (np.flatnonzero(changes <= max(NEAR, tolerance)) + 1).tolist()
+    candidates = (np.flatnonzero(changes <= max(DEFAULTS.near, tolerance)) + 1).tolist()
     for period in candidates:
         if changes[period - 1] <= tolerance and _repeats(points, period, tolerance):
             if _grows(points, period, tolerance):
@@ -101,7 +74,7 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = MAX
 def enough_after_a_gap(cycles: Cycles) -> bool:
     """Whether the cycles after the last gap are enough for a period; fewer look like one by chance."""
     first = _after_gap(cycles)
-    return first == 0 or len(cycles) - first >= AFTER_A_GAP
+    return first == 0 or len(cycles) - first >= DEFAULTS.after_a_gap
 
 
 def _after_gap(cycles: Cycles) -> int:
@@ -110,7 +83,7 @@ def _after_gap(cycles: Cycles) -> int:
     return 0 if observed.all() else int(np.flatnonzero(~observed)[-1]) + 1
 
 
-def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLERANCE) -> bool:
+def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = DEFAULTS.tolerance) -> bool:
     """Whether the section of the cycles that follow stays within `tolerance` of the last period of those before."""
     last = cycles.section[len(cycles.section) - period:]
     apart = further.section - last[(np.arange(len(further.section)) - 1) % period]
@@ -120,13 +93,14 @@ def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLER
 
 def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
     """Whether the last `count` cycles repeat those a period before them so closely that as many as four tenths of that
-    which follow stay within TOLERANCE: what has grown from rounding to FINE in so many cycles needs more to leave.
+    which follow stay within the tolerance: what has grown from rounding to `fine` in so many cycles needs more to
+    leave.
     """
     points = cycles.section[-count - period:]
     if len(points) < count + period:
         return False
     apart: Floats = np.abs(points[period:] - points[:-period]).max(axis=0)
-    return bool((apart <= FINE * np.abs(points).max(axis=0)).all())
+    return bool((apart <= DEFAULTS.fine * np.abs(points).max(axis=0)).all())
 
 
 def _repeats(points: Floats, period: int, tolerance: float) -> bool:
@@ -170,12 +144,12 @@ def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
     if thirds is None:
         return True
     size = np.abs(points[shorter:] - points[:-shorter]).max(axis=1)[-_repeats_of(points, period) * period:]
-    if _largest(size[-period:]) < DOUBTFUL * _largest(size[:period]):
+    if _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
         return True
     a, b, c = thirds
-    if not (c < b < a and a - c > SHRINKING * c):
+    if not (c < b < a and a - c > DEFAULTS.shrinking * c):
         return False
-    return (b - c) >= (a - b) or c - (b - c) ** 2 / ((a - b) - (b - c)) < DOUBTFUL * c
+    return (b - c) >= (a - b) or c - (b - c) ** 2 / ((a - b) - (b - c)) < DEFAULTS.doubtful * c
 
 
 def _grows(points: Floats, period: int, tolerance: float) -> bool:
@@ -184,7 +158,7 @@ def _grows(points: Floats, period: int, tolerance: float) -> bool:
     if thirds is None:
         return False
     a, b, c = thirds
-    return c > 0.01 * tolerance and c > GROWTH * b and b > GROWTH * a
+    return c > 0.01 * tolerance and c > DEFAULTS.growth * b and b > DEFAULTS.growth * a
 
 
 def _limit(points: Floats, period: int) -> Floats | None:
@@ -193,23 +167,25 @@ def _limit(points: Floats, period: int) -> Floats | None:
     # decays too, but at a rate that falls.
     points = points[len(points) // 3:]
     thirds = _thirds(points, period, period)
-    if thirds is None or thirds[2] > LEAST_SHRINKING * thirds[0]:
+    if thirds is None or thirds[2] > DEFAULTS.least_shrinking * thirds[0]:
         return None
-    general = next((x for x in (_decay(points, period, m) for m in range(MODES, 0, -1)) if x is not None), None)
-    if general is None or general[0] > MISFIT:
+    every = (_decay(points, period, m) for m in range(DEFAULTS.modes, 0, -1))
+    general = next((x for x in every if x is not None), None)
+    if general is None or general[0] > DEFAULTS.misfit:
         return None
     fewer = (_decay(points, period, m) for m in range(1, len(general[1])))
-    misfit, coefficients = next((x for x in fewer if x is not None and x[0] <= max(EXACT, 2.0 * general[0])), general)
+    enough = max(DEFAULTS.exact, 2.0 * general[0])
+    misfit, coefficients = next((x for x in fewer if x is not None and x[0] <= enough), general)
     rate = _rate(coefficients)
-    if rate * len(points) / period < LEAST_DECAY + 10.0 * misfit:
+    if rate * len(points) / period < DEFAULTS.least_decay + 10.0 * misfit:
         return None
     modes = len(coefficients)
     first, second = (_decay(part, period, modes) for part in np.array_split(points, 2))
-    if first is None or second is None or _rate(second[1]) < DOUBTFUL * _rate(first[1]):
+    if first is None or second is None or _rate(second[1]) < DEFAULTS.doubtful * _rate(first[1]):
         return None
     ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]
     limit: Floats = (ends[-1] - np.tensordot(coefficients, ends[:-1], 1)) / (1.0 - float(coefficients.sum()))
-    return limit if _largest(limit - points[-period:]) <= DISTANCE else None
+    return limit if _largest(limit - points[-period:]) <= DEFAULTS.distance else None
 
 
 def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | None:
@@ -246,7 +222,7 @@ def _period_of(limit: Floats, left: float, tolerance: float) -> int:
     for shorter in _divisors(len(limit)):
         apart = _largest(np.roll(limit, -shorter, axis=0) - limit)
         if apart <= 4.0 * max(left, tolerance):
-            return shorter if apart <= max(SAME * left, tolerance) else 0
+            return shorter if apart <= max(DEFAULTS.same * left, tolerance) else 0
     return len(limit)
 
 

@@ -7,21 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import accelerations_of, dropped_of
-from tcc_sim.analysis.engine_clock import SLACK, EngineClock, Uniform, clock_of_scene
-from tcc_sim.analysis.summary import Summary, summarise_cycles
+from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.summary import Summary, dropped_of, summarise_cycles
 from tcc_sim.errors import InputError
+from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
-
-RECORDING_TOLERANCE = 2e-3
-"""Repetition of a recorded section that counts as settled: ticks do not fall on cycle ends, and fixed steps are coarse.
-"""
-DRIFTING, AT_THE_END = 5e-3, 16
-"""A cycle that differs by this part of the length of the last ones, so many, belongs to no period."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +129,6 @@ class CycleStream:
         self.runs: list[RunCycles] = []
         self.numbers: dict[int, int] = {}
         """Which of `runs` has the batches of a run, by the number that these were fed with."""
-        self._system = system
         self._stick_speed, self._linear = stick_speed_of(terms_of(system)), terms_of(system).linear
         self._waiting: list[Floats] = []
         self._from = 0.0
@@ -205,9 +199,9 @@ class CycleStream:
         varied = 0
         if not isinstance(self.clock, Uniform):
             cycle = lengths_of(cycles)
-            drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-AT_THE_END:]) - 1.0) > DRIFTING)
+            drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-DEFAULTS.at_the_end:]) - 1.0) > DEFAULTS.drifting)
             varied = int(drifts[-1]) + 1 if len(drifts) else 0
-        found = summarise_cycles(cycles, cycle, first=first, tolerance=RECORDING_TOLERANCE, varied=varied)
+        found = summarise_cycles(cycles, cycle, first=first, tolerance=DEFAULTS.recording_tolerance, varied=varied)
         return replace(found, cycles=run.observed(), discarded=dropped)
 
     def _take(self, rows: Floats, run: int) -> list[Piece]:
@@ -228,7 +222,7 @@ class CycleStream:
             return []
         rows = np.concatenate(self._waiting, axis=1)
         t, slip_speed, plate_angle, plate_speed, engine, friction = rows
-        slip, plate = accelerations_of(plate_angle, plate_speed, engine, friction, self._system)
+        slip, plate = equations.accelerations(plate_angle, plate_speed, engine, friction, self._linear)
         found = []
         for first, starts in whole:
             cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
@@ -236,6 +230,6 @@ class CycleStream:
             found.append(Piece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
             self.runs[-1].add(found[-1])
         self._from = float(whole[-1][1][-1])
-        start = int(np.searchsorted(t, self._from + SLACK * self.clock.cycle, side="right")) - 1
+        start = int(np.searchsorted(t, self._from + DEFAULTS.slack * self.clock.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
         return found

@@ -1,4 +1,8 @@
-"""The figures of a steady state, as `simulate` and `analyse` give them: maxima, section, period, stick, regime."""
+"""The engine cycles of a trajectory, and the figures of its steady state, as `simulate` and `analyse` give them.
+
+Per cycle: maxima, section points and stick time, from its solver or from its samples. Of those kept: maxima, section,
+period, stick, regime.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,86 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import cycles_of, dropped_of, first_cycle_of, spans_of, varying
-from tcc_sim.analysis.periodicity import TOLERANCE, periodicity
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
+from tcc_sim.model import equations
+from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result, json_of
+from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Trajectory
 
-PASSING = 5e-3
-"""A stick fraction up to here is slip that passes through v = 0: the smoothed law counts the passage through its layer.
-"""
+
+def cycles_of(trajectory: Trajectory) -> Cycles:
+    """The engine cycles of a trajectory: those its solver worked out, or those between its samples.
+
+    From samples, slip speed and plate angle are interpolated with the accelerations that (2a) and (2b) give for the
+    sampled torques.
+
+    Raises
+    ------
+    InputError
+        Samples without the system they belong to, or too few of them for one cycle.
+    """
+    if trajectory.cycles is not None:
+        return trajectory.cycles
+    if trajectory.system is None:
+        raise InputError("the trajectory has neither per-cycle results nor the system to work them out with")
+    if len(trajectory.t) < 2:
+        raise InputError("the trajectory has fewer than two samples")
+    terms = terms_of(trajectory.system)
+    slip, plate = equations.accelerations(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
+                                          trajectory.friction_torque, terms.linear)
+    starts = starts_of(varying(trajectory), first_cycle_of(trajectory), float(trajectory.t[-1]), trajectory.cycle)
+    return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
+                               trajectory.plate_speed, plate, starts=starts, stick_speed=stick_speed_of(terms),
+                               linear=terms.linear)
+
+
+def first_cycle_of(trajectory: Trajectory) -> int:
+    """Number of the first engine cycle that lies within the trajectory."""
+    start, system = float(trajectory.t[0]), varying(trajectory)
+    return math.ceil((start / trajectory.cycle if system is None else system.cycles_until(start)) - 1e-9)
+
+
+def varying(trajectory: Trajectory) -> System | None:
+    """The system of a trajectory whose engine cycles are not all of one length or do not start at t = n cycle."""
+    return trajectory.system if trajectory.system is not None and trajectory.system.course is not None else None
+
+
+def spans_of(system: System | None, cycle: float, first: int, count: int) -> dict[str, Any]:
+    """What `summarise_cycles` is to know of `count` engine cycles from number `first` on: `cycle`, how long they last,
+    s, and `varied`, in how many of them the excitation still changes. Without a system all last `cycle`.
+    """
+    if system is None or system.course is None:
+        return {"cycle": cycle if system is None else system.cycle}
+    return {"cycle": np.diff(system.cycle_start(first + np.arange(count + 1))),
+            "varied": max(math.ceil(system.cycles_until(float(system.course[-1, TIME])) - 1e-9) - first, 0)}
+
+
+def default_discard(cycles: int) -> int:
+    """Cycles to drop where nobody says: 50, or half of them where there are fewer than 100."""
+    return min(DEFAULTS.discard, cycles // 2)
+
+
+def dropped_of(cycles: int, discard: int | None) -> int:
+    """Cycles to drop of so many: `discard`, or by default.
+
+    Raises
+    ------
+    InputError
+        A negative number, or one that leaves no cycle.
+    """
+    dropped = default_discard(cycles) if discard is None else discard
+    if dropped < 0:
+        raise InputError(f"--discard is {dropped}; it must be 0 or more cycles")
+    if dropped >= cycles:
+        whole = f"the {cycles} cycles" if cycles != 1 else "the only cycle"
+        raise InputError(f"--discard {dropped} leaves none of {whole}" if cycles else
+                         "there is no whole engine cycle to summarise")
+    return dropped
 
 
 @dataclass(frozen=True, repr=False, slots=True)
@@ -89,7 +163,7 @@ class Summary(Result):
         return dict(json_of(self))
 
 
-def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = TOLERANCE) -> Summary:
+def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = DEFAULTS.tolerance) -> Summary:
     """The summary of a trajectory's cycles after the first `discard` of them.
 
     Parameters
@@ -110,7 +184,7 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
                             **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
 
 
-def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = TOLERANCE,
+def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
                      varied: int = 0, dropped: int = 0, by: Trajectory | None = None) -> Summary:
     """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
 
@@ -182,7 +256,7 @@ def slip_grows(cycles: Cycles) -> bool:
         return False
     speed = (cycles.section[1:, 0] + cycles.section[1:, 2])[len(slips) - 3 * width:]
     early, middle, late = (math.copysign(1.0, low[-1]) * speed.reshape(3, width).mean(axis=1)).tolist()
-    return bool(middle - early > TOLERANCE * late and late - middle > 0.5 * (middle - early))
+    return bool(middle - early > DEFAULTS.tolerance * late and late - middle > 0.5 * (middle - early))
 
 
 def runaway_cause(system: System) -> str:
@@ -207,6 +281,6 @@ def summarise_samples(trajectory: Trajectory) -> Summary:
 
 def regime_of(stick_fraction: float) -> str:
     """stick, slip or stick-slip."""
-    if stick_fraction >= 1.0 - PASSING:
+    if stick_fraction >= 1.0 - DEFAULTS.passing:
         return "stick"
-    return "slip" if stick_fraction <= PASSING else "stick-slip"
+    return "slip" if stick_fraction <= DEFAULTS.passing else "stick-slip"

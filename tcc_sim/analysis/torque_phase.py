@@ -11,36 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.engine_clock import Tracked
-from tcc_sim.analysis.phase_cycles import MEMORY, Block, RunPhase, Stretch, cycles_between, trim
+from tcc_sim.analysis.engine_clock import Block, Blocks, RunPhase, Tracked, cycles_between, trim
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats
 
-SHORTEST_OPENING, LONGEST_OPENING = 1 << 8, 1 << 14
-"""Samples from which the line is found before it is followed; the shortest stretch that shows it serves."""
-OPENING_CYCLES = 6.0
-"""Cycles of the line that such a stretch must hold."""
-DRIFTS = np.linspace(-0.12, 0.12, 13)
-"""Relative changes of frequency, 1/s, that are tried on it."""
-CYCLES_PER_BLOCK, SAMPLES_PER_BLOCK = 2, 32
-"""Least size of a block, which comes to one phase."""
-STRONGEST_LINE = 0.2
-"""Part of the variance of a block, its drift apart, that the line must hold."""
-LARGEST_SURPRISE = 1.0
-"""Largest difference, rad, of a block's phase from what the blocks before it let expect."""
-FASTEST_DRIFT = 0.3
-"""Largest relative change of frequency, 1/s, that is expected."""
-LARGEST_TWIST = 0.5
-"""Largest difference, rad, between the phases of the halves of a block."""
-MISSES = 2
-"""Blocks one after the other that may fail within a stretch."""
-FEWEST_BLOCKS, FEW_BLOCKS = 4, 12
-"""A run of fewer than these is fitted as a whole, with a constant frequency: in any case, or where that holds as much
-of its variance as the blocks do."""
-AS_MUCH = 0.02
-"""Part of the variance by which these may differ."""
-LEAST_KNOWN = 0.25
-"""Part of a run in which the phase must be known."""
+DRIFTS = np.linspace(-DEFAULTS.steepest, DEFAULTS.steepest, DEFAULTS.drifts)
+"""Relative changes of frequency, 1/s, that are tried on the stretch that shows the line."""
 
 
 class _Fit(NamedTuple):
@@ -104,24 +81,24 @@ class _Run:
         self._model: tuple[float, float, float, float] | None = None
         self._sure_until = -math.inf
         self._misses = 0
-        self._stretch: Stretch | None = None
-        self._done: list[Stretch] = []
+        self._stretch: Blocks | None = None
+        self._done: list[Blocks] = []
 
     def take(self, t: Floats, torque: Floats) -> None:
         """Add samples that follow the last without a gap."""
         self.samples += len(t)
         self._span = [self._span[0] if self._span else float(t[0]), float(t[-1])]
         self._low, self._high = min(self._low, float(torque.min())), max(self._high, float(torque.max()))
-        if len(self._opening[0]) < LONGEST_OPENING:
-            self._opening = (np.concatenate([self._opening[0], t])[:LONGEST_OPENING],
-                             np.concatenate([self._opening[1], torque])[:LONGEST_OPENING])
+        if len(self._opening[0]) < DEFAULTS.longest_opening:
+            self._opening = (np.concatenate([self._opening[0], t])[:DEFAULTS.longest_opening],
+                             np.concatenate([self._opening[1], torque])[:DEFAULTS.longest_opening])
         self._t, self._torque = np.concatenate([self._t, t]), np.concatenate([self._torque, torque])
         while self._search() if self._model is None else self._follow():
             pass
 
     def interrupt(self) -> None:
         """A gap, or the end: nothing that waits may be joined with what comes."""
-        if self._model is None and len(self._t) >= SHORTEST_OPENING // 2:
+        if self._model is None and len(self._t) >= DEFAULTS.shortest_opening // 2:
             while self._search(last=True) if self._model is None else self._follow():
                 pass
         if self._stretch is not None and not self._misses and len(self._t):
@@ -137,22 +114,24 @@ class _Run:
         if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
             return RunPhase(*none, why="the engine torque is constant")
         shares = [block.share for stretch in self._done for block in stretch]
-        short = len(shares) < FEW_BLOCKS and self.samples <= LONGEST_OPENING
+        short = len(shares) < DEFAULTS.few_blocks and self.samples <= DEFAULTS.longest_opening
         whole = _fitted(*self._opening) if short else None
-        if whole is not None and (len(shares) < FEWEST_BLOCKS or whole[0].share >= float(np.mean(shares)) - AS_MUCH):
+        few = len(shares) < DEFAULTS.fewest_blocks
+        if whole is not None and (few or whole[0].share >= float(np.mean(shares)) - DEFAULTS.as_much):
             self._done = [whole]
-        elif len(shares) < FEWEST_BLOCKS:
+        elif few:
             return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that "
                             "changes by 10 % a second or less")
         known = sum(stretch[-1].end - stretch[0].begin for stretch in self._done) / (self._span[1] - self._span[0])
-        if known < LEAST_KNOWN:
+        if known < DEFAULTS.least_known:
             return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
-                            f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are needed")
+                            f"{100.0 * known:.0f} % of the time only; {100.0 * DEFAULTS.least_known:.0f} % or more are "
+                            "needed")
         return cycles_between(self._done, known)
 
     def _search(self, last: bool = False) -> bool:
         """Look for the line in the first samples that wait; whether there is more to be done with those that do."""
-        size = max(2 * self._tried, SHORTEST_OPENING)
+        size = max(2 * self._tried, DEFAULTS.shortest_opening)
         if len(self._t) < size:
             if not last or len(self._t) == self._tried:
                 return False
@@ -166,7 +145,7 @@ class _Run:
             ahead = _fit(self._t[:count], self._torque[:count], self._expected(self._t[:count])).ahead
             self._model = float(self._t[0]), ahead, frequency, drift * frequency
             self._sure_until, self._misses, self._tried = float(self._t[size - 1]), 0, 0
-        elif size >= LONGEST_OPENING:
+        elif size >= DEFAULTS.longest_opening:
             self._t, self._torque, self._tried = self._t[size // 2:], self._torque[size // 2:], 0
         return True
 
@@ -181,8 +160,8 @@ class _Run:
         assert self._model is not None
         at, _, frequency, change = self._model
         now = max(frequency + change * (float(self._t[0]) - at), 0.5 * frequency)
-        end = float(self._t[0]) + CYCLES_PER_BLOCK * 2.0 * math.pi / now
-        return max(int(np.searchsorted(self._t, end)), SAMPLES_PER_BLOCK)
+        end = float(self._t[0]) + DEFAULTS.cycles_per_block * 2.0 * math.pi / now
+        return max(int(np.searchsorted(self._t, end)), DEFAULTS.samples_per_block)
 
     def _follow(self) -> bool:
         """Turn the next samples into a block; whether there were enough."""
@@ -197,7 +176,7 @@ class _Run:
             self._learn()
         else:
             self._misses += 1
-            if self._misses > MISSES and float(t[0]) > self._sure_until:
+            if self._misses > DEFAULTS.misses and float(t[0]) > self._sure_until:
                 self._release()
                 return True
         self._t, self._torque = self._t[count:], self._torque[count:]
@@ -211,16 +190,17 @@ class _Run:
         found, *halves = (_fit(self._t[part], self._torque[part], phase[part])
                           for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
         apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
-        agrees = abs(found.ahead) <= LARGEST_SURPRISE or self._stretch is None
-        return found if found.share >= STRONGEST_LINE and agrees and abs(apart) <= LARGEST_TWIST else None
+        agrees = abs(found.ahead) <= DEFAULTS.largest_surprise or self._stretch is None
+        agrees = agrees and abs(apart) <= DEFAULTS.largest_twist
+        return found if found.share >= DEFAULTS.strongest_line and agrees else None
 
-    def _add(self, stretch: Stretch, found: _Fit, begin: float, end: float, last: float) -> None:
+    def _add(self, stretch: Blocks, found: _Fit, begin: float, end: float, last: float) -> None:
         """Add a block to a stretch: its samples go from `begin` to `last`, the next one begins at `end`."""
         middle = 0.5 * (begin + last)
         phase = float(self._expected(np.array(middle))) + found.ahead
         stretch.append(Block(middle, phase, found.amplitude, found.share, begin, end))
 
-    def _take_rest(self, stretch: Stretch) -> None:
+    def _take_rest(self, stretch: Blocks) -> None:
         """Make what is left at the end a block of its own, or a part of the last one where it is short."""
         begin, last = float(self._t[0]), float(self._t[-1])
         if 2 * len(self._t) >= self._block():
@@ -234,7 +214,7 @@ class _Run:
         """Expect what the last blocks say."""
         assert self._stretch is not None
         assert self._model is not None
-        t, phase = np.array([(block.t, block.phase) for block in self._stretch[-MEMORY:]]).T
+        t, phase = np.array([(block.t, block.phase) for block in self._stretch[-DEFAULTS.memory:]]).T
         at, now, (frequency, change) = float(t[-1]), float(phase[-1]), self._model[2:]
         frequency += change * (at - self._model[0])
         if len(t) > 3:
@@ -242,12 +222,12 @@ class _Run:
             change = 2.0 * half
         elif len(t) > 1:
             frequency = float(phase[-1] - phase[-2]) / float(t[-1] - t[-2]) + 0.5 * change * float(t[-1] - t[-2])
-        limit = FASTEST_DRIFT * abs(frequency)
+        limit = DEFAULTS.fastest_drift * abs(frequency)
         self._model = at, now, frequency, min(max(change, -limit), limit)
 
     def _release(self) -> None:
         """End the stretch that was followed."""
-        if self._stretch is not None and len(self._stretch) > MISSES:
+        if self._stretch is not None and len(self._stretch) > DEFAULTS.misses:
             trim(self._stretch)
             self._done.append(self._stretch)
         self._stretch, self._model, self._misses = None, None, 0
@@ -276,9 +256,9 @@ def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
         if height > best[0] * (1.0 + 1e-6 * (drift != 0.0)):
             best = height, frequency, drift
     _, frequency, drift = best
-    if frequency * span < 2.0 * math.pi * OPENING_CYCLES:
+    if frequency * span < 2.0 * math.pi * DEFAULTS.opening_cycles:
         return None
-    if _fit(t, torque, frequency * (middle + 0.5 * drift * middle * middle)).share < STRONGEST_LINE:
+    if _fit(t, torque, frequency * (middle + 0.5 * drift * middle * middle)).share < DEFAULTS.strongest_line:
         return None
     return frequency * (1.0 - 0.5 * drift * span), drift
 
@@ -301,7 +281,7 @@ def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
     return float(spectrum[k]), 2.0 * math.pi * (k + float(shift)) / (size * step)
 
 
-def _fitted(t: Floats, torque: Floats) -> Stretch | None:
+def _fitted(t: Floats, torque: Floats) -> Blocks | None:
     """A sine of constant frequency fitted to few cycles, whose Fourier peak is only near (0.6 to 1.4 times)."""
     from scipy.optimize import minimize_scalar
 
@@ -315,7 +295,7 @@ def _fitted(t: Floats, torque: Floats) -> Stretch | None:
     guess = min(np.linspace(0.6, 1.4, 81).tolist(), key=left)
     best = minimize_scalar(left, bounds=(guess - 0.01, guess + 0.01), method="bounded", options={"xatol": 1e-10})
     found, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
-    if found.share < STRONGEST_LINE:
+    if found.share < DEFAULTS.strongest_line:
         return None
     return [Block(at, found.ahead + float(best.x) * rough * (at - ends[0]), found.amplitude, found.share, *ends)
             for at in ends]

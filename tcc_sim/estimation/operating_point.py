@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
+from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
@@ -170,8 +170,8 @@ def _settled(system: System) -> tuple[int, Floats]:
             raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
-        raise InputError(f"the scene settles in no motion of a period up to {MAXIMUM_PERIOD} engine cycles within "
-                         f"{DEFAULTS.cycles}; there is nothing to linearise about")
+        raise InputError(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} engine cycles "
+                         f"within {DEFAULTS.cycles}; there is nothing to linearise about")
     return period, cycles.section[-1]
 
 

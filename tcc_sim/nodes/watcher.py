@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tcc_sim.analysis.control import Event
-from tcc_sim.analysis.cycle_means import CycleMeans, joined_means
+from tcc_sim.analysis.control import CycleMeans, Event, joined_means
 from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 
@@ -84,7 +84,7 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
         period += (", settled" if summary.settled else
                    f", still converging: it changes by {summary.section_change:.1e} of it")
     else:
-        period = f"none up to {MAXIMUM_PERIOD} engine cycles, as far as can be told yet"
+        period = f"none up to {DEFAULTS.maximum_period} engine cycles, as far as can be told yet"
     out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
            ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
            ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]

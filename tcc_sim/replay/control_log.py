@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import MOST_STEPS, Control, Event, Steps
-from tcc_sim.analysis.cycle_means import CycleMeans, joined_means
+from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps, joined_means
 from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import values_of
@@ -114,7 +114,7 @@ class ControlLog:
         return self._kept[1] if self._kept is not None else Control(np.empty(0), np.empty(0))
 
     def _hold(self, name: str, signal: Signal) -> None:
-        """Keep the last value in each PER_CYCLE-th part of an engine cycle, and the last MOST_STEPS of these."""
+        """Keep the last value in each PER_CYCLE-th part of an engine cycle, and `Settings.most_steps` of these."""
         part = signal[0] // max(round(self._cycle * 1e9 / PER_CYCLE), 1)
         last = np.flatnonzero(np.diff(part, append=-1))
         held = self._steps.setdefault(name, [])
@@ -191,6 +191,6 @@ class ControlLog:
 
 
 def _joined(parts: list[Signal]) -> Signal:
-    """Parts one after the other, the last MOST_STEPS values of them."""
+    """Parts one after the other, the last `Settings.most_steps` values of them."""
     stamps, values = zip(*parts)
-    return np.concatenate(stamps)[-MOST_STEPS:], np.concatenate(values)[-MOST_STEPS:]
+    return np.concatenate(stamps)[-DEFAULTS.most_steps:], np.concatenate(values)[-DEFAULTS.most_steps:]

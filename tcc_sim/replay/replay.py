@@ -14,7 +14,8 @@ import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.analysis.engine_clock import EngineClock
-from tcc_sim.analysis.periodicity import AFTER_A_GAP, enough_after_a_gap
+from tcc_sim.analysis.periodicity import enough_after_a_gap
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
@@ -163,7 +164,8 @@ class _Reading:
         averages = damping_of_cycles(self._system, kept, begin, summary.period) if damping else None
         warnings = [*run.warnings, *self._warnings()]
         if told and not enough_after_a_gap(kept):
-            warnings.append(f"no period is given: it takes {AFTER_A_GAP} engine cycles or more after the last gap")
+            warnings.append(f"no period is given: it takes {DEFAULTS.after_a_gap} engine cycles or more after the last "
+                            "gap")
         segments = self._segments.finish(summary.solver, summary.elapsed_s)
         if self._segments.count > MOST_SEGMENTS:
             warnings.append(f"only the first {MOST_SEGMENTS} of {self._segments.count} segments have figures of their "

@@ -13,12 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.control import Tracking, tracking
-from tcc_sim.analysis.cycle_means import MeansOfCycles
-from tcc_sim.analysis.cycles import default_discard
+from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
 from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.summary import Summary, default_discard
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.announcements import ScenePlace, SceneRecord

@@ -15,10 +15,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.cycles import DISCARD, cycles_of, default_discard, spans_of
 from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
 from tcc_sim.analysis.periodicity import repeats_finely, stays
-from tcc_sim.analysis.summary import Summary, summarise_cycles, summarise_samples
+from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
+from tcc_sim.analysis.summary import (
+    Summary,
+    cycles_of,
+    default_discard,
+    spans_of,
+    summarise_cycles,
+    summarise_samples,
+)
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
@@ -255,7 +262,7 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
     """A duration in one solve."""
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
-    discarded = plan.dropped(whole, min(DISCARD, whole // 3) if system.course is None else 0)
+    discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.course is None else 0)
     run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle,
                  loads_from=discarded)
     return run, run.cycles, discarded
@@ -265,7 +272,7 @@ def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, 
     """Cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
     found = settle(system, start, plan.cycles, solver=plan.solver, rtol=plan.rtol, step=plan.step,
                    loads_from=0)
-    after = found.after if found.cycles is None or found.after is not None else min(DISCARD, len(found.cycles) // 2)
+    after = found.after if found.cycles is None or found.after is not None else default_discard(len(found.cycles))
     return found.run, found.cycles, after or 0
 
 

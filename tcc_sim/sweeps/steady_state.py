@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import MAXIMUM_PERIOD, periodicity, sizes_of
+from tcc_sim.analysis.periodicity import periodicity, sizes_of
+from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -77,7 +78,7 @@ def repeats_after(cycles: Cycles) -> int | None:
     """
     points: Floats = cycles.section
     near = DEFAULTS.settled * sizes_of(points[-DEFAULTS.settled_window:], cycles.highest[-DEFAULTS.settled_window:])
-    away = (np.abs(points[-2:-2 - MAXIMUM_PERIOD:-1] - points[-1]) > near).any(axis=1)
+    away = (np.abs(points[-2:-2 - ANALYSIS.maximum_period:-1] - points[-1]) > near).any(axis=1)
     for period in (np.flatnonzero(~away) + 1).tolist():
         number = np.arange(len(points))
         image = len(points) - period + (number - len(points)) % period

@@ -15,10 +15,9 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
-from tcc_sim.analysis.control import Tracking, tracking
-from tcc_sim.analysis.cycle_means import MeansOfCycles
-from tcc_sim.analysis.cycles import default_discard
+from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
 from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
+from tcc_sim.analysis.summary import default_discard
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun

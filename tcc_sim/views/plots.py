@@ -8,8 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.analysis.cycles import cycles_of, first_cycle_of
-from tcc_sim.analysis.summary import Summary, summarise, summarise_samples
+from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise, summarise_samples
 from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.output.files import replaceable
 from tcc_sim.trajectory import Trajectory, no_cycles

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.control import tracking
-from tcc_sim.analysis.cycle_means import CycleMeans, MeansOfCycles
+from tcc_sim.analysis.control import CycleMeans, MeansOfCycles, tracking
 from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.result import json_of
 

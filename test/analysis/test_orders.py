@@ -7,7 +7,8 @@ from dataclasses import replace as with_fields
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.orders import CYCLES, orders_of, turns_at
+from tcc_sim.analysis.orders import orders_of, turns_at
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
@@ -40,7 +41,7 @@ def test_amplitudes_are_those_of_sines_that_go_with_the_engine():
     np.testing.assert_allclose(found.cut(0.0), d.stiffness * 0.2, rtol=1e-3)
     assert found.cut(7.0).max() < 1e-3 * d.stiffness * 0.03
     np.testing.assert_allclose(found.frequency, np.interp(found.time, [0, 4], [100, 300]), rtol=0.02)
-    assert found.order[1] == 1.0 / CYCLES
+    assert found.order[1] == 1.0 / DEFAULTS.window
 
 
 def test_order_one_of_a_stuck_clutch_is_the_closed_form():

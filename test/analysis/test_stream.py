@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.cycles import cycles_of
 from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.trajectory import Trajectory

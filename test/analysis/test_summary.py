@@ -7,8 +7,7 @@ from dataclasses import replace as with_field
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.cycles import cycles_of, default_discard
-from tcc_sim.analysis.summary import regime_of, slip_grows, summarise, summarise_cycles
+from tcc_sim.analysis.summary import cycles_of, default_discard, regime_of, slip_grows, summarise, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.trajectory import Cycles, Trajectory

@@ -7,7 +7,7 @@ import pytest
 from oracle import equations
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.cycles import cycles_of
+from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve

@@ -6,8 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.cycles import cycles_of
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.summary import cycles_of, summarise
 from tcc_sim.errors import MissingPackage
 from tcc_sim.model.parameters import System
 from tcc_sim.trajectory import Trajectory

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 
-from tcc_sim.analysis.control import Control, Event, Steps
-from tcc_sim.analysis.cycle_means import CycleMeans
-from tcc_sim.analysis.cycles import cycles_of
+from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps
 from tcc_sim.analysis.engine_clock import Uniform
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.summary import cycles_of, summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.replay.replay import replay

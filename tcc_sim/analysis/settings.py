@@ -1,0 +1,109 @@
+"""The settings of the room: every tolerance, length and bound that runs are analysed with, in one object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tcc_sim.model.quantity import quantity
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How cycles are found in time, judged, and compared with each other."""
+
+    # The period of a motion on its section (`periodicity.py`).
+    maximum_period: int = quantity(16, "longest period looked for", "engine cycles")
+    tolerance: float = quantity(1e-4, "repetition, relative to the size of the motion, that counts as settled")
+    fine: float = quantity(1e-8, "repetition of each coordinate, relative to its largest value, over cycles after "
+                           "which fewer need not be seen")
+    near: float = quantity(0.25, "largest change over a period, relative to the size of the motion, at the end of a "
+                           "run that still settles")
+    distance: float = quantity(0.1, "largest distance that such a run may have left to its limit, relative to the size "
+                               "of the motion")
+    same: float = quantity(0.05, "part of the distance left to the limit that two of its points may lie apart and "
+                           "still be one")
+    modes: int = quantity(3, "most modes of a decay: the section has three coordinates")
+    misfit: float = quantity(0.02, "largest misfit of a decay, relative to its own size")
+    exact: float = quantity(1e-3, "misfit at which fewer modes are enough")
+    least_shrinking: float = quantity(0.95, "largest part of a difference that a decay leaves over a third of the run")
+    least_decay: float = quantity(0.05, "least natural logarithm of a decay over the run that tells it from a motion "
+                                  "that goes on for ever")
+    doubtful: float = quantity(0.5, "a difference may be none in the limit where its decay leaves less than this part "
+                               "of it, as far as its size tells; and a decay whose rate falls below this part within "
+                               "the run may end before it is none")
+    shrinking: float = quantity(0.02, "least shrinking over the run, relative to what is left, that is looked at")
+    after_a_gap: int = quantity(16, "length without a gap, at least, that a period is told from after one: as many as "
+                                "the longest", "engine cycles")
+    growth: float = quantity(2.0, "growth of a difference from a third of the run to the next, twice, that shows a "
+                             "motion on its way elsewhere")
+
+    # The figures of a steady state (`summary.py`).
+    discard: int = quantity(50, "length dropped as transient: the paper's rule", "engine cycles")
+    passing: float = quantity(5e-3, "a stick fraction up to here is slip that passes through v = 0: the smoothed law "
+                              "counts the passage through its layer")
+
+    # Cycles of a recording while it is read (`stream.py`).
+    recording_tolerance: float = quantity(2e-3, "`tolerance` of a recorded section: ticks do not fall on cycle ends, "
+                                          "and fixed steps are coarse")
+    drifting: float = quantity(5e-3, "a cycle that differs by this part of the length of the last ones belongs to no "
+                               "period")
+    at_the_end: int = quantity(16, "how many these last ones are", "engine cycles")
+
+    # When engine cycles start (`engine_clock.py`).
+    slack: float = quantity(1e-9, "part of an engine cycle by which a sample may miss the instant at which the cycle "
+                            "starts")
+    memory: int = quantity(6, "blocks from which the next phase is expected, by a parabola")
+    full_size: float = quantity(0.7, "part of the amplitude of the next block that the first of a stretch must have, "
+                                "and the last of the one before it")
+    steady: float = quantity(0.02, "rms deviation of the phases from uniform rotation up to which a frequency is "
+                             "constant", "rad")
+    noise: float = quantity(3.0, "the same in units of their own noise")
+    fewest_for_noise: int = quantity(6, "blocks from which their noise can be told")
+    largest_noise: float = quantity(0.17, "the largest that a constant frequency may have", "rad")
+
+    # The phase of a recorded torque (`torque_phase.py`).
+    shortest_opening: int = quantity(1 << 8, "samples from which the line is found before it is followed; the shortest "
+                                     "stretch that shows it serves")
+    longest_opening: int = quantity(1 << 14, "the most of them")
+    opening_cycles: float = quantity(6.0, "cycles of the line that such a stretch must hold")
+    steepest: float = quantity(0.12, "largest relative change of frequency, either way, that is tried on it", "1/s")
+    drifts: int = quantity(13, "how many such changes are tried, evenly")
+    cycles_per_block: int = quantity(2, "least size of a block, which comes to one phase", "cycles of the line")
+    samples_per_block: int = quantity(32, "the same", "samples")
+    strongest_line: float = quantity(0.2, "part of the variance of a block, its drift apart, that the line must hold")
+    largest_surprise: float = quantity(1.0, "largest difference of a block's phase from what the blocks before it let "
+                                       "expect", "rad")
+    fastest_drift: float = quantity(0.3, "largest relative change of frequency that is expected", "1/s")
+    largest_twist: float = quantity(0.5, "largest difference between the phases of the halves of a block", "rad")
+    misses: int = quantity(2, "blocks one after the other that may fail within a stretch")
+    fewest_blocks: int = quantity(4, "a run of fewer is fitted as a whole, with a constant frequency")
+    few_blocks: int = quantity(12, "so is a run of fewer than these where that holds as much of its variance as the "
+                               "blocks do")
+    as_much: float = quantity(0.02, "part of the variance by which these may differ")
+    least_known: float = quantity(0.25, "part of a run in which the phase must be known")
+
+    # Orders along a run (`orders.py`).
+    window: int = quantity(16, "length of a window", "engine cycles")
+    hop: int = quantity(4, "from one window to the next", "engine cycles")
+    per_cycle: int = quantity(64, "points in an engine cycle after resampling")
+    highest_order: int = quantity(10, "highest order that is given")
+    least_samples: int = quantity(8, "samples that a cycle must have on average; orders up to a quarter of them, and "
+                                  "`highest_order` at most, are given")
+
+    # Equivalent damping (`damping.py`).
+    averaged: int = quantity(16, "length that the averages are taken over", "engine cycles")
+    rtol: float = quantity(1e-9, "relative tolerance of the motion and its integrals with the smoothed law")
+    growth_between: float = quantity(0.07, "growth of slip on the falling law between two samples, in natural "
+                                     "logarithm; the error is about its fourth power")
+    fewest_samples: int = quantity(1024, "samples per cycle with the set-valued law, at least: between them the motion "
+                                   "is interpolated from its equations")
+    most_samples: int = quantity(131072, "the same at most")
+
+    # Control (`control.py`).
+    most_steps: int = quantity(200_000, "most values of a held signal that are kept for a picture; the earliest go "
+                               "first")
+    settled: float = quantity(0.02, "part of the step, or of the target where that is larger, within which the cycle "
+                              "mean counts as settled")
+
+
+DEFAULTS = Settings()
