@@ -76,18 +76,14 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     if len(starts) < 2:
         return Cycles(section, np.empty(0), np.empty(0), np.empty(0))
 
-    first, last, count = int(place[0]), int(place[-1]) + len(starts), len(starts) - 1
-    instants, speeds = np.insert(t, place, starts)[first:last], np.insert(v, place, section[:, 0])[first:last]
-    width = np.maximum(np.diff(instants), 0.0)
-    p, q = speeds[:-1], speeds[1:]
-    rest = (p == 0.0) & (q == 0.0) if stick_speed == 0.0 else np.zeros(len(p), dtype=np.bool_)
-    slope = _cubic_slope(u, *at_starts) / h
-    dp = np.where(rest, 0.0, width * np.insert(leaving, left + 1, slope)[first:last - 1])
-    dq = np.where(rest, 0.0, width * np.insert(arriving, left, slope)[first:last - 1])
+    pieces = (place + np.arange(len(starts)) - place[0])[:-1]
+    width, (p, dp, q, dq) = _cut(t, v, leaving, arriving, starts)
+    if stick_speed == 0.0:
+        rest = (p == 0.0) & (q == 0.0)
+        dp, dq = np.where(rest, 0.0, dp), np.where(rest, 0.0, dq)
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
-    pieces = (place + np.arange(count + 1) - first)[:-1]
     loads = None if linear is None else _loads(t, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
                                                np.asarray(plate_acceleration), starts, section, stick_speed, linear)
     return Cycles(section, np.maximum.reduceat(values.max(axis=1), pieces),
@@ -109,7 +105,7 @@ def _loads(t: Floats, v: Floats, slip: Floats, angle: Floats, speed: Floats, pla
     """Loads of clutch and shaft between samples, the torques from (2a) and (2b).
 
     The clutch's energy is what the engine's work leaves over after the dissipation in C23 and the change of what is
-    stored, so that no integrand has the jumps of Tf. A cycle has the extremes of the intervals that begin within it.
+    stored, so that no integrand has the jumps of Tf.
     """
     i1, i2, damping, stiffness = linear
     h = np.diff(t)
@@ -123,17 +119,36 @@ def _loads(t: Floats, v: Floats, slip: Floats, angle: Floats, speed: Floats, pla
     total = np.concatenate([[0.0], np.cumsum(parts)])
     stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2
                     + stiffness * section[:, 1] ** 2)
-    power = _with_peaks(t, friction * v)
-    turns = _turning_points(shaft[:-1], h * rise[:-1], shaft[1:], h * rise[1:])
-    torques = _cubic(turns, *(x[:, None] for x in (shaft[:-1], h * rise[:-1], shaft[1:], h * rise[1:])))
+    place = np.searchsorted(t, starts, side="right")
+    pieces = (place + np.arange(len(starts)) - place[0])[:-1]
+    power = friction * v
+    power = np.insert(_with_peaks(t, power), place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
+    _, (p, dp, q, dq) = _cut(t, shaft, rise[:-1], rise[1:], starts)
+    torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
-    place = np.clip(np.searchsorted(t, starts, side="right") - 1, 0, len(t) - 2)
-    first, within = place[:-1], slice(0, max(int(place[-1]), int(place[0]) + 1))
+    first = np.clip(place - 1, 0, len(t) - 2)
+    moves = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]), int(first[0]) + 1)]
     return Loads(np.diff(hermite(starts, t, total, net)) - np.diff(stored),
-                 np.maximum.reduceat(np.maximum(power[:-1], power[1:])[within], first),
-                 np.maximum.reduceat(torques.max(axis=1)[within], first),
-                 np.minimum.reduceat(torques.min(axis=1)[within], first),
-                 np.add.reduceat((stuck[:-1] & ~stuck[1:])[within].astype(np.float64), first))
+                 np.maximum.reduceat(np.maximum(power[:-1], power[1:]), pieces),
+                 np.maximum.reduceat(torques.max(axis=1), pieces), np.minimum.reduceat(torques.min(axis=1), pieces),
+                 np.add.reduceat(moves.astype(np.float64), first[:-1]))
+
+
+def _cut(t: Floats, y: Floats, leaving: Floats, arriving: Floats, starts: Floats) -> tuple[Floats, tuple[Floats, ...]]:
+    """The cubics between samples and starts of cycles from the first start to the last: their widths, s, and p, dp, q,
+    dq of each, from values y, (n,), and slopes at both ends of every interval, (n - 1,) each.
+    """
+    place = np.searchsorted(t, starts, side="right")
+    left = np.clip(place - 1, 0, len(t) - 2)
+    h = t[left + 1] - t[left]
+    u = np.clip((starts - t[left]) / h, 0.0, 1.0)
+    own = y[left], h * leaving[left], y[left + 1], h * arriving[left]
+    slope = _cubic_slope(u, *own) / h
+    first, last = int(place[0]), int(place[-1]) + len(starts)
+    width = np.maximum(np.diff(np.insert(t, place, starts)[first:last]), 0.0)
+    values = np.insert(y, place, _cubic(u, *own))[first:last]
+    return width, (values[:-1], width * np.insert(leaving, left + 1, slope)[first:last - 1],
+                   values[1:], width * np.insert(arriving, left, slope)[first:last - 1])
 
 
 def _with_peaks(t: Floats, y: Floats) -> Floats:

@@ -11,6 +11,7 @@ from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.trajectory import Loads, concatenated
 
 FIRST, LAST = 6, 12
@@ -147,3 +148,22 @@ def test_loads_follow_their_cycles() -> None:
     assert parts.loads is not None
     assert np.array_equal(parts.loads.energy, run.loads.energy)
     assert concatenated([run[:3], solve(load_scene("fig02"), cycles=8).cycles[3:]]).loads is None
+
+
+def test_samples_have_the_extremes_of_their_own_cycle() -> None:
+    """Of a shaft that swings out by exp(-10 t) sin(30 t), where cycles begin between two samples."""
+    rate = complex(-10.0, 30.0)
+
+    def plate(t: np.ndarray) -> list[np.ndarray]:
+        return [np.asarray((rate**k * np.exp(rate * t)).imag) for k in range(3)]
+
+    t, starts = np.linspace(0.0, 1.0, 201), np.linspace(0.1033, 0.9033, 9)
+    rest = np.zeros_like(t)
+    loads = cycles_from_samples(t, rest, rest, *plate(t), starts=starts, stick_speed=0.0,
+                                linear=(0.2, 0.02, 0.6, 3000.0)).loads
+    assert loads is not None
+    for n in range(8):
+        angle, speed, _ = plate(np.linspace(starts[n], starts[n + 1], 10001))
+        shaft = 0.6 * speed + 3000.0 * angle
+        assert loads.highest_shaft_torque[n] == pytest.approx(shaft.max(), abs=1e-4 * np.abs(shaft).max())
+        assert loads.lowest_shaft_torque[n] == pytest.approx(shaft.min(), abs=1e-4 * np.abs(shaft).max())
