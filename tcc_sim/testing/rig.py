@@ -17,7 +17,7 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
 from tcc_sim.nodes.shared_memory import remove_ownerless
-from tcc_sim.plant.closed_loop import INPUTS, Samples
+from tcc_sim.plant.closed_loop import INPUTS, MOST_TICKS, Samples
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
@@ -99,15 +99,18 @@ class Rig:
 
         Raises
         ------
+        InputError
+            Not one of the two, or a number of ticks that no run has.
         ControllerFailed
             A node under test died, hangs, or does not answer.
         """
         if (seconds is None) == (ticks is None):
             raise InputError("give either seconds or ticks")
-        count = ticks if ticks is not None else round((seconds or 0.0) * self._node.scene.operation.rate)
-        if count < 1:
-            raise InputError(f"{seconds if ticks is None else ticks} is no run; it must have at least one tick")
-        return self._worker.run(lambda: self._run(count, target), self._patience, self._failed)
+        wanted = (seconds or 0.0) * self._node.scene.operation.rate if ticks is None else ticks
+        if not 0.5 < wanted <= MOST_TICKS or ticks not in (None, round(wanted)):
+            raise InputError(f"{seconds if ticks is None else ticks} is no run; it must have whole ticks, at most "
+                             f"{MOST_TICKS}, and at least one")
+        return self._worker.run(lambda: self._run(round(wanted), target), self._patience, self._failed)
 
     def change(self, values: Mapping[str, object] | None = None, **more: object) -> None:
         """Change parameters from the next tick on, all or none: ``change({"engine.mean_torque": 300.0})``, or

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -89,8 +90,9 @@ def test_runs_go_on_where_the_one_before_ended_with_changed_parameters_and_a_tar
         _ = first.tracking
     with pytest.raises(InputError, match="give either seconds or ticks"):
         plant.run()
-    with pytest.raises(InputError, match="0 is no run"):
-        plant.run(ticks=0)
+    for wrong in ({"ticks": 0}, {"ticks": 2.5}, {"seconds": 0.0}, {"seconds": math.nan}, {"seconds": math.inf}):
+        with pytest.raises(InputError, match=f"{next(iter(wrong.values()))} is no run"):
+            plant.run(**wrong)
 
 
 def held(run: Any) -> list[int]:
