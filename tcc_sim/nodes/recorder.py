@@ -29,10 +29,10 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.middleware import qos_fields
+from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.parameters import warn_of_unknown
 from tcc_sim.nodes.process import Spinner, log, run_node, warn
-from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, UnsentCount, publisher_of
+from tcc_sim.nodes.track import Track, UnsentCount
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import JOINT_STATE, STRING, TOPICS

@@ -15,30 +15,21 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tcc_sim.errors import counted
-from tcc_sim.nodes.middleware import message_class, poll, subscribe
+from tcc_sim.nodes.middleware import MOST_PUBLISHERS, SequenceNumbers, message_class, poll, publisher_of, subscribe
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
 
-MOST_PUBLISHERS = 1000
-"""Publishers of a topic that are told apart; a driveline that is restarted every minute reaches it in 16 hours."""
 DEPTH = 20_000
 """Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
 MOST_TOPICS = 100
 """Topics of one driveline whose unsent messages are counted; it has a dozen."""
 _MOST_ASKED = 20
 
-
-def publisher_of(info: Mapping[str, Any]) -> bytes:
-    """Who sent a message; empty where the middleware does not say."""
-    publisher = info.get("publisher_gid")
-    return bytes(publisher["data"]) if publisher else b""
-
-
 Taken = list[tuple[bytes, dict[str, Any]]]
 """Serialised messages, each with what the middleware says of it."""
 
 
-class Track:
+class Track(SequenceNumbers):
     """One recorded topic.
 
     Publishers that offer best effort alone have a second subscription, so that the reliable one of the others stays as
@@ -46,6 +37,7 @@ class Track:
     """
 
     def __init__(self, node: Node, topic: str, type_name: str, latched: bool = False) -> None:
+        super().__init__()
         self.topic = topic
         self.type = type_name
         self.latched = latched
@@ -56,11 +48,9 @@ class Track:
         self.publishers: set[bytes] = set()
         self.channels: dict[bytes, int] = {}
         self.messages = 0
-        self.lost = 0
         self.arrived = time.monotonic()
         self.silence_told = False
         self.stamps = StampCounter() if type_name == JOINT_STATE else None
-        self._next: dict[bytes, int] = {}
         self._asked: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
 
@@ -106,15 +96,6 @@ class Track:
             self._best_effort = None
         return waited
 
-    def count(self, publisher: bytes, number: int) -> None:
-        """Count what is missing between this message and the one that the same publisher sent before it."""
-        if publisher not in self._next and len(self._next) >= MOST_PUBLISHERS:
-            del self._next[next(iter(self._next))]
-        expected = self._next.get(publisher, number)
-        if number > expected:
-            self.lost += number - expected
-        self._next[publisher] = number + 1
-
     def asks_again(self, publishers: Sequence[bytes]) -> bool:
         """Whether one of these has said nothing yet and should be asked again, which it is a limited number of times.
 
@@ -124,9 +105,9 @@ class Track:
         if len(self._offered) > MOST_PUBLISHERS:
             self._offered, self._asked = set(), Counter({p: self._asked[p] for p in publishers})
         self._offered.update(publishers)
-        if self._next and not self._offered & self._next.keys():
+        if self.next and not self._offered & self.next.keys():
             return False  # This middleware names publishers in two ways, so who is silent cannot be known.
-        silent = [publisher for publisher in publishers if publisher not in self._next
+        silent = [publisher for publisher in publishers if publisher not in self.next
                   and self._asked[publisher] < _MOST_ASKED]
         self._asked.update(silent)
         return bool(silent)

@@ -20,7 +20,17 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.middleware import CHANGES, COMMANDS, LATCHED, message_class, poll, states, subscribe
+from tcc_sim.nodes.middleware import (
+    CHANGES,
+    COMMANDS,
+    LATCHED,
+    SequenceNumbers,
+    message_class,
+    poll,
+    publisher_of,
+    states,
+    subscribe,
+)
 from tcc_sim.nodes.process import node_of_command
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
@@ -131,8 +141,8 @@ class Watcher:
         self._waiting: list[tuple[NDArray[np.void], NDArray[np.int64]]] = []
         self._scenes = self._subscribed("scene", LATCHED)
         self._states = self._subscribed("joint_states", QoSProfile(depth=DEPTH))
-        self.heard = self.states = self.missed = 0
-        self._next: dict[bytes, int] = {}
+        self.heard = self.states = 0
+        self.numbers = SequenceNumbers()
         self._told, self._told_at = 0, 0.0
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
@@ -209,13 +219,9 @@ class Watcher:
         kept: list[bytes] = []
         times: list[int] = []
         for data, info in poll(self._states, DEPTH):
-            number, publisher = info.get("publication_sequence_number") or 0, info.get("publisher_gid")
-            if number and publisher:
-                who = bytes(publisher["data"])
-                if len(self._next) > 1000:
-                    self._next.clear()
-                self.missed += max(0, number - self._next.get(who, number))
-                self._next[who] = number + 1
+            number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
+            if number and who:
+                self.numbers.count(who, number)
             if len(data) == len(self._template):
                 kept.append(data)
                 times.append(info["received_timestamp"] or time.time_ns())
@@ -251,9 +257,10 @@ class Watcher:
     def _tell(self) -> None:
         """Say what was missed, at most once a second, and once that nothing arrives."""
         now = time.monotonic()
-        if self.missed > self._told and now - self._told_at >= 1.0:
-            self._say(f"missed {counted(self.missed - self._told, 'state')}, {self.missed} in all")
-            self._told, self._told_at = self.missed, now
+        missed = self.numbers.lost
+        if missed > self._told and now - self._told_at >= 1.0:
+            self._say(f"missed {counted(missed - self._told, 'state')}, {missed} in all")
+            self._told, self._told_at = missed, now
         silent = now - self._heard > SILENCE
         if silent and not self._silent:
             self._say(f"no states for {SILENCE:g} s: paused, stopped, or waiting for subscribers")
@@ -291,4 +298,4 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
                     time.sleep(DRAIN_PERIOD)
             except KeyboardInterrupt:
                 watcher.drain(view, everything=True)
-    return f"{counted(watcher.states, 'state')} shown, {watcher.missed} missed"
+    return f"{counted(watcher.states, 'state')} shown, {watcher.numbers.lost} missed"
