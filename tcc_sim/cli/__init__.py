@@ -17,6 +17,7 @@ from importlib import import_module
 from keyword import iskeyword
 from typing import NoReturn
 
+from tcc_sim import __version__
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.output.terminal import open_streams, terminal_width, wrapped
 
@@ -68,7 +69,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     parser = _Parser(prog="tcc-sim",
                      description="A slipping torque converter clutch driveline, in real time and offline.",
                      epilog=_verbs_by_purpose(), formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--version", action="version", version=_version())
+    parser.add_argument("--version", action="version", version=f"tcc-sim {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)
     for name, text in VERBS.items():
         sub = verbs.add_parser(name, description=text[0].upper() + text[1:] + ".")
@@ -135,10 +136,3 @@ def _status_of(words: list[str]) -> int:
 def module_of(verb: str) -> str:
     """The name of a verb's module."""
     return f"{verb}_" if iskeyword(verb) else verb
-
-
-def _version() -> str:
-    """Name and version, as --version prints them."""
-    from tcc_sim import __version__
-
-    return f"tcc-sim {__version__}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial
 
 from tcc_sim.cli.arguments import number
 from tcc_sim.output.terminal import say
@@ -52,13 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
             ask.change(values)
             say(", ".join(f"{key} {value}" for key, value in values.items()))
         else:
+            tell = partial(say, flush=True)  # Standard output may be a pipe.
             try:
-                say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0, tell=_told))
+                say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0, tell=tell))
             except KeyboardInterrupt:
                 say("no more is sent")
     return 0
-
-
-def _told(text: str) -> None:
-    """Say at once what goes on, though standard output may be a pipe."""
-    say(text, flush=True)
