@@ -101,6 +101,9 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/clock", CLOCK, "", "out", (("publish_clock", True),), "simulation time", fields=("stamp_ns",)),
 )
 
+INPUTS = tuple(row.name for row in TOPICS if row.direction == "in")
+"""Topics of the two inputs that may be commanded: engine torque, actuation pressure."""
+
 
 def topic(name: str) -> Topic:
     """The row of `name`.

@@ -11,8 +11,9 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.table import CHANNELS, INPUTS, TIME, read_columns
+from tcc_sim.recording.table import CHANNELS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
 

@@ -16,10 +16,10 @@ import numpy as np
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key
-from tcc_sim.recording.table import INPUTS
 from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
 from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
 from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
 OFFSETS = {f"{name}.offset": name for name in INPUTS}

@@ -14,7 +14,7 @@ from tcc_sim import __version__
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import RESOLUTION, SUBSTEP_LIMIT
-from tcc_sim.topics import topic
+from tcc_sim.topics import INPUTS, topic
 
 BASE_UNITS = {"N": {"kg": 1, "m": 1, "s": -2}, "Pa": {"kg": 1, "m": -1, "s": -2}, "m": {"m": 1}, "s": {"s": 1},
               "kg": {"kg": 1}, "rad": {"rad": 1}}
@@ -34,7 +34,6 @@ OUTPUTS = (
     ("applied_engine_torque", "N m", "engine torque that acts at the end of the step"),
     ("applied_pressure", "Pa", "actuation pressure that acts at the end of the step"),
     ("shaft_torque", "N m", "torque of spring and damper, C23 theta2' + K23 theta2"))
-INPUTS = "engine_torque", "actuation_pressure"
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,9 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.scene import SceneLike, as_scene
-from tcc_sim.topics import topic
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory
 
-INPUTS = "engine_torque", "actuation_pressure"
-"""Topics of the two inputs that may be commanded."""
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
 """What a Reading and a ControlledRun have by the same names."""

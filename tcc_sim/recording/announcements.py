@@ -19,7 +19,7 @@ import numpy as np
 
 from tcc_sim.messages import cdr
 from tcc_sim.model.course import START, Origin
-from tcc_sim.topics import HEADER, TOPICS
+from tcc_sim.topics import HEADER, INPUTS
 
 if TYPE_CHECKING:
     from tcc_sim.recording.batches import JointStates
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from tcc_sim.recording.records import Messages
 
 COMMAND, FALLBACK = "command", "fallback"
-INPUTS = frozenset(row.name for row in TOPICS if row.direction == "in")
 MOST_SOURCES = 100_000
 """Announced sources of the inputs of a recording that are followed."""
 MOST_SCENES = 10_000

@@ -11,12 +11,12 @@ import numpy as np
 
 from tcc_sim.errors import InputError, one_line
 from tcc_sim.model.parameters import unknown_key
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats, Trajectory
 
 TIME = "t"
-INPUTS = {"engine_torque": "N m", "actuation_pressure": "Pa"}
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
-"""Columns beside the time, s: of what drove a driveline, and of what it did, with their units."""
+"""Columns of what a driveline did, with their units; beside them the time, s, and INPUTS, which drove it."""
 
 
 def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> dict[str, Floats]:

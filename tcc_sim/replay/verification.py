@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.course import START
-from tcc_sim.recording.announcements import INPUTS, ScenePlace, SceneRecord
+from tcc_sim.recording.announcements import ScenePlace, SceneRecord
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6

@@ -17,11 +17,11 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
 from tcc_sim.nodes.shared_memory import remove_ownerless
-from tcc_sim.plant.closed_loop import INPUTS, MOST_TICKS, Samples
+from tcc_sim.plant.closed_loop import MOST_TICKS, Samples
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
-from tcc_sim.topics import FLUID_PRESSURE, topic
+from tcc_sim.topics import FLUID_PRESSURE, INPUTS, topic
 
 PATIENCE = 20.0
 """Real time, s, that an answer may take."""
