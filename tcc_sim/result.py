@@ -11,7 +11,7 @@ from typing import Any
 ROWS_SHOWN = 20
 ASKED_FOR, SPREAD = {"asked_for": True}, {"spread": True}
 """Metadata of dataclass fields: JSON has not what is None because nobody asked for it; and it has the fields of a
-dataclass in the place of the field that holds it.
+dataclass, or the items of a mapping, in the place of the field that holds it.
 """
 PLAIN = {str, int, bool, type(None)}
 """Types of values that are in JSON as they are; most of a result is, and numbers."""
@@ -62,7 +62,10 @@ def json_of(value: Any) -> Any:
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:
-    """The fields of a dataclass that JSON has."""
+    """The fields of a dataclass that JSON has, or the items of a mapping."""
+    if isinstance(value, Mapping):
+        yield from value.items()
+        return
     for item in fields(value):
         part = getattr(value, item.name)
         if part is None and item.metadata.get("asked_for"):

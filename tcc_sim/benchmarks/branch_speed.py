@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.benchmarks.timing import least_seconds
+from tcc_sim.benchmarks.peers import least_seconds
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import ContinuationPlan, check

@@ -8,6 +8,8 @@ does.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,12 +17,12 @@ import numpy as np
 from tcc_sim.benchmarks.references import Floats, Unfinished, final_state
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.result import SPREAD
 from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.terms import substeps, terms_of
 from tcc_sim.trajectory import Trajectory, integral
 
 Keys = dict[str, Any]
-Record = dict[str, Any]
 ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None), "fixed_step": ("smoothed", 1e-3)}
 """Each engine with the friction law that it solves and its step, s."""
 MANY = 300
@@ -70,7 +72,7 @@ RUN = ("cycles", "tick")
 """What a case may say beside scene keys: engine cycles, and the step of fixed_step, s."""
 
 
-def cases(count: int, seed: int = 1) -> list[Keys]:
+def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
     """`count` different cases as changes of the defaults: every value alone, near-grazing ones, steps of the commands,
     many cycles, coarse ticks, pairs, then random draws.
     """
@@ -85,7 +87,7 @@ def cases(count: int, seed: int = 1) -> list[Keys]:
     while len(out) < count:
         keys = found.pop(0) if found else {k: v[int(draw.integers(len(v)))] for k,
                                            v in RANGES.items() if draw.random() < 0.5}
-        merged = plain(keys)
+        merged = case_of(keys)
         system = replace(System(), scene_keys(merged))
         if system.natural_frequency * system.cycle > LONGEST:
             continue
@@ -119,7 +121,7 @@ def long_and_coarse() -> list[Keys]:
     return [*({**keys, "cycles": MANY} for keys in many), *coarse]
 
 
-def plain(keys: Keys) -> Keys:
+def case_of(keys: Keys) -> Keys:
     """The scene keys with `share` turned into a pressure amplitude."""
     out = {**BASE, **keys}
     share = out.pop("share", 0.2)
@@ -137,8 +139,33 @@ def grazing() -> list[Keys]:
             for ratio in (1.0, 1.25) for share in (-1e-3, -1e-6, 1e-9, 1e-6, 1e-3, 1e-2)]
 
 
-def examine(keys: Keys, engine: str, truth: Truth) -> Record:
-    """Solve one case with one engine; the record of stability.json.
+@dataclass(frozen=True)
+class Examined:
+    """What one engine made of one case, as stability.json has it; None is what a refused or stopped run has not.
+
+    keys : scene keys that differ from the defaults, engine cycles, and the friction law
+    step : s; None for an engine that chooses its own
+    why : it was refused or stopped, or there is no reference
+    error : of the final state, relative to each signal's maximum
+    seconds : of the run
+    """
+
+    keys: Mapping[str, Any] = field(metadata=SPREAD)
+    solver: str
+    step: float | None
+    status: str = "REFUSED"
+    why: str = ""
+    finite: bool | None = None
+    bounded: bool | None = None
+    error: float | None = None
+    iterations_max: int | None = None
+    iterations_bound: int | None = None
+    power_residual: float | None = None
+    seconds: float = 0.0
+
+
+def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
+    """Solve one case with one engine.
 
     Parameters
     ----------
@@ -148,38 +175,36 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Record:
     law, step = ENGINES[engine]
     step = keys.get("tick", step) if step is not None else None
     keys, cycles = scene_keys(keys), keys.get("cycles", CYCLES)
-    record: Record = {**keys, "cycles": cycles, "friction.law": law, "solver": engine, "step": step,
-                      "status": "REFUSED", "why": "", "finite": None, "bounded": None, "error": None,
-                      "iterations_max": None, "iterations_bound": None, "power_residual": None, "seconds": 0.0}
+
+    def refused(why: str) -> Examined:
+        return Examined({**keys, "cycles": cycles, "friction.law": law}, engine, step, why=why)
+
     try:
         system = replace(System(), {**keys, "friction.law": law})
         radians = system.natural_frequency * system.cycle
         samples = max(radians / PHASE, SAMPLES_PER_STOP * system.cycle / _stopping_time(system), 64.0)
         if step is not None:
-            step = record["step"] = system.cycle / math.ceil(system.cycle / step)
-        cycles = record["cycles"] = max(cycles, math.ceil(RADIANS / radians))
+            step = system.cycle / math.ceil(system.cycle / step)
+        cycles = max(cycles, math.ceil(RADIANS / radians))
         run = solve(system, cycles=cycles, solver=engine, step=step, samples_per_cycle=int(min(samples, 200_000.0)))
         if truth.why == "":
             short = solve(system, duration=truth.duration, solver=engine, step=step)
     except InputError as error:
-        return {**record, "why": str(error)}
+        return refused(str(error))
     if run.status is Status.REFUSED:
-        return {**record, "why": run.detail}
+        return refused(run.detail)
     own = run
     if step is not None:  # What fixed_step computes, sub-step for sub-step; other samples of it are interpolated.
         own = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
             round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
-    record.update(status=run.status.name, why=run.detail if run.status is not Status.DONE else "",
-                  finite=finite(run) and finite(own), iterations_max=run.statistics.iterations_max,
-                  iterations_bound=run.statistics.iterations_bound, seconds=run.statistics.seconds)
-    if record["finite"]:
-        record.update(bounded=energy_excess(own) <= SLACK, power_residual=power_residual(run))
+    whole, off = finite(run) and finite(own), None
     if truth.why == "" and short.status is Status.DONE:
         state = np.array([short.slip_speed[-1], short.plate_angle[-1], short.plate_speed[-1]])
-        record["error"] = float((np.abs(state - truth.state) / truth.scale).max())
-    elif truth.why:
-        record["why"] = record["why"] or truth.why
-    return record
+        off = float((np.abs(state - truth.state) / truth.scale).max())
+    return Examined({**keys, "cycles": cycles, "friction.law": law}, engine, step, run.status.name,
+                    (run.detail if run.status is not Status.DONE else "") or truth.why, whole,
+                    energy_excess(own) <= SLACK if whole else None, off, run.statistics.iterations_max,
+                    run.statistics.iterations_bound, power_residual(run) if whole else None, run.statistics.seconds)
 
 
 def finite(run: Trajectory) -> bool:

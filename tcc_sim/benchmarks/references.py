@@ -131,7 +131,7 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     section[0] = y
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
     changed = -math.inf
-    atol = rtol * _scales(system)
+    atol = rtol * error_scales(system)
     for n in range(cycles):
         t, end, peak = n * system.cycle, (n + 1) * system.cycle, 0.0
         while t < end:
@@ -157,7 +157,7 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
     """
     law, y = Law(system, EVALUATIONS), np.array(State.at_start(system).numbers)
     mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
-    t, changed, largest, atol = 0.0, -math.inf, np.abs(y), rtol * _scales(system)
+    t, changed, largest, atol = 0.0, -math.inf, np.abs(y), rtol * error_scales(system)
     while t < duration:
         run = _arc(law, t, duration, y, mode, changed, method, rtol, atol)
         largest = np.maximum(largest, np.abs(run.y).max(axis=1))
@@ -185,7 +185,7 @@ def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, f
     return float(off[-1].max()), float(off.max()), float(np.abs(largest - truth.largest).max() / size[0])
 
 
-def _scales(system: System) -> Floats:
+def error_scales(system: System) -> Floats:
     """The sizes below which an error is absolute: slip speed in stick, static twist, twist at omega_n."""
     twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
     slip = max(1.0 / system.friction.smoothing, 1e-6) if system.friction.law == "smoothed" else 1.0

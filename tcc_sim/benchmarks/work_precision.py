@@ -2,7 +2,7 @@
 
 Every solver runs over a ladder of tolerances or steps on each scene. The errors are those of the final state, of the
 stroboscopic section and of each cycle's largest slip speed, against SciPy references of `references.py`, and that of
-the steady state that a long run from the initial state reaches (`steady_state.py`); the time is the least CPU time of
+the steady state that a long run from the initial state reaches; the time is the least CPU time of
 repeated runs, after a first one that compiles. What failed is listed with the reason.
 """
 
@@ -13,33 +13,52 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from tcc_sim.benchmarks import peers, steady_state
-from tcc_sim.benchmarks.error_charts import stick_rate
-from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
+import numpy as np
+
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.benchmarks import peers
+from tcc_sim.benchmarks.peers import least_seconds
+from tcc_sim.benchmarks.precision_report import (
+    CallTime,
+    LongRun,
+    Omitted,
+    PrecisionResult,
+    References,
+    SceneRecord,
+    SteadyState,
+    fastest_results,
+)
+from tcc_sim.benchmarks.references import Reference, Unfinished, disagreement, errors, reference
+from tcc_sim.benchmarks.stability import RK4_REACH, stick_rate
 from tcc_sim.benchmarks.sweep_speed import SpeedEffort
-from tcc_sim.benchmarks.timing import least_seconds
 from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, Status, solve
-from tcc_sim.trajectory import Trajectory
+from tcc_sim.trajectory import Cycles, Floats, State, Trajectory
 
-Record = dict[str, Any]
 REPEATS = 9
 """A setting runs until it has had this many repeats, or its effort's seconds."""
 WRONG = 1.0
 """A relative error above this is a failure: no digit is right."""
-STABLE = {"rk4": 2.785, "rk45": 3.3, "dop853": 6.0}
+STABLE = {"rk4": RK4_REACH, "rk45": 3.3, "dop853": 6.0}
 """How far the stability region of an explicit method reaches along the negative real axis (Hairer and Wanner, IV.2)."""
 SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
 """Rough cost, to leave out what would take too long."""
 
-ERRORS = ("error_final", "error_section", "error_max_slip")
 LONG_RUN = ("smoothed", "event_driven", "solve_ivp LSODA", "XPPAUT cvode")
 LONG_RUN_SCENES = ("fig02", "minimal")
 LONG_RUN_ERROR = 1e-6
 LONGEST_STEADY = 0.05
 """Part of an effort's longest run that a steady state may take: there are as many of them as settings."""
+STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
+"""Engine cycles from the initial state to a steady state: Fig. 2 with the set-valued law takes some 700 to settle."""
+LAST = 96
+"""Cycles at its end that are looked at: a multiple of most periods."""
+TIGHTEST = {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-12)}
+"""The engine and tolerance that say which steady state is reached."""
+STEADY_SOLVERS = ("smoothed", "event_driven", "fixed_step", "solve_ivp LSODA", "XPPAUT cvode")
+"""Those that are run as far as a steady state."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +91,7 @@ class Effort:
     peers: dict[str, tuple[float, ...]]
     long_cycles: int
     speed: SpeedEffort
-    steady_cycles: int = steady_state.CYCLES
+    steady_cycles: int = STEADY_CYCLES
     scenes: tuple[str, ...] = ()
     """Names of the scenes; all where empty."""
 
@@ -98,7 +117,7 @@ QUICK = Effort(
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
     {"solve_ivp LSODA": (1e-6, 1e-8), "CVODE": (1e-8, 1e-10), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10),
      "Siconos theta 1/2": (1e-4, 3e-5)},
-    500, SpeedEffort((0.36,), 40), steady_state.QUICK_CYCLES)
+    500, SpeedEffort((0.36,), 40), QUICK_STEADY_CYCLES)
 
 
 def cases(effort: Effort) -> list[Case]:
@@ -115,8 +134,8 @@ def cases(effort: Effort) -> list[Case]:
     return [case for case in every if not effort.scenes or case.name in effort.scenes]
 
 
-def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Record]:
-    """One record per scene, each complete when it comes: `scene`, `reference`, `results`, `omitted` and more.
+def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[SceneRecord]:
+    """One record per scene, each complete when it comes.
 
     Parameters
     ----------
@@ -134,12 +153,10 @@ def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Rec
             count += 1
         method, rtol = effort.references[case.system.friction.law][0]
         done(count, total, f"{case.name}: steady state")
-        steady = steady_state.steady_reference(case.system, effort.steady_cycles, method, rtol)
+        steady = steady_reference(case.system, effort.steady_cycles, method, rtol)
         count += 1
-        record: Record = {
-            "scene": case.name, "description": case.description, "law": case.system.friction.law, "cycles": case.cycles,
-            "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "steady": steady,
-            "results": [], "omitted": [], "warm_up": {}, "calls": [], "long_run": []}
+        record = SceneRecord(case.name, case.description, case.system.friction.law, case.cycles,
+                             References([t.name for t in truths], disagreement(*truths)), steady)
         for solver, setting in settings(case, effort):
             done(count, total, f"{case.name}: {solver} {setting:g}")
             record_run(record, case, solver, setting, truths[0], effort)
@@ -147,6 +164,43 @@ def study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[Rec
         long_run(record, case, effort)
         yield record
     done(total, total, "")
+
+
+def steady_of(section: Floats, largest: Floats) -> tuple[int, float]:
+    """Period (0 for none up to 16) and largest slip speed, rad/s, at the end of a run: sections (n + 1, 3) and each
+    cycle's largest slip speed (n,).
+    """
+    count = min(LAST, len(largest))
+    last = Cycles(section[-count - 1:], largest[-count:], np.zeros(count), np.zeros(count))
+    return periodicity(last).period, float(largest[-count:].max())
+
+
+def steady_reference(system: System, cycles: int, method: str, rtol: float) -> SteadyState:
+    """The motion that the engine at its tightest setting reaches from the initial state.
+
+    It is solved again over one period by SciPy (`references`) from its own section, so that its largest slip speed and
+    what it fails to close by are those of an independent solution. A short horizon cannot see which motion is reached.
+    """
+    engine, tightest = TIGHTEST[system.friction.law]
+    solvers = [f"{engine}, rtol {tightest:g}", f"SciPy {method}, rtol {rtol:g}"]
+    run, period = solve(system, cycles=cycles, solver=engine, rtol=tightest), 0
+    if run.status is Status.DONE and run.cycles is not None:
+        period = steady_of(run.cycles.section, run.cycles.largest)[0]
+    if not period or run.cycles is None:
+        return SteadyState(cycles, period, None, None, solvers)
+    begun = run.cycles.section[cycles // period * period]
+    try:
+        truth = reference(State.of(begun).starting(system), period, method, rtol)
+    except Unfinished:
+        return SteadyState(cycles, period, None, None, solvers)
+    size = np.maximum(truth.size, np.abs(truth.section).max(axis=0))
+    closure = float((np.abs(truth.section[-1] - truth.section[0]) / np.maximum(size, 1e-300)).max())
+    return SteadyState(cycles, period, float(truth.largest.max()), closure, solvers)
+
+
+def steady_error(section: Floats, largest: Floats, expected: float) -> float:
+    """Error of the largest slip speed over the last cycles, relative to the reference's."""
+    return abs(steady_of(section, largest)[1] / expected - 1.0)
 
 
 def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
@@ -167,7 +221,7 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
                 yield peer, value
 
 
-def record_run(record: Record, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
+def record_run(record: SceneRecord, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
     """Run one setting and put it into `results` or `omitted`."""
     try:
         run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting,
@@ -177,30 +231,29 @@ def record_run(record: Record, case: Case, solver: str, setting: float, truth: R
             raise peers.Failed(f"wrong: its largest relative error is {max(found):.2g}")
         steady = _steady(record, case, solver, setting, run.seconds, effort)
     except (peers.Failed, TccError) as error:
-        record["omitted"].append({"solver": solver, "setting": setting, "why": str(error)})
+        record.omitted.append(Omitted(solver, setting, str(error)))
         return
-    record["results"].append({"solver": solver, "setting": setting, "error_final": found[0], "error_section": found[1],
-                              "error_max_slip": found[2], "error_steady": steady, "seconds": run.seconds,
-                              "steps": run.steps})
+    record.results.append(PrecisionResult(solver, setting, *found, steady, run.seconds, run.steps))
     if run.called is not None:
-        record["calls"].append({"solver": solver, "setting": setting, "seconds": run.called})
+        record.calls.append(CallTime(solver, setting, run.called))
 
 
-def _steady(record: Record, case: Case, solver: str, setting: float, seconds: float, effort: Effort) -> float | None:
+def _steady(record: SceneRecord, case: Case, solver: str, setting: float, seconds: float,
+            effort: Effort) -> float | None:
     """The error of the steady state, None where there is nothing to compare with or it would take too long."""
-    truth = record["steady"]
+    expected = record.steady.max_slip_speed
     longer = dataclasses.replace(case, cycles=effort.steady_cycles)
-    if (solver not in steady_state.SOLVERS or truth["max_slip_speed"] is None
+    if (solver not in STEADY_SOLVERS or expected is None
             or seconds * longer.cycles / case.cycles > LONGEST_STEADY * effort.longest):
         return None
     if solver in effort.peers:
         run = _peer(longer, solver, setting, repeats=0)  # Its error counts, not its time.
-        return steady_state.steady_error(run.section, run.largest, truth)
+        return steady_error(run.section, run.largest, expected)
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
     found = solve(case.system, cycles=longer.cycles, solver=solver, **options)
     if found.status is not Status.DONE or found.cycles is None:
         raise peers.Failed(f"{found.status.value}, in {longer.cycles} cycles")
-    return steady_state.steady_error(found.cycles.section, found.cycles.largest, truth)
+    return steady_error(found.cycles.section, found.cycles.largest, expected)
 
 
 def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.PeerRun:
@@ -216,7 +269,7 @@ def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Pe
     return peers.bare_lsoda(case.system, case.cycles, setting, repeats)
 
 
-def _registered(record: Record, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
+def _registered(record: SceneRecord, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
     """Repeated runs of a registered solver; its first call, which compiles, is timed apart."""
     if solver in STABLE:
         step = setting if solver == "rk4" else STABLE[solver] / stick_rate(case.system)
@@ -225,8 +278,8 @@ def _registered(record: Record, case: Case, solver: str, setting: float, effort:
             raise peers.Failed(f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, "
                                f"which takes about {steps * SECONDS_PER_STEP[solver]:.2g} s")
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
-    if solver not in record["warm_up"]:
-        record["warm_up"][solver], _ = least_seconds(
+    if solver not in record.warm_up:
+        record.warm_up[solver], _ = least_seconds(
             lambda: solve(case.system, duration=1e-3 * case.system.cycle, solver=solver), 1)
 
     def run() -> Trajectory:
@@ -242,15 +295,15 @@ def _registered(record: Record, case: Case, solver: str, setting: float, effort:
     return peers.PeerRun(cycles.section, cycles.largest, seconds, found.statistics.steps)
 
 
-def long_run(record: Record, case: Case, effort: Effort) -> None:
+def long_run(record: SceneRecord, case: Case, effort: Effort) -> None:
     """Seconds per 100 cycles of a long run, where the cost of a call no longer counts, at the fastest setting up to
     1e-6.
     """
-    best = fastest(record, LONG_RUN_ERROR)
+    best = fastest_results(record, LONG_RUN_ERROR)
     for solver in LONG_RUN:
         if solver not in best or case.name.split(",")[0] not in LONG_RUN_SCENES:
             continue
-        setting = best[solver]["setting"]
+        setting = best[solver].setting
         if solver in effort.peers:
             longer = dataclasses.replace(case, cycles=effort.long_cycles // (20 if solver.endswith("LSODA") else 5))
             try:
@@ -260,37 +313,4 @@ def long_run(record: Record, case: Case, effort: Effort) -> None:
         else:
             longer = dataclasses.replace(case, cycles=effort.long_cycles)
             run = _registered(record, longer, solver, setting, effort)
-        record["long_run"].append({"solver": solver, "setting": setting, "cycles": longer.cycles,
-                                   "seconds_per_100_cycles": 100.0 * run.seconds / longer.cycles})
-
-
-def fastest(record: Record, target: float) -> dict[str, Record]:
-    """For each solver its fastest result whose three errors are all at most `target`."""
-    out: dict[str, Record] = {}
-    for row in record["results"]:
-        if max(row[key] for key in ERRORS) <= target and (
-                row["solver"] not in out or row["seconds"] < out[row["solver"]]["seconds"]):
-            out[row["solver"]] = row
-    return out
-
-
-def as_json(records: list[Record], speed: Record | None, quick: bool, complete: bool) -> Record:
-    """What precision.json holds: the first scene's record, all of them under `scenes`, and `sweep_speed` where it was
-    done.
-    """
-    from tcc_sim import __version__
-
-    head = records[0] if records else {"scene": None, "reference": {"solvers": [], "floor": None}, "results": [],
-                                       "omitted": []}
-    return {**head, "scenes": records, "sweep_speed": speed, "peers": joined(records), "quick": quick,
-            "complete": complete, "version": __version__}
-
-
-def joined(records: list[Record]) -> dict[str, str]:
-    """For each other program whether it took part."""
-    out = {}
-    for name in ("CVODE", "XPPAUT", "Siconos"):
-        rows = [row for record in records for row in record["results"] if row["solver"].startswith(name)]
-        missing = [row["why"] for record in records for row in record["omitted"] if row["solver"].startswith(name)]
-        out[name] = "joined" if rows else (missing[0] if missing else "not run")
-    return out
+        record.long_run.append(LongRun(solver, setting, longer.cycles, 100.0 * run.seconds / longer.cycles))

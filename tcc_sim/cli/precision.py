@@ -20,8 +20,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = new_directory(arguments.out)
     require("matplotlib", "a picture")
     from tcc_sim.benchmarks import work_precision as precision
-    from tcc_sim.benchmarks.precision_drawing import precision as draw
-    from tcc_sim.benchmarks.precision_text import markdown, scene_lines
+    from tcc_sim.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
+    from tcc_sim.benchmarks.report_drawings import draw_precision
     from tcc_sim.benchmarks.sweep_speed import speed_summary, sweep_speed
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
@@ -30,17 +30,16 @@ def run(arguments: argparse.Namespace) -> int:
     effort = precision.QUICK if arguments.quick else precision.FULL
     records, speed = [], None
     with counted_bar("run") as running:
-        for record in precision.study(effort, running.done):
+        for record in precision.precision_study(effort, running.done):
             records += [record]
         speed = sweep_speed(effort.speed, running.done)
     if not records:
         return 130
-    found = precision.as_json(records, speed, arguments.quick, running.complete)
-    found = document("precision", found, load_scene("fig02"), arguments.words)
+    found = PrecisionReport(records, speed, took_part(records), arguments.quick, running.complete)
     folder.mkdir()
-    write_json(folder / "precision.json", found)
-    (folder / "precision.md").write_text(markdown(found, "precision.png"), encoding="utf-8")
-    draw(folder / "precision", records)
+    write_json(folder / "precision.json", document("precision", found.as_json(), load_scene("fig02"), arguments.words))
+    (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
+    draw_precision(folder / "precision", records)
     for line in [line for record in records for line in scene_lines(record)] + (speed_summary(speed) if speed else []):
         say(line)
     say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")

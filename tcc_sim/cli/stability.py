@@ -19,29 +19,28 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve, draw and write; an interrupted report holds what is done."""
     folder = new_directory(arguments.out)
     require("matplotlib", "a picture")
-    from tcc_sim.benchmarks.error_charts import charts
-    from tcc_sim.benchmarks.extremes_report import grid, markdown, summary
-    from tcc_sim.benchmarks.stability_drawing import stability
+    from tcc_sim.benchmarks.report_drawings import draw_stability
+    from tcc_sim.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
     from tcc_sim.model.parameters import System
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
+    from tcc_sim.result import json_of
 
     records, maps = [], []
     with counted_bar("scene") as running:
         for record in grid(arguments.quick, running.done):
             records += [record]
-        maps = charts(arguments.quick, running.name)
+        maps = error_charts(arguments.quick, running.name)
     if not records:
         return 130
-    found = {"cases": records, "summary": summary(records), "charts": maps, "quick": arguments.quick,
-             "complete": running.complete}
+    found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete)
     folder.mkdir()
-    write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
-    (folder / "stability.md").write_text(markdown(found, "stability.png"), encoding="utf-8")
-    stability(folder / "stability", maps, records)
-    for engine, total in found["summary"].items():
-        ended = ", ".join(f"{name} {count}" for name, count in total["statuses"].items())
-        say(f"{engine}: {counted(total['cases'], 'case')} ({ended}), {total['not_finite']} not finite, "
-            f"{total['not_bounded']} past the energy bound, {total['past_iteration_bound']} past the iteration bound")
+    write_json(folder / "stability.json", document("stability", json_of(found), System(), arguments.words))
+    (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
+    draw_stability(folder / "stability", maps, records)
+    for engine, total in found.summary.items():
+        ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
+        say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
+            f"{total.not_bounded} past the energy bound, {total.past_iteration_bound} past the iteration bound")
     say(f"{folder}/stability.png, .svg, .json, .md")
     return 0 if running.complete else 130

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from documents import valid
 
-from tcc_sim.benchmarks import peers, precision_drawing, steady_state, sweep_speed
+from tcc_sim.benchmarks import peers, report_drawings, sweep_speed
 from tcc_sim.benchmarks import work_precision as precision
+from tcc_sim.benchmarks.precision_report import PrecisionResult, References, SceneRecord, SteadyState, comparison
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -19,6 +20,7 @@ from tcc_sim.solvers import SOLVERS, solve
 KEYS = {"scene", "reference", "results", "omitted"}
 RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
                "steps"}
+ERRORS = ("error_final", "error_section", "error_max_slip")
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
         "engine.mean_torque": 300.0}
 
@@ -78,12 +80,17 @@ def settled(law, cycles):
     return solve(load_scene("fig02").with_values({"friction.law": law}), cycles=cycles).solved_cycles.largest[-2:].max()
 
 
+def scene_record(scene, law, steady):
+    """A record of a scene on which nothing was run yet."""
+    return SceneRecord(scene, "", law, 5, References([], 1e-8), steady)
+
+
 def test_no_two_series_look_alike():
-    names = [*precision_drawing.LOOKS, "one", "another"]
-    looks = list(precision_drawing.looks_of(names).values())
+    names = [*report_drawings.LOOKS, "one", "another"]
+    looks = list(report_drawings.looks_of(names).values())
     assert len({look[0] for look in looks[:-2]}) == len(looks) - 2  # colours
     assert len({(look[1], str(look[2])) for look in looks}) == len(looks)  # marker with line
-    assert set(precision_drawing.LOOKS) >= set(SOLVERS)
+    assert set(report_drawings.LOOKS) >= set(SOLVERS)
 
 
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
@@ -99,17 +106,17 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
         assert set(record) >= KEYS
         assert all(set(row) == RESULT_KEYS for row in record["results"])
     rows = {(r["solver"], r["setting"]): r for r in found["results"]}
-    assert max(rows["smoothed", 1e-9][k] for k in precision.ERRORS) < 1e-8
+    assert max(rows["smoothed", 1e-9][k] for k in ERRORS) < 1e-8
     assert rows["lsoda", 1e-6]["error_section"] < 1e-2
     why = {row["solver"]: row["why"] for row in found["omitted"]}
-    assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in precision.ERRORS) > 1e-4
+    assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in ERRORS) > 1e-4
     assert "stability" in why["dop853"]
-    assert max(rows["rk45", 1e-5][k] for k in precision.ERRORS) < 1e-3
+    assert max(rows["rk45", 1e-5][k] for k in ERRORS) < 1e-3
     if ("CVODE", 1e-9) in rows:
-        assert max(rows["CVODE", 1e-9][k] for k in precision.ERRORS) < 1e-5
+        assert max(rows["CVODE", 1e-9][k] for k in ERRORS) < 1e-5
         assert found["calls"][0]["seconds"] > 0.0
     exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
-    assert max(exact[k] for k in precision.ERRORS) < 1e-9
+    assert max(exact[k] for k in ERRORS) < 1e-9
     steady = found["scenes"][0]["steady"]
     assert (steady["period"], steady["cycles"]) == (1, 400)
     assert steady["max_slip_speed"] == pytest.approx(settled("smoothed", 400), abs=2e-3)
@@ -145,25 +152,25 @@ def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
     records = []
     for law, period in (("smoothed", 1), ("set_valued", 2)):
         system = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
-        found = steady_state.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
-        assert (found["period"], found["cycles"]) == (period, 1000)
-        assert found["max_slip_speed"] == pytest.approx(settled(law, 1000), abs=2e-3)
-        assert found["closure"] < 1e-4
-        records.append({"scene": "fig02" if law == "smoothed" else "fig02, set-valued", "law": law, "steady": found})
-    assert "the smoothing decides which motion is reached" in steady_state.comparison(records[0], records)
-    same = [records[0], {**records[1], "steady": records[0]["steady"]}]
-    assert "decides" not in steady_state.comparison(same[0], same)
+        found = precision.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
+        assert (found.period, found.cycles) == (period, 1000)
+        assert found.max_slip_speed == pytest.approx(settled(law, 1000), abs=2e-3)
+        assert found.closure < 1e-4
+        records.append(scene_record("fig02" if law == "smoothed" else "fig02, set-valued", law, found))
+    assert "the smoothing decides which motion is reached" in comparison(records[0], records)
+    same = [records[0], dataclasses.replace(records[1], steady=records[0].steady)]
+    assert "decides" not in comparison(same[0], same)
 
 
 def test_the_steady_error_is_that_of_the_last_cycles():
     section, largest = np.zeros((201, 3)), np.full(200, 5.0)
     largest[:100], largest[150] = 80.0, 6.0
-    assert steady_state.steady_error(section, largest, {"max_slip_speed": 4.0}) == pytest.approx(0.5)
+    assert precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
 
 
 def test_the_attractor_is_reached_before_it_is_timed():
     """The period-one motion of minimal with its known largest slip speed repeats from the settled state at once."""
-    system = sweep_speed.settled(load_scene("minimal").system)
+    system = sweep_speed.on_attractor(load_scene("minimal").system)
     cycles = solve(system, cycles=3, rtol=1e-11).cycles
     assert cycles.section[3] == pytest.approx(cycles.section[0], rel=1e-9, abs=1e-9)
     assert max(cycles.highest) == pytest.approx(22.17, abs=2e-3)
@@ -222,15 +229,15 @@ def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():
 def test_points_below_the_floor_are_faded():
     """Of three errors one lies below the references' floor of 1e-8, and one more below what XPPAUT writes."""
     from matplotlib.figure import Figure
-    rows = [{"solver": name, "seconds": s, "error_section": e}
-            for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
-    record = {"results": rows, "reference": {"floor": 1e-8}, "steady": {"closure": None}}
+    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
+    record.results += [PrecisionResult(name, 1e-6, 1.0, e, 1.0, None, s, None)
+                       for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
     axis, handles = Figure().subplots(), {}
-    precision_drawing.draw_curves(axis, record, "error_section", handles)
+    report_drawings.draw_curves(axis, record, "error_section", handles)
     shown = {name: np.isfinite(np.asarray(line.get_ydata())).tolist() for name, line in handles.items()}
     assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
     faded = [line for line in axis.lines if line not in handles.values()]
-    assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(precision_drawing.FADED, 3)] * 2
+    assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(report_drawings.FADED, 3)] * 2
 
 
 def test_siconos_steps_the_relay():

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from documents import valid
 
-from tcc_sim.benchmarks import error_charts as charts
-from tcc_sim.benchmarks import extremes
-from tcc_sim.benchmarks import extremes_report as stability
+from tcc_sim.benchmarks import extremes, stability
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import QUANTITIES, System, replace
+from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 
 KEYS = {"solver", "step", "status", "finite", "bounded", "error", "iterations_max", "power_residual"}
@@ -22,7 +21,7 @@ FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.
 
 
 def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
-    found = extremes.cases(420)
+    found = extremes.extreme_cases(420)
     assert len({repr(sorted(keys.items())) for keys in found}) == 420
     systems = [replace(System(), extremes.scene_keys(keys)) for keys in found]
     assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
@@ -42,7 +41,7 @@ def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
     assert {1e-3, 100.0, math.sqrt(2.0)} <= {s.pressure.frequency_ratio for s in systems}
     assert max(keys.get("cycles", 0) for keys in found) == extremes.MANY
     assert max(keys.get("tick", 0.0) for keys in found) == 1.0
-    assert all(any(extremes.plain(keys).items() <= case.items() for case in found)
+    assert all(any(extremes.case_of(keys).items() <= case.items() for case in found)
                for keys in extremes.command_steps())
 
 
@@ -68,49 +67,49 @@ CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
 
 @pytest.mark.parametrize("keys", CASES, ids=lambda keys: ",".join(keys) or "base")
 def test_extreme_cases_keep_the_criteria(keys):
-    keys = extremes.plain(keys)
+    keys = extremes.case_of(keys)
     for engine, (law, _) in extremes.ENGINES.items():
         found = extremes.examine(keys, engine, extremes.Truth(keys, law))
-        assert found["status"] == "DONE", found
-        assert found["finite"] is True
-        assert found["bounded"] is True
-        assert found["iterations_max"] <= found["iterations_bound"]
+        assert found.status == "DONE", found
+        assert found.finite is True
+        assert found.bounded is True
+        assert found.iterations_max <= found.iterations_bound
         if engine == "fixed_step":
-            assert (found["iterations_max"] > 0) is (keys.get("pressure.mean") != 0.0)
-        assert found["power_residual"] < 5e-3
-        assert found["error"] < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
+            assert (found.iterations_max > 0) is (keys.get("pressure.mean") != 0.0)
+        assert found.power_residual < 5e-3
+        assert found.error < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
 
 
 def test_what_an_engine_cannot_do_is_refused_with_a_reason():
-    keys = extremes.plain({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
+    keys = extremes.case_of({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
     found = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
-    assert found["status"] == "REFUSED"
-    assert "sub-steps" in found["why"]
+    assert found.status == "REFUSED"
+    assert "sub-steps" in found.why
 
 
 def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
     """Where no step is left there is no cycle whose power balances."""
     monkeypatch.setattr("tcc_sim.solvers.event_driven.solve.STEP_MAXIMUM", 4)
-    found = extremes.examine(extremes.plain({}), "event_driven", SimpleNamespace(why="not asked for"))
-    assert (found["status"], found["finite"], found["power_residual"]) == ("STEP_LIMIT", True, None)
-    json.dumps(found, allow_nan=False)
+    found = extremes.examine(extremes.case_of({}), "event_driven", SimpleNamespace(why="not asked for"))
+    assert (found.status, found.finite, found.power_residual) == ("STEP_LIMIT", True, None)
+    json.dumps(json_of(found), allow_nan=False)
 
 
 def test_the_limits_are_the_theoretical_ones():
     system = replace(System(), {"pressure.amplitude": 0.0})
     load, beta = 500.0, 55.0
-    assert charts.rk4_limit(system) == pytest.approx(2.785 / (beta * load * 1.25 * 50.0))
+    assert stability.rk4_limit(system) == pytest.approx(2.785 / (beta * load * 1.25 * 50.0))
     sharp = replace(system, {"friction.smoothing": 1e9})
-    assert charts.uniqueness_limit(sharp) == pytest.approx(1.0 / (beta * load * 2.0 * 0.25), rel=1e-3)
-    assert charts.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
+    assert stability.uniqueness_limit(sharp) == pytest.approx(1.0 / (beta * load * 2.0 * 0.25), rel=1e-3)
+    assert stability.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
 
 
 def test_a_bad_end_is_listed_with_its_exact_scene():
-    keys = extremes.plain({"tick": 5e-3, "friction.decay": 0.1 + 0.2})
+    keys = extremes.case_of({"tick": 5e-3, "friction.decay": 0.1 + 0.2})
     good = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
     assert not stability.ended_badly(good)
     for change in ({"status": "STEP_LIMIT"}, {"finite": False}, {"bounded": False}, {"iterations_max": 1000}):
-        bad = {**good, **change}
+        bad = dataclasses.replace(good, **change)
         assert stability.ended_badly(bad)
         line, = stability.listed([bad])
         assert "friction.decay 0.30000000000000004" in line
@@ -121,7 +120,7 @@ def test_a_bad_end_is_listed_with_its_exact_scene():
 def tiny(monkeypatch):
     """A report of three scenes and charts of four cells."""
     monkeypatch.setattr(stability, "QUICK_COUNT", 3)
-    for table, kept in ((charts.OVER, slice(4)), (charts.METHODS, slice(-4, None))):
+    for table, kept in ((stability.OVER, slice(4)), (stability.METHODS, slice(-4, None))):
         for name, values in tuple(table.items()):
             monkeypatch.setitem(table, name, values[kept])
 

@@ -1,0 +1,299 @@
+"""What the work-precision study finds: its records, as precision.json has them, and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from tcc_sim.benchmarks.peers import TIMED
+from tcc_sim.benchmarks.sweep_speed import SweepSpeed, code_name, speed_section
+from tcc_sim.output.tables import markdown_table
+from tcc_sim.result import json_of
+
+TARGETS = (1e-3, 1e-6, 1e-9)
+"""Errors for which the fastest setting of every solver is listed."""
+TARGET = 1e-6
+"""The one that the first sentences are about."""
+ENGINES = {"smoothed": "smoothed", "set_valued": "event_driven"}
+"""The engine that the others of each friction law are compared with."""
+PAPERS = ", the paper's method"
+APART = 0.05
+"""Relative difference of two largest slip speeds that makes them those of two motions."""
+
+
+@dataclass(frozen=True)
+class References:
+    """The names of two references, and what they differ by: below that an error means nothing."""
+
+    solvers: Sequence[str]
+    floor: float
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """The motion that is reached from the initial state.
+
+    cycles : from there on
+    period : 0 for none up to 16
+    max_slip_speed : rad/s, of SciPy's solution; None where the motion has no period, or SciPy did not end
+    closure : by how much SciPy's solution misses its start after one period, relative to each signal's maximum
+    solvers : by which it was found, and solved again
+    """
+
+    cycles: int
+    period: int
+    max_slip_speed: float | None
+    closure: float | None
+    solvers: Sequence[str]
+
+
+@dataclass(frozen=True)
+class SolverSetting:
+    """A solver at one of its tolerances or steps."""
+
+    solver: str
+    setting: float
+
+
+@dataclass(frozen=True)
+class PrecisionResult(SolverSetting):
+    """Its errors, run time, s, and steps where they are known; `error_steady` is None where it was not measured."""
+
+    error_final: float
+    error_section: float
+    error_max_slip: float
+    error_steady: float | None
+    seconds: float
+    steps: int | None
+
+    @property
+    def largest_error(self) -> float:
+        """The largest of the three errors that every result has."""
+        return max(self.error_final, self.error_section, self.error_max_slip)
+
+
+@dataclass(frozen=True)
+class Omitted(SolverSetting):
+    """Why it has no result."""
+
+    why: str
+
+
+@dataclass(frozen=True)
+class CallTime(SolverSetting):
+    """How much of its time calls of Python take, s."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
+class LongRun(SolverSetting):
+    """Its time where the cost of a call no longer counts."""
+
+    cycles: int
+    seconds_per_100_cycles: float
+
+
+@dataclass
+class SceneRecord:
+    """What was measured on one scene; `warm_up` is each solver's first call, which compiles, s."""
+
+    scene: str
+    description: str
+    law: str
+    cycles: int
+    reference: References
+    steady: SteadyState
+    results: list[PrecisionResult] = field(default_factory=list)
+    omitted: list[Omitted] = field(default_factory=list)
+    warm_up: dict[str, float] = field(default_factory=dict)
+    calls: list[CallTime] = field(default_factory=list)
+    long_run: list[LongRun] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class PrecisionReport:
+    """What precision.json holds; `peers` says of each other program whether it took part."""
+
+    scenes: Sequence[SceneRecord]
+    sweep_speed: SweepSpeed | None
+    peers: Mapping[str, str]
+    quick: bool
+    complete: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """The record of the first scene with the report's own keys."""
+        return {**json_of(self.scenes[0]), **json_of(self)}
+
+
+def fastest_results(record: SceneRecord, target: float) -> dict[str, PrecisionResult]:
+    """For each solver its fastest result whose three errors are all at most `target`."""
+    out: dict[str, PrecisionResult] = {}
+    for row in record.results:
+        if row.largest_error <= target and (row.solver not in out or row.seconds < out[row.solver].seconds):
+            out[row.solver] = row
+    return out
+
+
+def took_part(records: Sequence[SceneRecord]) -> dict[str, str]:
+    """For each other program whether it joined, or why it did not."""
+    out = {}
+    for name in ("CVODE", "XPPAUT", "Siconos"):
+        joined = any(row.solver.startswith(name) for record in records for row in record.results)
+        missing = [row.why for record in records for row in record.omitted if row.solver.startswith(name)]
+        out[name] = "joined" if joined else (missing[0] if missing else "not run")
+    return out
+
+
+def precision_page(found: PrecisionReport, picture: str) -> str:
+    """The report: what came out, how it was made, the fastest settings, every run, and what was left out."""
+    lines = ["# Error against run time", "", *_head(found), "", f"![error against run time]({picture})", "",
+             *_method(found), ""]
+    for record in found.scenes:
+        lines += _summary(record, found.scenes)
+    if found.sweep_speed is not None:
+        lines += speed_section(found.sweep_speed)
+    lines += ["## Every run", ""]
+    for record in found.scenes:
+        lines += [f"### {record.scene}", "", *_table(
+            ("solver", "setting", "final", "section", "maximum slip", "steady state", "time (ms)", "steps"),
+            [(code_name(r.solver), f"{r.setting:.3g}", f"{r.error_final:.1e}", f"{r.error_section:.1e}",
+              f"{r.error_max_slip:.1e}", _or_dash(r.error_steady), f"{1e3 * r.seconds:.3g}",
+              "" if r.steps is None else str(r.steps)) for r in record.results])]
+        lines += ["", *(_omitted(record) if record.omitted else [])]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table of names and numbers."""
+    return markdown_table(head, rows, "---:", "---")
+
+
+def _head(found: PrecisionReport) -> list[str]:
+    """What came out, in sentences, and that the page is generated."""
+    said = ["This page is generated: `tcc-sim precision" + (" --quick" if found.quick else "") + "` writes it."]
+    cycles = found.scenes[0].cycles
+    for law, engine in ENGINES.items():
+        scenes = [record for record in found.scenes if record.law == law]
+        best = [fastest_results(record, TARGET) for record in scenes]
+        own = [row[engine].seconds for row in best if engine in row]
+        if not own:
+            continue
+        said += ["", f"With all three errors at most {TARGET:g}, {cycles} engine cycles take {code_name(engine)} "
+                 f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
+        names = dict.fromkeys(r.solver for record in scenes for r in record.results)
+        others = [name for name in names if name != engine]
+        said += ["", "As many times as long take:", ""] if others else []
+        for name in others:
+            ratios = [row[name].seconds / row[engine].seconds for row in best if name in row and engine in row]
+            where = f", on {len(ratios)} of {len(scenes)} scenes" if 0 < len(ratios) < len(scenes) else ""
+            said.append(f"- {code_name(name)}{PAPERS if name == 'rk45' else ''}: " + (
+                f"{_range(ratios)}{where}" if ratios else f"does not come to {TARGET:g} with the settings below"))
+    return [*said, "", *_calls(found)]
+
+
+def _calls(found: PrecisionReport) -> list[str]:
+    """How much of the time of other programs is calls of Python."""
+    rows = [(call, r) for record in found.scenes for call in record.calls for r in record.results
+            if (r.solver, r.setting) == (call.solver, call.setting)]
+    if not rows:
+        return []
+    shares = [100.0 * min(call.seconds / r.seconds, 1.0) for call, r in rows]
+    return ["CVODE is that of SUNDIALS in double precision, through scikit-sundae. The binding takes functions of "
+            f"Python only: they call compiled ones, and these calls alone are {_range(shares)} % of its time. XPPAUT's "
+            "CVODE interprets the equations in C, and its results come in single precision."]
+
+
+def _range(values: list[float]) -> str:
+    """Least and largest, with two digits."""
+    low, high = (f"{float(f'{x:.2g}'):g}" for x in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _method(found: PrecisionReport) -> list[str]:
+    """What was measured and how."""
+    peers = "; ".join(f"{name} {'joined' if why == 'joined' else f'did not join: {why}'}" for name,
+                      why in found.peers.items())
+    cycles = found.scenes[0].cycles if found.scenes else 0
+    out = [
+        "Errors are relative to each signal's maximum in the second half of the horizon, the largest over slip speed, "
+        "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
+        "cycle's largest slip speed.",
+        f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing "
+        "where the motion is chaotic.",
+        "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
+        "of the last cycles. Solvers that would take too long for it have none, nor have motions without a period.",
+        "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; the "
+        "first call, which compiles, is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive "
+        "solvers and steps in s of fixed-step ones.",
+        "The floor is the disagreement of two SciPy references, which use nothing of this package's solvers; an error "
+        "below it is not resolved, and drawn faded.",
+        "`event_driven` and Siconos solve the set-valued law, against references solved from event to event; "
+        "everything else solves the smoothed law.",
+        f"Other programs: {peers}. XPPAUT's results are in single precision, so errors of it below about 1.2e-7 mean "
+        f"nothing; its time is that of {TIMED} cycles less that of one, scaled to the horizon, so start-up is left out."
+        " Siconos's time is that of its loop. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side "
+        "and Jacobian that keeps the section only."]
+    if not found.complete:
+        out.append("**Interrupted: this report is not complete.**")
+    return [line for text in out for line in (text, "")][:-1]
+
+
+def _or_dash(value: float | None) -> str:
+    """An error, or a dash where there is none."""
+    return "-" if value is None else f"{value:.1e}"
+
+
+def _summary(record: SceneRecord, scenes: Sequence[SceneRecord]) -> list[str]:
+    """The steady state of a scene, and the fastest setting of each solver for some errors."""
+    best = [fastest_results(record, target) for target in TARGETS]
+    reference = record.reference
+    lines = [f"## {record.scene}", "",
+             f"{record.description}. References: {' and '.join(reference.solvers)}; floor "
+             f"{reference.floor:.1e}.", "", comparison(record, scenes), ""]
+    names = [n for n in dict.fromkeys(r.solver for r in record.results) if any(n in b for b in best)]
+    lines += _table(["time (ms) for all three errors at most", *(f"{t:g}" for t in TARGETS)],
+                    [[code_name(n), *(f"{1e3 * b[n].seconds:.3g}" if n in b else "-" for b in best)] for n in names])
+    if record.long_run:
+        lines += ["", *_table(("long run, at the setting for 1e-6", "cycles", "ms per 100 cycles"),
+                              [(f"{code_name(r.solver)} at {r.setting:g}", str(r.cycles),
+                                f"{1e3 * r.seconds_per_100_cycles:.4g}") for r in record.long_run])]
+    return [*lines, ""]
+
+
+def comparison(record: SceneRecord, others: Sequence[SceneRecord]) -> str:
+    """A sentence on the steady state of a scene, and on that of the same scene with the other friction law."""
+    own = record.steady
+    if own.max_slip_speed is None:
+        return f"From the initial state the motion has no period up to 16 after {own.cycles} cycles."
+    said = (f"From the initial state it settles in period {own.period} with {own.max_slip_speed:.5g} rad/s "
+            f"({own.cycles} cycles; SciPy closes it to {own.closure:.1e}).")
+    base = record.scene.removesuffix(", set-valued")
+    for other in others:
+        found = other.steady
+        if other is record or other.scene.removesuffix(", set-valued") != base or found.max_slip_speed is None:
+            continue
+        apart = abs(found.max_slip_speed / own.max_slip_speed - 1.0) > APART or found.period != own.period
+        law = "(6)" if record.law == "smoothed" else "(7)"
+        said += f" With law {law} it is period {found.period} with {found.max_slip_speed:.5g} rad/s"
+        said += ": the smoothing decides which motion is reached." if apart else "."
+    return said
+
+
+def scene_lines(record: SceneRecord) -> list[str]:
+    """The fastest settings of a scene for a terminal."""
+    best = fastest_results(record, TARGET)
+    times = [f"{name} {1e3 * row.seconds:.3g} ms" for name,
+             row in sorted(best.items(), key=lambda x: x[1].seconds)]
+    head = (f"{record.scene}: floor {record.reference.floor:.1e}; "
+            f"{record.cycles} cycles with errors up to {TARGET:g}: ")
+    return [head + (", ".join(times) or "none"), *(
+        f"    {row.solver} at {row.setting:g}: {1e3 * row.seconds_per_100_cycles:.4g} ms per 100 cycles"
+        for row in record.long_run)]
+
+
+def _omitted(record: SceneRecord) -> list[str]:
+    """What failed and why."""
+    return ["Omitted:", "",
+            *(f"- {code_name(row.solver)} at {row.setting:.3g}: {row.why}" for row in record.omitted), ""]

@@ -1,0 +1,196 @@
+"""The pictures of both reports: precision.png and precision_section.png, error against run time, a column per scene, a
+row per error or one; and stability.png, error charts of the fixed-step methods and the errors of every engine on the
+extreme scenes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tcc_sim.benchmarks.peers import SINGLE
+from tcc_sim.views import style
+from tcc_sim.views.sweeps import edges, numbers
+
+if TYPE_CHECKING:
+    from tcc_sim.benchmarks.extremes import Examined
+    from tcc_sim.benchmarks.precision_report import SceneRecord
+    from tcc_sim.benchmarks.stability import ErrorChart
+
+Look = tuple[str, str, Any, float]
+LOOKS: dict[str, Look] = {
+    "smoothed": (style.BLUE, "o", "-", 1.8), "event_driven": (style.RED, "D", "-", 1.8),
+    "fixed_step": (style.GREEN, "s", "-", 1.8),
+    "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", "-", 1.1), "dop853": ("#8A8A00", "v", ":", 0.9),
+    "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
+    "solve_ivp LSODA": ("#E7298A", ">", ":", 0.9), "XPPAUT cvode": ("#7A4B00", "*", "-.", 1.1),
+    "XPPAUT stiff": ("#C49A6C", "X", "-.", 0.9), "XPPAUT gear": ("#1F7A6D", "P", "-.", 0.9),
+    "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1),
+    "Siconos theta 1/2": ("#5B2A86", "h", "--", 0.9), "Siconos theta 1": ("#7FBF3F", "p", "--", 0.9)}
+"""Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
+with the same line."""
+SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
+"""Looks for solvers that LOOKS does not know."""
+ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"),
+        ("error_steady", "steady state"))
+SET_VALUED = ", set-valued"
+FADED = 0.2
+"""Opacity of what no reference resolves."""
+KEYS = {"friction.smoothing": "smoothing $\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
+        "pressure.mean": "mean pressure (Pa)"}
+METHODS = {"fixed_step": "fixed_step, own sub-steps", "SDIRK3, one step": "SDIRK3 alone, no sub-steps", "rk4": "rk4"}
+ENGINES = {"smoothed": (style.BLUE, "o"), "event_driven": (style.RED, "D"), "fixed_step": (style.GREEN, "s")}
+LOWEST = -9.0
+"""Colours end at this power of ten."""
+
+
+def draw_precision(stem: Path, scenes: Sequence[SceneRecord]) -> tuple[Path, Path]:
+    """Draw `stem`.png and `stem`.svg with all errors, and `stem`_section.png and .svg with that of the section alone.
+    """
+    _draw(stem.with_name(f"{stem.name}_section"), scenes, ("error_section",))
+    return _draw(stem, scenes, tuple(key for key, _ in ROWS))
+
+
+def looks_of(names: list[str]) -> dict[str, Look]:
+    """A look for each solver, no two alike; one that is not known gets a spare one."""
+    unknown = [name for name in names if name not in LOOKS]
+    return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
+
+
+def _draw(stem: Path, scenes: Sequence[SceneRecord], keys: tuple[str, ...]) -> tuple[Path, Path]:
+    """One picture with a row for each of some errors; a scene's set-valued runs are in the column of its smoothed ones.
+    """
+    columns = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
+    rows = [(key, name) for key, name in ROWS if key in keys]
+    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 2.0 * len(rows) + 1.6) as drawn:
+        axes = drawn.subplots(len(rows), max(len(columns), 1), sharex=True, sharey=True, squeeze=False)
+        handles: dict[str, Any] = {}
+        for record in scenes:
+            column = columns.index(record.scene.removesuffix(SET_VALUED))
+            smoothed = record.law == "smoothed"
+            for axis, (key, _) in zip(axes[:, column], rows):
+                draw_curves(axis, record, key, handles)
+                floor = record.reference.floor
+                line = axis.axhline(floor, color=style.GREY if smoothed else style.RED, linewidth=0.9,
+                                    linestyle=(0, (1, 1.5)), zorder=1)
+                handles["floor of the references, law (7)" if smoothed else "floor of the references, law (6)"] = line
+        for row, (_, name) in zip(axes, rows):
+            row[0].set_ylabel(f"relative error, {name}")
+        for letter, name in zip("abcd", columns):
+            head = next((r for r in scenes if r.scene == name), scenes[0])
+            title = axes[0, columns.index(name)]
+            title.set_title(f"({letter}) {name}", pad=26.0)
+            title.text(0.0, 1.02, _wrapped(head.description), transform=title.transAxes, fontsize=7.5, va="bottom")
+        for axis in axes[-1]:
+            axis.set_xlabel("run time (s)")
+        for axis in axes.flat:
+            axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
+        order = [n for n in LOOKS if n in handles] + [n for n in handles if n not in LOOKS]
+        drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=6)
+        return style.save_both(drawn, stem)
+
+
+def draw_curves(axis: Any, record: SceneRecord, key: str, handles: dict[str, Any]) -> None:
+    """Every solver's ladder in one panel; what is below its floor is faded."""
+    for name, look in looks_of(list(dict.fromkeys(row.solver for row in record.results))).items():
+        rows = [row for row in record.results if row.solver == name and getattr(row, key) is not None]
+        colour, marker, line, width = look
+        seconds, found = [row.seconds for row in rows], np.array([max(getattr(row, key), 1e-16) for row in rows])
+        floor = floor_of(record, name, key)
+        drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 4.0}
+        axis.plot(seconds, found, alpha=FADED, zorder=2, **drawn)
+        handle, = axis.plot(seconds, np.where(found >= floor, found, np.nan), zorder=3, **drawn)
+        handles[name] = handle
+
+
+def floor_of(record: SceneRecord, solver: str, key: str) -> float:
+    """The error below which one of this solver says nothing: that of the references, or of the precision it writes in.
+    """
+    floor = (record.steady.closure or 0.0) if key == "error_steady" else record.reference.floor
+    return max(floor, SINGLE) if solver.startswith("XPPAUT") else floor
+
+
+def _wrapped(text: str) -> str:
+    """A description on lines that fit a column."""
+    import textwrap
+
+    lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 44))
+    for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"),
+                          ("sigma", "$\\sigma$"), ("Tm", "$T_m$"), ("Tp", "$T_p$")):
+        lines = lines.replace(plain, symbol)
+    return lines
+
+
+def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Examined]) -> tuple[Path, Path]:
+    """Draw `stem`.png and `stem`.svg."""
+    keys, methods = list(dict.fromkeys(c.over for c in charts)), list(dict.fromkeys(c.method for c in charts))
+    with style.figure(9.0, 2.5 * len(methods) + 3.4) as drawn:
+        upper, lower = drawn.subfigures(2, 1, height_ratios=(2.5 * len(methods) + 0.4, 3.0))
+        axes = upper.subplots(len(methods), max(len(keys), 1), squeeze=False, sharex="row")
+        shade: Any = None
+        lines: dict[str, Any] = {}
+        letters = iter("abcdefghijklmnop")
+        for row, method in zip(axes, methods):
+            for axis, key in zip(row, keys):
+                chart = next(c for c in charts if c.over == key and c.method == method)
+                shade = _chart(axis, chart, lines)
+                axis.set_title(f"({next(letters)}) {METHODS.get(method, method)}")
+                axis.set(xlabel="tick (s)" if method == "fixed_step" else "step (s)", ylabel=KEYS.get(key, key))
+        if shade is not None:
+            bar = upper.colorbar(shade, ax=axes, shrink=0.7, pad=0.01, extend="min")
+            bar.set_label("log10 of the relative section error; grey: not finite or refused")
+            upper.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=3, handlelength=3.0)
+        panels = lower.subplots(1, 2, sharey=False)
+        _sorted(panels[0], cases, "error", "relative error")
+        _sorted(panels[1], cases, "power_residual", "power balance residual")
+        for panel, name in zip(panels, ("Extreme scenes: error", "Extreme scenes: power balance")):
+            panel.set_title(f"({next(letters)}) {name}")
+        style_handles, labels = panels[0].get_legend_handles_labels()
+        lower.legend(style_handles, labels, loc="outside lower center", ncols=3)
+        return style.save_both(drawn, stem)
+
+
+def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
+    """One map of log10 of the error over step and value, with the limits."""
+    steps = np.array(chart.steps)
+    ratio = chart.over == "friction.kinetic_coefficient"
+    values = 0.3 / np.array(chart.values) if ratio else np.array(chart.values)
+    borders = edges(values) if ratio else np.exp(edges(np.log(values)))
+    with np.errstate(all="ignore"):
+        found = np.array([numbers(row) for row in chart.errors])
+        level = np.clip(np.log10(np.maximum(found, 1e-30)), LOWEST, 0.0)
+    axis.set_facecolor("#9A9A9A")
+    shade = axis.pcolormesh(np.exp(edges(np.log(steps))), borders, np.ma.masked_invalid(level),
+                            cmap="viridis_r", vmin=LOWEST, vmax=0.0, rasterized=True)
+    axis.grid(False)
+    axis.set_xscale("log")
+    if not ratio:
+        axis.set_yscale("log")
+    limits = {"2.785/($\\beta T_s r \\sigma$), rk4 stable to its left": (chart.limits["rk4"], style.RED, "-"),
+              "1/($\\beta T_s |\\bar\\mu'_{min}|$), one root to its left": (chart.limits["uniqueness"], "white",
+                                                                            (0, (4, 2)))}
+    bounds = axis.get_xlim(), axis.get_ylim()
+    for name, (limit, colour, dashes) in limits.items():
+        if chart.method != "rk4" and colour == style.RED:
+            continue
+        at = numbers(limit)
+        outline, = axis.plot(at, values, color=style.INK, linewidth=2.4,
+                             linestyle="-" if colour == style.RED else dashes)
+        line, = axis.plot(at, values, color=colour, linewidth=1.4, linestyle=dashes)
+        lines[name] = (outline, line)
+    axis.set(xlim=bounds[0], ylim=bounds[1])
+    return shade
+
+
+def _sorted(axis: Any, cases: Sequence[Examined], key: str, name: str) -> None:
+    """Every engine's values in rising order over the share of its cases."""
+    for engine, (colour, marker) in ENGINES.items():
+        values = np.sort([x for c in cases if c.solver == engine and (x := getattr(c, key)) is not None])
+        if len(values):
+            share = 100.0 * (np.arange(len(values)) + 0.5) / len(values)
+            axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8,
+                      label=engine)
+    axis.set(yscale="log", xlabel="share of the cases, smallest first (%)", ylabel=name)

@@ -1,0 +1,325 @@
+"""The stability report: every engine on the extreme scenes, error charts of the fixed-step methods, and the page.
+
+The charts are over (step, sigma), (step, mu_s/mu_k) and (step, pressure), with the theoretical limits, for three
+methods: `fixed_step` with the sub-steps that it chooses inside a tick, its SDIRK3 scheme with one step per tick, which
+shows where those sub-steps are needed, and classical Runge-Kutta for contrast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.benchmarks.extremes import ENGINES, MANY, SHARPEST, Examined, Truth, examine, extreme_cases
+from tcc_sim.benchmarks.references import Reference, Unfinished, errors, reference
+from tcc_sim.errors import InputError
+from tcc_sim.model.friction import smoothed_and_slope
+from tcc_sim.model.parameters import DEFAULTS, System, replace
+from tcc_sim.output.tables import markdown_table
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.fixed_step import advance
+from tcc_sim.solvers.terms import peak_load, terms_of
+from tcc_sim.trajectory import State
+
+COUNT, QUICK_COUNT = 420, 36
+CYCLES = 2
+RK4_REACH = 2.785
+"""The real-axis stability limit of classical Runge-Kutta."""
+SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
+                         "engine.torque_amplitude": 400.0, "initial.slip_speed": 5.0}
+"""What the charts start from beside the defaults: stick-slip at every value of the keys that they go over."""
+OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
+        "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
+        "pressure.mean": np.geomspace(1e4, 1e7, 13)}
+METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.geomspace(1e-6, 1e-2, 13),
+           "rk4": np.geomspace(1e-7, 1e-3, 13)}
+"""The steps of each method, s."""
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """Median, 90 %, 99 % and the largest; None where there is no value."""
+
+    median: float | None
+    p90: float | None
+    p99: float | None
+    max: float | None
+
+
+@dataclass(frozen=True)
+class EngineSummary:
+    """What one engine's cases come to: statuses, violations (none is right), quantiles of error and power residual."""
+
+    cases: int
+    statuses: Mapping[str, int]
+    not_finite: int
+    not_bounded: int
+    iterations_max: int
+    iterations_bound: int
+    past_iteration_bound: int
+    without_reference: int
+    error: Quantiles
+    power_residual: Quantiles
+    longest_seconds: float
+
+
+@dataclass(frozen=True)
+class ErrorChart:
+    """Errors of one method over one key and its steps, s: rows are values, None where not finite.
+
+    limits : `rk4` and `uniqueness`, the theoretical limits of the step at every value, s
+    """
+
+    over: str
+    values: Sequence[float]
+    method: str
+    steps: Sequence[float]
+    errors: Sequence[Sequence[float | None]]
+    limits: Mapping[str, Sequence[float | None]]
+
+
+@dataclass(frozen=True)
+class StabilityReport:
+    """What stability.json holds."""
+
+    cases: Sequence[Examined]
+    summary: Mapping[str, EngineSummary]
+    charts: Sequence[ErrorChart]
+    quick: bool
+    complete: bool
+
+
+def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examined]:
+    """Every extreme case with every engine, one record each, as stability.json holds them.
+
+    Parameters
+    ----------
+    done : called with cases done, cases in all, and what comes next
+    """
+    chosen = extreme_cases(QUICK_COUNT if quick else COUNT)
+    for count, keys in enumerate(chosen):
+        done(count, len(chosen), "extreme scenes")
+        truths = {law: Truth(keys, law) for law in dict.fromkeys(law for law, _ in ENGINES.values())}
+        for engine, (law, _) in ENGINES.items():
+            yield examine(keys, engine, truths[law])
+
+
+def engine_summaries(records: Sequence[Examined]) -> dict[str, EngineSummary]:
+    """What the cases of each engine come to."""
+    out = {}
+    for engine in ENGINES:
+        rows = [r for r in records if r.solver == engine]
+        ran = [r for r in rows if r.status != "REFUSED"]
+        iterations = [(r.iterations_max or 0, r.iterations_bound or 0) for r in ran]
+        out[engine] = EngineSummary(
+            len(rows), Counter(r.status for r in rows), sum(r.finite is False for r in ran),
+            sum(r.bounded is False for r in ran), max((most for most, _ in iterations), default=0),
+            max((bound for _, bound in iterations), default=0), sum(most > bound > 0 for most, bound in iterations),
+            sum(r.error is None for r in ran), _quantiles([r.error for r in ran]),
+            _quantiles([r.power_residual for r in ran]), max((r.seconds for r in ran), default=0.0))
+    return out
+
+
+def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
+    """One for each key and method."""
+    out = []
+    for key, values in OVER.items():
+        chosen = values[::3] if quick else values
+        systems = [replace(System(), {**SCENE, key: float(x)} | (
+            {"pressure.amplitude": 0.2 * float(x)} if key == "pressure.mean" else {})) for x in chosen]
+        truths: list[Reference | None] = []
+        for system in systems:
+            done(f"reference at {key} {len(truths) + 1}/{len(systems)}")
+            truths.append(_truth(system))
+        for method, ladder in METHODS.items():
+            done(f"{method} over {key}")
+            steps = ladder[::3] if quick else ladder
+            rows = [[_error(system, method, float(h), truth) for h in steps] for system, truth in zip(systems, truths)]
+            out.append(ErrorChart(key, chosen.tolist(), method, steps.tolist(), rows, {
+                "rk4": [rk4_limit(s) for s in systems], "uniqueness": [uniqueness_limit(s) for s in systems]}))
+    return out
+
+
+def stick_rate(system: System) -> float:
+    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
+    return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
+
+
+def rk4_limit(system: System) -> float:
+    """The largest step, s, at which classical Runge-Kutta is stable in stick: 2.785/(beta Ts r sigma)."""
+    return RK4_REACH / stick_rate(system)
+
+
+def uniqueness_limit(system: System) -> float | None:
+    """The step, s, below which v + a mubar(v) = w has one root: 1/(beta Ts |min d(mubar)/dv|); None where it always
+    has.
+
+    A stage of SDIRK3 has a = gamma h beta Ts, so its own limit is 1/gamma = 2.29 times as large.
+    """
+    terms = terms_of(system)
+    if terms.stribeck is None:
+        return None
+    v = np.geomspace(1e-3, 1e4, 20001) / system.friction.smoothing
+    v = np.union1d(v, np.linspace(0.0, 5.0 / system.friction.decay, 20001))
+    _, slope = smoothed_and_slope(v, system.friction.smoothing, terms.stribeck)
+    return float(1.0 / (system.inverse_inertia * peak_load(terms) * -slope.min()))
+
+
+def _truth(system: System) -> Reference | None:
+    """SciPy's LSODA, or the set-valued limit where the smoothing is too sharp for it; None where SciPy gives up."""
+    sharp = system.friction.smoothing > SHARPEST
+    try:
+        if sharp:
+            return reference(replace(system, {"friction.law": "set_valued"}), CYCLES, "DOP853", 1e-11)
+        return reference(system, CYCLES, "LSODA", 1e-10)
+    except Unfinished:
+        return None
+
+
+def _error(system: System, method: str, step: float, truth: Reference | None) -> float | None:
+    """Section error relative to each signal's maximum; None where the method blew up, refused or had nothing to be held
+    to.
+    """
+    if truth is None:
+        return None
+    if method == "SDIRK3, one step":
+        section = one_step(system, step)
+    else:
+        try:
+            run = solve(system, cycles=CYCLES, solver=method, step=step)
+        except InputError:
+            return None
+        if run.cycles is None or len(run.cycles) < CYCLES:
+            return None
+        section = run.cycles.section
+    with np.errstate(all="ignore"):
+        found = errors(section, truth.largest, truth)[1]
+    return found if math.isfinite(found) else None
+
+
+def one_step(system: System, step: float) -> Any:
+    """Sections of SDIRK3 with whole steps of at most `step` in a cycle, no sub-steps."""
+    terms, cycle = terms_of(system), system.cycle
+    count = max(math.ceil(cycle / step - 1e-9), 1)
+    state = np.array(State.at_start(system).numbers)
+    section = [state.copy()]
+    for n in range(CYCLES):
+        advance(state, n * cycle, cycle / count, count, terms, None, None)
+        section.append(state.copy())
+    return np.array(section)
+
+
+def changes(record: Examined) -> dict[str, Any]:
+    """What a record's case differs in from the defaults: scene keys, more cycles than usual, a coarser tick."""
+    out = {k: v for k, v in record.keys.items() if k in DEFAULTS and k != "friction.law" and DEFAULTS[k] != v}
+    if record.keys["cycles"] == MANY:
+        out["cycles"] = MANY
+    if (record.step or 0.0) > (ENGINES[record.solver][1] or math.inf):
+        out["tick"] = record.step
+    return out
+
+
+def ended_badly(record: Examined) -> bool:
+    """Whether a run was stopped, gave what is not finite, or passed its energy or iteration bound."""
+    stopped = record.status not in ("DONE", "REFUSED")
+    return bool(stopped or record.finite is False or record.bounded is False
+                or (record.iterations_max or 0) > (record.iterations_bound or math.inf))
+
+
+def stability_page(found: StabilityReport, picture: str) -> str:
+    """The report: what came out, criteria, summary, what ended badly or was refused, and the worst errors."""
+    cases, total = found.cases, found.summary
+    lines = [
+        "# Stiff and extreme cases", "", *_head(found), "", f"![error charts and extreme cases]({picture})", "",
+        f"{len(cases)} runs: {len(cases) // len(ENGINES)} cases with each of "
+        f"{', '.join(map(_code, ENGINES))} (1 ms ticks). mu_s/mu_k 1 to 4, alpha 0 to 1000 s/rad, sigma 1 to 1e9 s/rad,"
+        " Tsp/Tsm 0 to 1.5 (the pressure clamped at 0), omega 1 to 5000 rad/s, omega_f/omega 1e-3 to 100 and "
+        "incommensurable, mean pressure 0 to 10 MPa, C23 0 to 65 times critical, K23 1 to 1e8 N m/rad, I1 1e-4 to 1000 "
+        "and I2 1e-6 to 100 kg m^2, initial slip 0 to 1e4 rad/s, near-grazing undamped stick, steps of pressure and "
+        f"torque commands in stick and in slip, {MANY} cycles, ticks of 5 ms to 1 s, and combinations.", "",
+        "Bounded: sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1), since friction and damper only take energy. Power: "
+        "engine work less losses and stored energy in each cycle, relative to the largest of work and energy; its "
+        "quadrature is good to about 1e-5; `fixed_step` is interpolated between its sub-steps, which shows where slip "
+        "stops within one. Error: state after at most 60 rad of the natural "
+        "frequency, relative to each signal's maximum, against SciPy (LSODA for the smoothed law, DOP853 from event to "
+        "event for the set-valued one). Above sigma = 1e5 s/rad the smoothed law is held against the set-valued one, "
+        "from which it differs by about 1/sigma.", "",
+        *markdown_table(["", *map(_code, ENGINES)], [[name, *(show(total[engine]) for engine in ENGINES)]
+                                                     for name, show in _ROWS], "---:", "---")]
+    lines += ["", "## Ended badly", "", *listed(r for r in cases if ended_badly(r)), "", "## Refused", ""]
+    refused = [r for r in cases if r.status == "REFUSED"]
+    lines += [f"- `{engine}`: {len(whys)}, such as: {whys[0]}" for engine in ENGINES
+              if (whys := [r.why for r in refused if r.solver == engine])] or ["None."]
+    worst = [row for engine in ENGINES
+             for row in sorted(((r.error, r) for r in cases if r.solver == engine and r.error is not None),
+                               key=lambda row: -row[0])[:5]]
+    lines += ["", "## Largest errors", "", *markdown_table(
+        ["solver", "error", "scene"], [[_code(r.solver), f"{error:.1e}", _scene(r)] for error, r in worst])]
+    if not found.complete:
+        lines += ["", "**Interrupted: this report is not complete.**"]
+    return "\n".join(lines) + "\n"
+
+
+def _head(found: StabilityReport) -> list[str]:
+    """What came out, in sentences, and that the page is generated."""
+    cases = found.cases
+    said = ["This page is generated: `tcc-sim stability" + (" --quick" if found.quick else "") + "` writes it.", ""]
+    for engine in ENGINES:
+        rows = [r for r in cases if r.solver == engine]
+        bad, refused = sum(map(ended_badly, rows)), sum(r.status == "REFUSED" for r in rows)
+        error, power = found.summary[engine].error, found.summary[engine].power_residual
+        said.append(f"- `{engine}`: of {len(rows)} cases {bad or 'none'} ended badly and {refused or 'none'} "
+                    f"{'was' if refused == 1 else 'were'} refused; in 99 % of the others the error is at most "
+                    f"{_number(error.p99)}, the largest {_number(error.max)}, and the power balance closes to "
+                    f"{_number(power.p99)}.")
+    return said
+
+
+def listed(records: Iterable[Examined]) -> list[str]:
+    """The exact scene of each."""
+    return [f"- `{r.solver}`, {r.status}{': ' + r.why if r.why else ''}: {_scene(r)}"
+            for r in records] or ["None."]
+
+
+def _scene(record: Examined) -> str:
+    """What differs from the defaults, with all its digits."""
+    return ", ".join(f"{k} {v!r}" for k, v in changes(record).items())
+
+
+def _number(value: float | None) -> str:
+    """A number with one digit."""
+    return "-" if value is None else f"{value:.0e}"
+
+
+def _quantiles(values: Sequence[float | None]) -> Quantiles:
+    """The quantiles of the values that there are."""
+    known = [v for v in values if v is not None]
+    return Quantiles(*(float(np.quantile(known, q)) if known else None for q in (0.5, 0.9, 0.99, 1.0)))
+
+
+def _code(name: str) -> str:
+    """As code."""
+    return f"`{name}`"
+
+
+def _four(found: Quantiles) -> str:
+    """Median, 90 %, 99 % and the largest in one cell."""
+    return " / ".join(map(_number, astuple(found)))
+
+
+_ROWS: tuple[tuple[str, Callable[[EngineSummary], str]], ...] = (
+    ("runs", lambda s: str(s.cases)),
+    ("ended", lambda s: ", ".join(f"{k} {v}" for k, v in s.statuses.items())),
+    ("not finite", lambda s: str(s.not_finite)),
+    ("past the energy bound", lambda s: str(s.not_bounded)),
+    ("most iterations of one solve (bound)",
+     lambda s: f"{s.iterations_max} ({s.iterations_bound})" if s.iterations_bound else "none"),
+    ("error: median / 90 % / 99 % / largest", lambda s: _four(s.error)),
+    ("power residual: the same", lambda s: _four(s.power_residual)),
+    ("without a reference", lambda s: str(s.without_reference)),
+    ("longest solve (s)", lambda s: f"{s.longest_seconds:.2g}"))
