@@ -44,7 +44,7 @@ MEASURING = ["cli.precision", "cli.stability", "cli.realtime", "cli.soak"]
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
-GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.SceneRecord", "benchmarks.references.Law",
+GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScene", "benchmarks.references.Law",
            "continuation.branch.Branch", "continuation.codim2._Way", "continuation.detection.ClosedBranch",
            "continuation.follow.ContinuationState", "continuation.follow_curve.CurveState",
            "continuation.motions.Motions", "continuation.palc.StepSize", "nodes.loop.Request",

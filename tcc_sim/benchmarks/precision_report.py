@@ -96,7 +96,7 @@ class LongRun(SolverSetting):
 
 
 @dataclass
-class SceneRecord:
+class StudiedScene:
     """What was measured on one scene; `warm_up` is each solver's first call, which compiles, s."""
 
     scene: str
@@ -116,7 +116,7 @@ class SceneRecord:
 class PrecisionReport:
     """What precision.json holds; `peers` says of each other program whether it took part."""
 
-    scenes: Sequence[SceneRecord]
+    scenes: Sequence[StudiedScene]
     sweep_speed: SweepSpeed | None
     peers: Mapping[str, str]
     quick: bool
@@ -127,7 +127,7 @@ class PrecisionReport:
         return {**json_of(self.scenes[0]), **json_of(self)}
 
 
-def fastest_results(record: SceneRecord, target: float) -> dict[str, PrecisionResult]:
+def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionResult]:
     """For each solver its fastest result whose three errors are all at most `target`."""
     out: dict[str, PrecisionResult] = {}
     for row in record.results:
@@ -136,7 +136,7 @@ def fastest_results(record: SceneRecord, target: float) -> dict[str, PrecisionRe
     return out
 
 
-def took_part(records: Sequence[SceneRecord]) -> dict[str, str]:
+def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
     """For each other program whether it joined, or why it did not."""
     out = {}
     for name in ("CVODE", "XPPAUT", "Siconos"):
@@ -245,7 +245,7 @@ def _or_dash(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
 
-def _summary(record: SceneRecord, scenes: Sequence[SceneRecord]) -> list[str]:
+def _summary(record: StudiedScene, scenes: Sequence[StudiedScene]) -> list[str]:
     """The steady state of a scene, and the fastest setting of each solver for some errors."""
     best = [fastest_results(record, target) for target in TARGETS]
     reference = record.reference
@@ -262,7 +262,7 @@ def _summary(record: SceneRecord, scenes: Sequence[SceneRecord]) -> list[str]:
     return [*lines, ""]
 
 
-def comparison(record: SceneRecord, others: Sequence[SceneRecord]) -> str:
+def comparison(record: StudiedScene, others: Sequence[StudiedScene]) -> str:
     """A sentence on the steady state of a scene, and on that of the same scene with the other friction law."""
     own = record.steady
     if own.max_slip_speed is None:
@@ -281,7 +281,7 @@ def comparison(record: SceneRecord, others: Sequence[SceneRecord]) -> str:
     return said
 
 
-def scene_lines(record: SceneRecord) -> list[str]:
+def scene_lines(record: StudiedScene) -> list[str]:
     """The fastest settings of a scene for a terminal."""
     best = fastest_results(record, TARGET)
     times = [f"{name} {1e3 * row.seconds:.3g} ms" for name,
@@ -293,7 +293,7 @@ def scene_lines(record: SceneRecord) -> list[str]:
         for row in record.long_run)]
 
 
-def _omitted(record: SceneRecord) -> list[str]:
+def _omitted(record: StudiedScene) -> list[str]:
     """What failed and why."""
     return ["Omitted:", "",
             *(f"- {code_name(row.solver)} at {row.setting:.3g}: {row.why}" for row in record.omitted), ""]

@@ -17,7 +17,7 @@ from tcc_sim.views.sweeps import edges, numbers
 
 if TYPE_CHECKING:
     from tcc_sim.benchmarks.extremes import Examined
-    from tcc_sim.benchmarks.precision_report import SceneRecord
+    from tcc_sim.benchmarks.precision_report import StudiedScene
     from tcc_sim.benchmarks.stability import ErrorChart
 
 Look = tuple[str, str, Any, float]
@@ -47,7 +47,7 @@ LOWEST = -9.0
 """Colours end at this power of ten."""
 
 
-def draw_precision(stem: Path, scenes: Sequence[SceneRecord]) -> tuple[Path, Path]:
+def draw_precision(stem: Path, scenes: Sequence[StudiedScene]) -> tuple[Path, Path]:
     """Draw `stem`.png and `stem`.svg with all errors, and `stem`_section.png and .svg with that of the section alone.
     """
     _draw(stem.with_name(f"{stem.name}_section"), scenes, ("error_section",))
@@ -60,7 +60,7 @@ def looks_of(names: list[str]) -> dict[str, Look]:
     return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
 
 
-def _draw(stem: Path, scenes: Sequence[SceneRecord], keys: tuple[str, ...]) -> tuple[Path, Path]:
+def _draw(stem: Path, scenes: Sequence[StudiedScene], keys: tuple[str, ...]) -> tuple[Path, Path]:
     """One picture with a row for each of some errors; a scene's set-valued runs are in the column of its smoothed ones.
     """
     columns = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
@@ -93,7 +93,7 @@ def _draw(stem: Path, scenes: Sequence[SceneRecord], keys: tuple[str, ...]) -> t
         return style.save_both(drawn, stem)
 
 
-def draw_curves(axis: Any, record: SceneRecord, key: str, handles: dict[str, Any]) -> None:
+def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, Any]) -> None:
     """Every solver's ladder in one panel; what is below its floor is faded."""
     for name, look in looks_of(list(dict.fromkeys(row.solver for row in record.results))).items():
         rows = [row for row in record.results if row.solver == name and getattr(row, key) is not None]
@@ -106,7 +106,7 @@ def draw_curves(axis: Any, record: SceneRecord, key: str, handles: dict[str, Any
         handles[name] = handle
 
 
-def floor_of(record: SceneRecord, solver: str, key: str) -> float:
+def floor_of(record: StudiedScene, solver: str, key: str) -> float:
     """The error below which one of this solver says nothing: that of the references, or of the precision it writes in.
     """
     floor = (record.steady.closure or 0.0) if key == "error_steady" else record.reference.floor

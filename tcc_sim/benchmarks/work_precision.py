@@ -24,7 +24,7 @@ from tcc_sim.benchmarks.precision_report import (
     Omitted,
     PrecisionResult,
     References,
-    SceneRecord,
+    StudiedScene,
     SteadyState,
     fastest_results,
 )
@@ -134,7 +134,7 @@ def cases(effort: Effort) -> list[Case]:
     return [case for case in every if not effort.scenes or case.name in effort.scenes]
 
 
-def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[SceneRecord]:
+def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[StudiedScene]:
     """One record per scene, each complete when it comes.
 
     Parameters
@@ -155,7 +155,7 @@ def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> It
         done(count, total, f"{case.name}: steady state")
         steady = steady_reference(case.system, effort.steady_cycles, method, rtol)
         count += 1
-        record = SceneRecord(case.name, case.description, case.system.friction.law, case.cycles,
+        record = StudiedScene(case.name, case.description, case.system.friction.law, case.cycles,
                              References([t.name for t in truths], disagreement(*truths)), steady)
         for solver, setting in settings(case, effort):
             done(count, total, f"{case.name}: {solver} {setting:g}")
@@ -221,7 +221,7 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
                 yield peer, value
 
 
-def record_run(record: SceneRecord, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
+def record_run(record: StudiedScene, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
     """Run one setting and put it into `results` or `omitted`."""
     try:
         run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting,
@@ -238,7 +238,7 @@ def record_run(record: SceneRecord, case: Case, solver: str, setting: float, tru
         record.calls.append(CallTime(solver, setting, run.called))
 
 
-def _steady(record: SceneRecord, case: Case, solver: str, setting: float, seconds: float,
+def _steady(record: StudiedScene, case: Case, solver: str, setting: float, seconds: float,
             effort: Effort) -> float | None:
     """The error of the steady state, None where there is nothing to compare with or it would take too long."""
     expected = record.steady.max_slip_speed
@@ -269,7 +269,7 @@ def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Pe
     return peers.bare_lsoda(case.system, case.cycles, setting, repeats)
 
 
-def _registered(record: SceneRecord, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
+def _registered(record: StudiedScene, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
     """Repeated runs of a registered solver; its first call, which compiles, is timed apart."""
     if solver in STABLE:
         step = setting if solver == "rk4" else STABLE[solver] / stick_rate(case.system)
@@ -295,7 +295,7 @@ def _registered(record: SceneRecord, case: Case, solver: str, setting: float, ef
     return peers.PeerRun(cycles.section, cycles.largest, seconds, found.statistics.steps)
 
 
-def long_run(record: SceneRecord, case: Case, effort: Effort) -> None:
+def long_run(record: StudiedScene, case: Case, effort: Effort) -> None:
     """Seconds per 100 cycles of a long run, where the cost of a call no longer counts, at the fastest setting up to
     1e-6.
     """

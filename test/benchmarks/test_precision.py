@@ -9,7 +9,7 @@ from documents import valid
 
 from tcc_sim.benchmarks import peers, report_drawings, sweep_speed
 from tcc_sim.benchmarks import work_precision as precision
-from tcc_sim.benchmarks.precision_report import PrecisionResult, References, SceneRecord, SteadyState, comparison
+from tcc_sim.benchmarks.precision_report import PrecisionResult, References, StudiedScene, SteadyState, comparison
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -82,7 +82,7 @@ def settled(law, cycles):
 
 def scene_record(scene, law, steady):
     """A record of a scene on which nothing was run yet."""
-    return SceneRecord(scene, "", law, 5, References([], 1e-8), steady)
+    return StudiedScene(scene, "", law, 5, References([], 1e-8), steady)
 
 
 def test_no_two_series_look_alike():
