@@ -24,8 +24,8 @@ from tcc_sim.benchmarks.precision_report import (
     Omitted,
     PrecisionResult,
     References,
-    StudiedScene,
     SteadyState,
+    StudiedScene,
     fastest_results,
 )
 from tcc_sim.benchmarks.references import Reference, Unfinished, disagreement, errors, reference

@@ -9,7 +9,7 @@ from documents import valid
 
 from tcc_sim.benchmarks import peers, report_drawings, sweep_speed
 from tcc_sim.benchmarks import work_precision as precision
-from tcc_sim.benchmarks.precision_report import PrecisionResult, References, StudiedScene, SteadyState, comparison
+from tcc_sim.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene, comparison
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
