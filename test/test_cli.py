@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from tcc_sim import __version__, cli
+from tcc_sim.cli.arguments import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
 from tcc_sim.nodes import executables
 from tcc_sim.scene import bundled_scenes, load_scene
@@ -192,3 +193,19 @@ def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPat
     out, err = capsys.readouterr()
     assert out == ""
     assert err == f"{name}: ROS 2 package rclpy is not installed: source your ROS 2, or pip install 'tcc_sim[ros]'\n"
+
+
+def test_a_range_has_both_ends() -> None:
+    assert values_of_range("a.b=1:2:3") == ("a.b", [1.0, 1.5, 2.0])
+    assert values_of_range("a.b=2:1:2") == ("a.b", [2.0, 1.0])
+    assert values_of_range("a.b=5:9:1") == ("a.b", [5.0])
+
+
+def test_ranges_are_even_logarithmic_or_lists() -> None:
+    assert values_of_range("a=1:100:3:log") == ("a", [1.0, 10.0, 100.0])
+    assert values_of_range("a=3,1,2.5") == ("a", [3.0, 1.0, 2.5])
+    assert bounds_of_range("a=3:1", "--over") == ("a", 1.0, 3.0)
+    with pytest.raises(InputError, match="differ"):
+        bounds_of_range("a=3:3", "--over")
+    with pytest.raises(InputError, match=r"START:STOP:COUNT$"):
+        values_of_range("a=3,1", "--plane", even=True)

@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.basins.compute import Axis, Basins, basins
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
 from tcc_sim.benchmarks.branch_speed import compared, page_lines
@@ -28,7 +30,6 @@ from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figure_results import Chart, ChartCurve, Curves, Figure
 from tcc_sim.paper.figures import figure_of, figure_system
 from tcc_sim.sweeps.executors import each_in_a_process, processes_for
-from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.views.basin_map import draw_basins
 
 CELLS, QUICK_CELLS = 500, 60
@@ -70,8 +71,8 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
     require("matplotlib", "a picture")
     cells = QUICK_CELLS if arguments.quick else CELLS
-    plane = [Axis(key, tuple(values)) for key, values in map(values_of_range, (
-        f"initial.slip_speed=0:120:{cells}", f"initial.plate_angle=-0.1:0.3:{cells}"))]
+    plane = [Axis(key, tuple(np.linspace(low, high, cells).tolist()))
+             for key, low, high in (("initial.slip_speed", 0.0, 120.0), ("initial.plate_angle", -0.1, 0.3))]
     # A bar counts the figures; those of their parts would write over each other.
     alone = processes_for(1 + len(CHARTS), arguments.jobs) < 2
     branched = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=alone, branches=True)

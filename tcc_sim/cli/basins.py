@@ -8,7 +8,16 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, add_workers, check_outputs, present, refuse_swept, scene_of
+from tcc_sim.cli.arguments import (
+    add_outputs,
+    add_scene,
+    add_workers,
+    check_outputs,
+    present,
+    refuse_swept,
+    scene_of,
+    values_of_range,
+)
 from tcc_sim.errors import BasinsInterrupted, counted
 
 if TYPE_CHECKING:
@@ -69,7 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _axis(option: str, text: str) -> Axis:
     """KEY=START:STOP:COUNT."""
     from tcc_sim.basins.compute import Axis
-    from tcc_sim.sweeps.ranges import values_of_range
 
     key, values = values_of_range(text, option, even=True)
     return Axis(key, tuple(values))

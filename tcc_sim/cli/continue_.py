@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli.arguments import add_outputs, add_scene, bounds_of_range, check_outputs, plot_result, present, scene_of
 from tcc_sim.errors import counted
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.output.files import read_json
     from tcc_sim.sweeps.executors import point_bar
-    from tcc_sim.sweeps.ranges import bounds_of_range
 
     scene = scene_of(arguments)
     key, low, high = bounds_of_range(arguments.over, "--over")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of, spaced
 from tcc_sim.errors import counted
 
 if TYPE_CHECKING:
@@ -40,7 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.output.files import draft
     from tcc_sim.sweeps.executors import progress_bar
-    from tcc_sim.sweeps.ranges import spaced
 
     scene = scene_of(arguments)
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")

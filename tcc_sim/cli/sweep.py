@@ -85,12 +85,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], Callable[[list[Sweep]], Any]]:
     """What is to be solved, and what makes a result of it."""
-    from tcc_sim.sweeps.ranges import bounds_of_range, values_of_range
     from tcc_sim.sweeps.scatter import Scattered, Tolerances, scattered_curves
     from tcc_sim.sweeps.sweep import Curve, Grid, curves_of
 
-    over = [values_of_range(text) for text in arguments.over]
-    bounds = tuple(bounds_of_range(text, "--scatter", "LOW:HIGH") for text in arguments.scatter)
+    over = [common.values_of_range(text) for text in arguments.over]
+    bounds = tuple(common.bounds_of_range(text, "--scatter", "LOW:HIGH") for text in arguments.scatter)
     common.refuse_swept(arguments.set, [key for key, _ in over] + [key for key, _, _ in bounds])
     if bounds:
         if len(over) > 1:

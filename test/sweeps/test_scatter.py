@@ -9,11 +9,9 @@ import pytest
 from scipy.stats import qmc
 
 from tcc_sim.cli import main
-from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
 from tcc_sim.output.provenance import schema
 from tcc_sim.scene import load_scene
-from tcc_sim.sweeps.ranges import bounds_of_range, values_of_range
 from tcc_sim.sweeps.scatter import Tolerances, scatter
 from tcc_sim.sweeps.simulation import Plan, simulate
 
@@ -89,13 +87,3 @@ def test_wrong_input_is_one_line(words: list[str], said: str, capsys) -> None:  
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert said in error
-
-
-def test_ranges_are_even_logarithmic_or_lists() -> None:
-    assert values_of_range("a=1:100:3:log") == ("a", [1.0, 10.0, 100.0])
-    assert values_of_range("a=3,1,2.5") == ("a", [3.0, 1.0, 2.5])
-    assert bounds_of_range("a=3:1", "--over") == ("a", 1.0, 3.0)
-    with pytest.raises(InputError, match="differ"):
-        bounds_of_range("a=3:3", "--over")
-    with pytest.raises(InputError, match=r"START:STOP:COUNT$"):
-        values_of_range("a=3,1", "--plane", even=True)

@@ -14,7 +14,6 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.ranges import values_of_range
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import repeats_after
 from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves, sweep_grid
@@ -217,9 +216,3 @@ def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path,
     assert main(["sweep", "fig02", *words, "--out", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not out.exists()
-
-
-def test_a_range_has_both_ends() -> None:
-    assert values_of_range("a.b=1:2:3") == ("a.b", [1.0, 1.5, 2.0])
-    assert values_of_range("a.b=2:1:2") == ("a.b", [2.0, 1.0])
-    assert values_of_range("a.b=5:9:1") == ("a.b", [5.0])
