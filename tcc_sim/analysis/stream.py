@@ -20,7 +20,7 @@ from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
 
 
 @dataclass(frozen=True)
-class Piece:
+class CyclePiece:
     """Consecutive whole engine cycles of one run, with the times at which they start."""
 
     run: int
@@ -32,20 +32,20 @@ class Piece:
 class RunCycles:
     """The engine cycles of one run, from a start or a reset of the driveline to the next."""
 
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: list[CyclePiece] = field(default_factory=list)
     summary: tuple[tuple[int, int | None], Summary] | None = None
     """What it was last made of, the number of cycles and those to be dropped, and the summary itself."""
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: CyclePiece) -> None:
         """Take the next piece; those that follow each other are joined, longer ones rarely, so that there are few."""
         while self.pieces and _follows(self.pieces[-1], piece) and len(self.pieces[-1].cycles) <= 2 * len(piece.cycles):
             before = self.pieces.pop()
-            piece = Piece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
+            piece = CyclePiece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
         self.pieces.append(piece)
 
     def _join_all(self) -> None:
         """Join whatever follows each other, so that what is kept of the run is a view of it and no copy."""
-        joined: list[list[Piece]] = []
+        joined: list[list[CyclePiece]] = []
         for piece in self.pieces:
             if joined and _follows(joined[-1][-1], piece):
                 joined[-1].append(piece)
@@ -78,7 +78,7 @@ class RunCycles:
         return joined, last - len(joined), dropped
 
 
-def _follows(a: Piece, b: Piece) -> bool:
+def _follows(a: CyclePiece, b: CyclePiece) -> bool:
     """Whether b starts where a ends."""
     return b.first == a.first + len(a.cycles)
 
@@ -134,7 +134,7 @@ class CycleStream:
         self._from = 0.0
 
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
-             engine_torque: Floats, friction_torque: Floats, run: int = 0) -> list[Piece]:
+             engine_torque: Floats, friction_torque: Floats, run: int = 0) -> list[CyclePiece]:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
 
         A sample that is not finite is left out and counted, which makes it a gap. `run` is the batch's own number where
@@ -151,7 +151,7 @@ class CycleStream:
         if not finite.all():
             self.not_finite += int(np.count_nonzero(~finite))
             rows, stamp_ns = rows[:, finite], stamp_ns[finite]
-        found: list[Piece] = []
+        found: list[CyclePiece] = []
         for piece, preceded in self.continuity.pieces(stamp_ns, run):
             if preceded.begins_a_run:
                 self.numbers[run] = len(self.runs)
@@ -204,7 +204,7 @@ class CycleStream:
         found = summarise_cycles(cycles, cycle, first=first, tolerance=DEFAULTS.recording_tolerance, varied=varied)
         return replace(found, cycles=run.observed(), discarded=dropped)
 
-    def _take(self, rows: Floats, run: int) -> list[Piece]:
+    def _take(self, rows: Floats, run: int) -> list[CyclePiece]:
         """Add samples that follow those waiting, and work out the cycles that are now whole."""
         if not self._waiting:
             self._from = float(rows[0, 0])
@@ -227,7 +227,7 @@ class CycleStream:
         for first, starts in whole:
             cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
                                          stick_speed=self._stick_speed, linear=self._linear)
-            found.append(Piece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
+            found.append(CyclePiece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
             self.runs[-1].add(found[-1])
         self._from = float(whole[-1][1][-1])
         start = int(np.searchsorted(t, self._from + DEFAULTS.slack * self.clock.cycle, side="right")) - 1

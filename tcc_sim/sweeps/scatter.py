@@ -16,7 +16,7 @@ from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.results import Sweep, extras_of, stacked
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import Plan, plan_of, with_plan_fields
+from tcc_sim.sweeps.simulation import Plan, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
 PROBABILITIES = (0.05, 0.5, 0.95)
@@ -175,4 +175,4 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     """
     told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
     curves = scattered_curves(system_of(scene), told, over, values)
-    return Scattered(told, over, sweep_curves(curves, plan_of(plan, settings), jobs=jobs, dask=dask))
+    return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask))

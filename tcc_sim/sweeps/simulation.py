@@ -33,7 +33,7 @@ from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.steady_state import Start, settle
+from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
@@ -86,6 +86,24 @@ class Plan:
             raise InputError(f"discard is {self.discard}; it must be 0 or more cycles, or auto")
         if not 0 <= self.section_points <= 10_000_000:
             raise InputError(f"section_points is {self.section_points}; it must be 0 to 10000000")
+
+    @staticmethod
+    def of(plan: Plan | None, settings: dict[str, Any]) -> Plan:
+        """A plan that is given whole, or by its fields.
+
+        Raises
+        ------
+        InputError
+            Both, an unknown field, or a value out of its range.
+        """
+        if plan is not None:
+            if settings:
+                raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
+            return plan
+        unknown = [name for name in settings if name not in Plan.__dataclass_fields__]
+        if unknown:
+            raise InputError(f"{unknown[0]} is not a setting; the settings are {', '.join(Plan.__dataclass_fields__)}")
+        return Plan(**settings)
 
     def dropped(self, cycles: int, default: int) -> int:
         """The cycles to drop of so many, given or by default.
@@ -216,7 +234,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     system = system_of(scene)
     if duration is None and plan is None and "cycles" not in settings:
         duration = system.span or None
-    plan = plan_of(plan, settings)
+    plan = Plan.of(plan, settings)
     plan.check(system)
     if start is None:
         i = system.initial
@@ -231,24 +249,6 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
                      flywheel_angle=flywheel_angle, loads_from=discarded)
         cycles = run.cycles
     return _judged(system, plan, start, run, cycles, discarded)
-
-
-def plan_of(plan: Plan | None, settings: dict[str, Any]) -> Plan:
-    """A plan that is given whole, or by its fields.
-
-    Raises
-    ------
-    InputError
-        Both, an unknown field, or a value out of its range.
-    """
-    if plan is not None:
-        if settings:
-            raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
-        return plan
-    unknown = [name for name in settings if name not in Plan.__dataclass_fields__]
-    if unknown:
-        raise InputError(f"{unknown[0]} is not a setting; the settings are {', '.join(Plan.__dataclass_fields__)}")
-    return Plan(**settings)
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
@@ -270,8 +270,8 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
 
 def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, Cycles | None, int]:
     """Cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
-    found = settle(system, start, plan.cycles, solver=plan.solver, rtol=plan.rtol, step=plan.step,
-                   loads_from=0)
+    found = solve_to_steady_state(system, start, plan.cycles, solver=plan.solver, rtol=plan.rtol, step=plan.step,
+                                  loads_from=0)
     after = found.after if found.cycles is None or found.after is not None else default_discard(len(found.cycles))
     return found.run, found.cycles, after or 0
 

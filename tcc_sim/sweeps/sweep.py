@@ -30,7 +30,7 @@ from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, worker
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import PAPER, Plan, plan_of, simulate, with_plan_fields
+from tcc_sim.sweeps.simulation import PAPER, Plan, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
 Points = list[list[Point | None]]
@@ -57,7 +57,7 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(system_of(scene), key, tuple(map(float, values)))], plan_of(plan, settings), jobs=jobs,
+    return sweep_curves([Curve(system_of(scene), key, tuple(map(float, values)))], Plan.of(plan, settings), jobs=jobs,
                         dask=dask, out=out, progress=progress)[0]
 
 
@@ -76,7 +76,7 @@ def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], s
     """
     return Grid(second_key, tuple(map(float, second_values)),
                 sweep_curves(curves_of(system_of(scene), key, values, second_key, second_values),
-                             plan_of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress))
+                             Plan.of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress))
 
 
 def curves_of(system: System, key: str, values: Sequence[float], second_key: str,
