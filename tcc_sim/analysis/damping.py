@@ -19,9 +19,8 @@ from tcc_sim.model.parameters import System
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
-from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
+from tcc_sim.trajectory import FREE, STICK, Cycles, Floats, State, Status, Trajectory
 
-STICK, FREE = 0, 2
 GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 """Half the abscissae and weights of the four-point rule."""
 

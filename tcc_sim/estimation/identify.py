@@ -23,7 +23,7 @@ from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.verdicts import Parameter, judged, why_not
-from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, check_key
+from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.recording.table import CHANNELS
@@ -200,7 +200,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> d
             raise InputError(f"{key} begins at {out[key]:g} {QUANTITIES[key].unit}; the start must be above 0")
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
-        out[STATIC] = max(out[STATIC], float(kinetic) * NEAR_ONE)  # type: ignore[arg-type]
+        out[STATIC] = max(out[STATIC], float(kinetic) * DEFAULTS.least_ratio)  # type: ignore[arg-type]
     scene.with_values({k: v for k, v in out.items() if k not in OFFSETS})
     return out
 

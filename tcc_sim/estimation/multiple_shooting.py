@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.estimation.settings import FitSettings, Stage
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Stage
 from tcc_sim.estimation.windows import (
     KINETIC,
-    NEAR_ONE,
     OFFSETS,
     STATIC,
     Model,
@@ -183,10 +182,10 @@ class MultipleShooting:
         keys = self.model.keys
         if STATIC in keys:
             kinetic = out[keys.index(KINETIC)] if KINETIC in keys else self.model.system.friction.kinetic_coefficient
-            out[keys.index(STATIC)] = max(out[keys.index(STATIC)], kinetic * NEAR_ONE)
+            out[keys.index(STATIC)] = max(out[keys.index(STATIC)], kinetic * DEFAULTS.least_ratio)
         elif KINETIC in keys:
             out[keys.index(KINETIC)] = min(out[keys.index(KINETIC)],
-                                           self.model.system.friction.static_coefficient / NEAR_ONE)
+                                           self.model.system.friction.static_coefficient / DEFAULTS.least_ratio)
         return out
 
     def _fitted(self, states: Floats) -> Floats:

@@ -37,6 +37,9 @@ class Settings:
     still: float = quantity(1e-12, "a channel whose spread is below this part of its size is dead")
     exact: float = quantity(1e-4, "what the real-time solver promises, relative to a signal's largest value: no "
                             "smaller noise is estimated")
+    least_ratio: float = quantity(1.0005, "least ratio mu_s/mu_k while both are free: at 1 the law has no decay that "
+                                  "could be told")
+    spare: float = quantity(1.25, "sub-steps over those that the values need")
 
 
 DEFAULTS = Settings()

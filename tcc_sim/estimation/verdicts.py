@@ -10,8 +10,8 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit
-from tcc_sim.estimation.settings import Gates
-from tcc_sim.estimation.windows import KINETIC, NEAR_ONE, OFFSETS, STATIC, Model, states_of
+from tcc_sim.estimation.settings import DEFAULTS, Gates
+from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, states_of
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.trajectory import Floats
 
@@ -77,7 +77,7 @@ def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:
     if key in OFFSETS:
         return False
     if key in (STATIC, KINETIC) and STATIC in keys and KINETIC in keys \
-            and values[keys.index(STATIC)] <= values[keys.index(KINETIC)] * NEAR_ONE * (1.0 + 1e-9):
+            and values[keys.index(STATIC)] <= values[keys.index(KINETIC)] * DEFAULTS.least_ratio * (1.0 + 1e-9):
         return True
     quantity = QUANTITIES[key]
     return value <= quantity.low * (1.0 + 1e-9) or value >= quantity.high * (1.0 - 1e-9)

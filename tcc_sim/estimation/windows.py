@@ -15,7 +15,9 @@ import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key
+from tcc_sim.estimation.settings import DEFAULTS
+from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
+from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
 from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
 from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
@@ -27,17 +29,13 @@ OFFSETS = {f"{name}.offset": name for name in INPUTS}
 FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
         "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia", *OFFSETS)
 """What can be identified."""
-NEAR_ONE = 1.0005
-"""Least ratio mu_s/mu_k while both are free: at 1 the law has no decay that could be told."""
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
-ROOM = 1.25
-"""Sub-steps over those that the values need."""
 
 
 def check_key(key: str) -> None:
     """Raise InputError unless a key can be identified."""
     if key not in FREE:
-        if key in DEFAULTS:
+        if key in SCENE_KEYS:
             raise InputError(f"{key} cannot be identified; what can: {', '.join(FREE)}")
         raise unknown_key(key, dict.fromkeys(FREE))
 
@@ -106,7 +104,7 @@ class Model:
         drive = self.drive(values)
         held = 0.0 if drive.held is None else float(drive.held[:, 1].max())
         try:
-            return math.ceil(ROOM * substeps(drive.terms, self.measured.step, held))
+            return math.ceil(DEFAULTS.spare * substeps(drive.terms, self.measured.step, held))
         except InputError as error:
             raise NumericalFailure(str(error)) from None
 

@@ -22,7 +22,7 @@ class Start(NamedTuple):
     cycle: int
 
 
-class SteadyState(NamedTuple):
+class SettledRun(NamedTuple):
     """A motion that was solved on until it settled.
 
     run : the last block, whose status says whether all went well; its time is that of all blocks
@@ -35,7 +35,7 @@ class SteadyState(NamedTuple):
     after: int | None
 
 
-def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -> SteadyState:
+def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -> SettledRun:
     """Solve a motion from a start until it settles, or for `most` engine cycles; Fig. 2 with the set-valued law takes
     some 700. `how` is what `solvers.solve` takes, such as rtol.
     """
@@ -47,12 +47,12 @@ def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -
         seconds += run.statistics.seconds
         run = replace(run, statistics=replace(run.statistics, seconds=seconds))
         if run.status is not Status.DONE or run.cycles is None:
-            return SteadyState(run, None, None)
+            return SettledRun(run, None, None)
         parts.append(run.cycles)
         done, start = done + count, Start(run.final, start.cycle + count)
         cycles = concatenated(parts)
         after = repeats_after(cycles) if done >= DEFAULTS.settled_window else None
-    return SteadyState(run, cycles, after)
+    return SettledRun(run, cycles, after)
 
 
 def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, int]:
