@@ -10,7 +10,7 @@ from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats, ParameterMap
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.sections import sections
+from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
 from tcc_sim.trajectory import NO_ORBITS, Orbits, State
 

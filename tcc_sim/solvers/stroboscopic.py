@@ -1,20 +1,25 @@
-"""The stroboscopic map of a scene with its exact derivatives, by the engine of its friction law."""
+"""The stroboscopic map of a scene by the engine of its friction law: with its exact derivatives, or section points of
+many motions in one compiled call.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, TORQUE_AMPLITUDE, key_derivatives
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.trajectory import Floats
+from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits
 
 SCALES = np.array([10.0, 0.1, 10.0])
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
+WITHIN = 1.0 - 1e-9
+"""Part of a reach that a motion must be within to end: whoever asks again, with other roundings, finds the same."""
 
 
 class Stroboscopic(NamedTuple):
@@ -118,3 +123,50 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
         The engine stopped early, the state is not finite, or has no derivative.
     """
     return prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)
+
+
+@fast
+def by(point: Any, k: int, orbits: Orbits) -> bool:
+    """Whether a section point is by that of an orbit."""
+    slip_speed = point[0] / SCALES[0] - orbits.points[k, 0]
+    plate_angle = point[1] / SCALES[1] - orbits.points[k, 1]
+    plate_speed = point[2] / SCALES[2] - orbits.points[k, 2]
+    square = slip_speed * slip_speed + plate_angle * plate_angle + plate_speed * plate_speed
+    return bool(square <= WITHIN * orbits.reach[k])
+
+
+@fast
+def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: Any, orbits: Orbits) -> bool:
+    """Take the points of a motion after cycle `since`; whether it ends there, as where it did not come to `until`."""
+    for i in range(since + 1, output.cycle + 1):
+        section[i, 0], section[i, 1], section[i, 2] = cycles[i].slip_speed, cycles[i].plate_angle, cycles[i].plate_speed
+        for k in range(orbits.reach.shape[0]):
+            if ((first + i - 1 - orbits.cycle[k]) % orbits.forcing == 0 and by(section[i - 1], k, orbits)
+                    and by(section[i], orbits.following[k], orbits)):
+                return True
+    return bool(output.cycle < until)
+
+
+def sections(system: System, starts: Floats, first: int, cycles: int, rtol: float,
+             orbits: Orbits = NO_ORBITS) -> Floats:
+    """(m, cycles + 1, 3) slip speed, plate angle and plate speed at the starts of cycles `first` to `first + cycles`.
+
+    Parameters
+    ----------
+    starts : (m, 3) states at the start of cycle `first`
+    rtol : relative tolerance
+    orbits : where a motion ends, once two points in a row are by those of one; their points are in the sizes of SCALES
+
+    Returns
+    -------
+    Section points, NaN from where a motion ended or could not be solved further. The interpreter's lock is free
+    meanwhile.
+    """
+    if system.friction.law == "set_valued":
+        from tcc_sim.solvers.event_driven.solve import fill_sections
+    else:
+        from tcc_sim.solvers.smoothed.solve import fill_sections
+    out = np.full((len(starts), cycles + 1, 3), np.nan)
+    out[:, 0] = starts
+    fill_sections(out, system, first, rtol, orbits)
+    return out

@@ -5,8 +5,7 @@ import pytest
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.sections import sections
-from tcc_sim.solvers.stroboscopic import SCALES
+from tcc_sim.solvers.stroboscopic import SCALES, sections
 from tcc_sim.trajectory import Orbits, State
 
 FALLING = {"friction.kinetic_coefficient": 0.225, "engine.frequency": 120.0, "pressure.frequency_ratio": 0.5}

@@ -16,6 +16,7 @@ import numpy as np
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.event_driven.integrate import integrate
 from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
 from tcc_sim.solvers.event_driven.step import SHAPE
@@ -24,9 +25,10 @@ from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.step_output import OUTPUT
+from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
+from tcc_sim.solvers.stroboscopic import ends
 from tcc_sim.solvers.terms import Terms, terms_of
-from tcc_sim.trajectory import Statistics, Status, Trajectory
+from tcc_sim.trajectory import Floats, Orbits, Statistics, Status, Trajectory
 
 STEP_MAXIMUM = 1_000_000
 """Most steps of one engine cycle."""
@@ -91,3 +93,33 @@ def event_limit(terms: Terms, cycle: float) -> int:
     if terms.harmonics is not None:
         fastest = max(fastest, float(terms.harmonics[:, 0].max()))
     return 1000 + int(min(40.0 * fastest * cycle / (2.0 * math.pi), 1e6))
+
+
+@compiled
+def integrate_each(first: int, count: int, stride: int, setup: Setup, memories: Memory, store: Store, orbits: Orbits,
+                   sections: Any) -> None:
+    """`integrate` for every state, by itself, `stride` cycles at a time until it ends; `sections` (m, count + 1, 3) is
+    filled as far as each was solved. `memories` holds arrays (m,) of states, counters and outputs.
+    """
+    states, drive, counters, outputs, work = memories
+    for k in range(sections.shape[0]):
+        for since in range(0, count, stride):
+            until = min(since + stride, count)
+            integrate(first, until, 0.0, STEP_MAXIMUM, setup, Memory(
+                states[k], drive, counters[k], outputs[k], work), store, None)
+            if ends(sections[k], since, until, outputs[k], first, store.cycles, orbits):
+                break
+
+
+def fill_sections(out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
+    """Fill `out`, in which the starts are, with what `stroboscopic.sections` returns."""
+    setup, count = setup_of(system, rtol), out.shape[1] - 1
+    states, counters, outputs = (np.zeros(len(out), kind) for kind in (STATE, COUNTERS, OUTPUT))
+    states["slip_speed"], states["plate_angle"], states["plate_speed"] = out[:, 0].T
+    states["mode"] = states["first_mode"] = UNKNOWN
+    states["load_edge"] = math.inf
+    outputs["highest"] = outputs["lowest"] = out[:, 0, 0]
+    memories = Memory(states, np.zeros(1, DRIVE)[0], counters, outputs, work_of(setup.bounds))
+    # Whether a motion ends is asked every other cycle: the end of one costs a step.
+    integrate_each(first, count, 2 if len(orbits.reach) else count, setup._replace(waves=setup.waves.copy()), memories,
+                   Store(np.zeros(count + 2, CYCLE), np.empty((0, 5)), 0, None), orbits, out)

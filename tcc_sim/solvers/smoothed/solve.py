@@ -12,12 +12,14 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from tcc_sim.model.course import FREQUENCY, FREQUENCY_RATE, TIME, pieces
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS, collocation
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
 from tcc_sim.solvers.kept import Kept
 from tcc_sim.solvers.per_system import per_system
@@ -26,9 +28,10 @@ from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, WORK, Limits, Memory, Setup, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.step_output import OUTPUT
+from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
+from tcc_sim.solvers.stroboscopic import ends
 from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
-from tcc_sim.trajectory import Floats, State, Statistics, Status, Trajectory
+from tcc_sim.trajectory import Floats, Orbits, State, Statistics, Status, Trajectory
 
 STEPS_AT_FIRST = 400_000
 """Steps of a solve before those of its cycles are counted."""
@@ -177,3 +180,34 @@ def row_of(course: Floats, begin: float, stop: float, start: float, phase: float
 def longest_and_shortest_cycle(course: Floats) -> tuple[float, float]:
     """Bounds of the length of an engine cycle, s."""
     return 2.0 * math.pi / float(course[:, FREQUENCY].min()), 2.0 * math.pi / float(course[:, FREQUENCY].max())
+
+
+@fast
+def integrate_each(first: int, count: int, stride: int, step_limit: int, setup: Setup, memories: Memory, store: Store,
+                   orbits: Orbits, sections: Any) -> None:
+    """`integrate` for every state, by itself, `stride` cycles at a time until it ends; `sections` (m, count + 1, 3) is
+    filled as far as each was solved. `memories` holds arrays (m,) of states, controls, counters and outputs.
+    """
+    states, controls, drive, work, counters, outputs = memories
+    for k in range(sections.shape[0]):
+        for since in range(0, count, stride):
+            until = min(since + stride, count)
+            integrate(first, until, 0.0, step_limit, setup, Memory(
+                states[k], controls[k], drive, work, counters[k], outputs[k]), None, store, None)
+            if ends(sections[k], since, until, outputs[k], first, store.cycles, orbits):
+                break
+
+
+def fill_sections(out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
+    """Fill `out`, in which the starts are, with what `stroboscopic.sections` returns."""
+    setup, count, slip = own_setup(system, rtol), out.shape[1] - 1, out[:, 0, 0]
+    states, controls, counters, outputs = (np.zeros(len(out), kind) for kind in (STATE, CONTROL, COUNTERS, OUTPUT))
+    states["slip_speed"], states["plate_angle"], states["plate_speed"] = out[:, 0].T
+    controls["patience"], controls["calm"] = PATIENCE, CALM
+    controls["slip_now"], controls["speed_now"] = np.abs(slip), np.abs(out[:, 0, 2])
+    outputs["mode"] = np.where(np.abs(slip) <= setup.limits.stick_speed, 0, np.sign(slip))
+    outputs["highest"] = outputs["lowest"] = slip
+    memories = Memory(states, controls, np.zeros(1, DRIVE)[0], np.zeros(1, WORK)[0], counters, outputs)
+    integrate_each(first, count, 1 if len(orbits.reach) else count, STEPS_AT_FIRST + setup.limits.steps * count,
+                   setup._replace(waves=setup.waves.copy()), memories,
+                   Store(np.zeros(count + 1, CYCLE), np.empty((0, 3)), 0, None), orbits, out)
