@@ -1,25 +1,49 @@
 """The stroboscopic map of the set-valued law with its exact derivatives, by the state and by the scene's keys.
 
 The motion is that of the exact engine, step by step; disturbances of the state and of scene keys are carried along
-(`variation`), with the largest slip and, on request, the margins to other event sequences (`margins`).
+(`sensitivity`), with the largest slip and, on request, the margins to other event sequences (`margins`). Nothing is
+ever inverted or solved backwards: stick forgets the slip speed, so one multiplier of a motion with stick is exactly 0.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.event_driven.margins import GRADIENT, VALUE
-from tcc_sim.solvers.event_driven.sensitivity import LANES, VARIATION, Rates
-from tcc_sim.solvers.event_driven.sensitivity_integrate import DEGENERATE, Disturbed, integrate_disturbed
+from tcc_sim.solvers.compiling.compiled import compiled, fast
+from tcc_sim.solvers.event_driven.integrate import advance, begin, settle
+from tcc_sim.solvers.event_driven.margins import (
+    GRADIENT,
+    VALUE,
+    lane_value,
+    note_arrival,
+    note_gradient,
+    note_step,
+    smallest_dip,
+)
+from tcc_sim.solvers.event_driven.sensitivity import (
+    LANES,
+    VARIATION,
+    Rates,
+    add_force,
+    expand_disturbed,
+    friction_change,
+    land,
+    scale_step,
+    unresolved,
+)
 from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
-from tcc_sim.solvers.event_driven.step import SHAPE
-from tcc_sim.solvers.excitation import DRIVE, waves_of
+from tcc_sim.solvers.event_driven.step import FALLING_ORDER, SHAPE, Step, monotone
+from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
     EXCESS_RATIO,
@@ -28,11 +52,18 @@ from tcc_sim.solvers.key_derivatives import (
     NUMBERS,
     TORQUE_AMPLITUDE,
 )
-from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT
+from tcc_sim.solvers.series import SLIP
+from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT, note_move
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.solvers.terms import Terms
-from tcc_sim.trajectory import Floats, event_sequence
+from tcc_sim.trajectory import FREE, STICK, Floats, event_sequence
 
+DEGENERATE = 9
+"""How the loop ends where slip ends with v' = 0; else as `step_output` says."""
+LINEAR_REACH, FALLING_REACH = 3.3, 1.6
+"""Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
+SHORTER = 0.6
+"""Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
 WHY = {NOT_FINITE: "the state is not finite", STEP_LIMIT: "its derivatives take too many steps in one engine cycle",
        DEGENERATE: "slip ends where its rate is 0 too", EVENT_LIMIT: "too many events in one engine cycle"}
 EVENTS_PER_CYCLE = 1000
@@ -42,6 +73,185 @@ REACH = 10.0
 """Most that a step with derivatives is long, per time in which the fastest part dies down."""
 SLOWEST = 1e-30
 """Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
+
+
+class Disturbed(NamedTuple):
+    """Disturbances of a motion, in blocks of LANES.
+
+    numbers : (lanes, numbers of the equations) a disturbance's share in each of them
+    columns : (blocks, 3, LANES) the disturbances of slip speed, plate angle and plate speed
+    heights, climbs : (n,), (n, blocks, LANES) the largest |slip speed| of every cycle, and how it changes
+    """
+
+    numbers: Any
+    columns: Any
+    heights: Any
+    climbs: Any
+
+
+@fast
+def vary(mode: int, falls: bool, order: int, length: float, rates: Rates, terms: Terms, numbers: Any,
+         block: int, columns: Any, work: Any) -> None:
+    """Take a block of disturbances over a step whose series are in `work.rows`."""
+    for i in range(3):
+        for lane in range(LANES):
+            work.lanes[i, lane] = columns[block, i, lane]
+    for lane in range(LANES):
+        number = numbers[block * LANES + lane]
+        idle = True
+        for i in range(number.shape[0]):
+            idle = idle and number[i] == 0.0
+        if idle:
+            for k in range(3 * order):
+                work.force[k, lane] = 0.0
+        else:
+            friction_change(mode if mode != FREE else 0, order, number, rates, length, terms.stribeck, falls, work.rows)
+            add_force(mode, order, length, terms.linear, number, lane, work.rows, work.force)
+    if falls:
+        expand_disturbed(order, work.lanes, work.force, work.series, work.rows, length, terms.linear, True, True)
+    elif mode == STICK:
+        expand_disturbed(order, work.lanes, work.force, work.series, work.rows, length, terms.linear, None, None)
+    else:
+        expand_disturbed(order, work.lanes, work.force, work.series, work.rows, length, terms.linear, True, None)
+    for i in range(3):
+        for lane in range(LANES):
+            columns[block, i, lane] = work.lanes[i, lane]
+
+
+@fast
+def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, fastest: float, state: Any) -> float:
+    """Length up to which the series of disturbances hold, s, whatever the motion shows of the rates they have."""
+    mode, inertia = state.mode, linear[1]
+    if mode == STICK:
+        inertia += linear[0]
+    rate = max(math.sqrt(linear[3] / inertia) + linear[2] / inertia, fastest)
+    if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
+        fall = stribeck[1] * stribeck[0] * math.exp(-stribeck[1] * abs(state.slip_speed))
+        return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
+    return LINEAR_REACH / rate
+
+
+@fast
+def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any) -> tuple[float, float, float]:
+    """The largest |slip speed| so far after a step, its place as a share of the step, and its sign; place -1 where it
+    lies before.
+    """
+    place, sign = -1.0, 0.0
+    if mode == STICK or abs(rows[SLIP, 0]) + step.reach <= height:
+        return height, place, sign
+    one_way = monotone(rows, step.degree, step.x, step.reach)
+    end = polynomial.value(rows, SLIP, step.degree, step.x)
+    for k in range(2):
+        side = 1.0 - 2.0 * k
+        if mode != FREE and side != mode:
+            continue
+        if not one_way:
+            value, at = smallest_dip(rows, SLIP, step.degree, step.x, -side, -height, workspace)
+            if at > 0.0:
+                height, place, sign = -value, at / step.x, side
+        if side * end > height:
+            height, place, sign = side * end, 1.0, side
+    return height, place, sign
+
+
+@fast
+def note_start(n: int, v: float, columns: Any, heights: Any, climbs: Any) -> None:
+    """The height of a cycle at its start."""
+    heights[n] = abs(v)
+    for block in range(columns.shape[0]):
+        for lane in range(LANES):
+            climbs[n, block, lane] = math.copysign(1.0, v) * columns[block, 0, lane]
+
+
+@compiled
+def resolved_step(finish: float, setup: Setup, rates: Rates, memory: Memory,
+                  work: Any) -> tuple[Step, float, float, bool]:
+    """The next step, no longer than the series of disturbances hold, with what they take of it in `work`.
+
+    Returns
+    -------
+    The step, its length (s), the time that it was to reach (s into the cycle), whether the friction coefficient varies.
+    """
+    bounds, terms, waves, _, _ = setup
+    state, drive, counters, _, (rows, workspace, _, _) = memory
+    mode, tau, shift = state.mode, state.tau, state.shift
+    goal = min(finish, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
+                                          rates.fastest, state))
+    while True:
+        step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
+        counters.steps += 1
+        length = step.x * step.unit
+        falls = False
+        if terms.stribeck is not None:
+            falls = step.degree == FALLING_ORDER and mode != STICK and mode != FREE
+        if length > 0.0:
+            scale_step(mode, falls, step.degree, step.x, rows, rates, tau, shift, length, terms.pulsation,
+                       terms.stribeck, work.rows)
+        if not (falls and length > 0.0 and unresolved(work.rows, terms.stribeck)):
+            return step, length, goal, falls
+        goal = tau + SHORTER * length
+
+
+@compiled
+def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rates: Rates, memory: Memory, moves: Any,
+                        disturbed: Disturbed, wanted: bool, least: Any, work: Any, places: Any) -> int:
+    """From `state.tau` seconds into cycle `first` over `passes` ends of cycles to `tail` seconds behind the last one.
+
+    wanted, least : whether margins are looked for, and where they are kept
+    work, places : a record of VARIATION and an array (3) to work in
+    """
+    bounds, terms, waves, ratio, _ = setup
+    state, drive, counters, output, (rows, workspace, _, _) = memory
+    numbers, columns, heights, climbs = disturbed
+    period, n = bounds.period, 0
+    total = passes + (1 if tail > 0.0 else 0)
+    state.shift = load_phase(ratio, terms.pulsation, first)
+    begin(bounds, terms, waves, state, drive)
+    state.first_mode = state.mode
+    if state.mode == STICK:
+        columns[:, 0, :] = 0.0
+    note_start(0, state.slip_speed, columns, heights, climbs)
+    while n < total:
+        finish = period if n < passes else tail
+        mode, tau, shift = state.mode, state.tau, state.shift
+        step, length, goal, falls = resolved_step(finish, setup, rates, memory, work)
+        if not step.x >= 0.0:
+            return NOT_FINITE
+        if counters.steps > bounds.steps * total:
+            return STEP_LIMIT
+        if length > 0.0:
+            found = wanted and note_step(mode, step.degree, step.x, rows, least, places, workspace)
+            heights[n], peak, side = note_height(mode, step, rows, heights[n], workspace)
+            if mode == STICK:
+                output.stick_time += length
+            for block in range(columns.shape[0]):
+                vary(mode, falls, step.degree, length, rates, terms, numbers, block, columns, work)
+                if peak > 0.0:
+                    for lane in range(LANES):
+                        climbs[n, block, lane] = side * lane_value(work.series, 0, lane, step.degree, peak)
+                if found:
+                    note_gradient(mode, step, block, tau, shift, rates, numbers, terms.linear, bounds.ratio, work,
+                                  least, places)
+        event = settle(bounds, terms, waves, step, goal, state, drive, rows, None)
+        if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
+            return NOT_FINITE
+        if event and state.mode != mode:
+            note_move((first + n) * period + state.tau, mode, state.mode, output, moves)
+            if output.moves >= moves.shape[0]:
+                return EVENT_LIMIT
+            if mode != STICK and mode != FREE and state.mode != FREE and length > 0.0:
+                if wanted:
+                    note_arrival(mode, state, drive, rates, numbers, terms.linear, bounds.ratio, columns, least)
+                if not land(mode, state.mode, state, drive, bounds.ratio, terms.linear, columns):
+                    return DEGENERATE
+        if state.tau >= finish:
+            n += 1
+            if n < total:
+                state.tau -= period
+                state.load_edge -= period
+                state.shift = load_phase(ratio, terms.pulsation, first + n)
+                note_start(n, state.slip_speed, columns, heights, climbs)
+    return DONE
 
 
 class SetValued(Prepared):

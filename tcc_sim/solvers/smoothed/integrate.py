@@ -15,8 +15,8 @@ from tcc_sim.solvers.excitation import STARTED, clamp_edge, excite, load_phase
 from tcc_sim.solvers.loads import keep_loads, wanted
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
-from tcc_sim.solvers.smoothed.sensitivity_carried import carry
-from tcc_sim.solvers.smoothed.sensitivity_step import resolved
+from tcc_sim.solvers.smoothed.sensitivity import carry
+from tcc_sim.solvers.smoothed.sensitivity_series import resolved
 from tcc_sim.solvers.smoothed.series_step import Friction, friction_here, series_step
 from tcc_sim.solvers.smoothed.setup import (
     CREEP,

@@ -1,39 +1,42 @@
-"""How small changes of the state and of the scene's numbers pass through the steps of the smoothed engine.
+"""What changes over a series step of the smoothed engine, coefficient by coefficient; see `sensitivity`.
 
-The method is differentiated, not the equations again solved. A series step is differentiated coefficient by
-coefficient: with Ts mubar'(v) as a series of its own the recurrences of the motion are linear in the changes. A
-collocation step is differentiated at its nodes, which needs the matrix of its last Newton step once more. Changes are
-kept in lanes, four at a time: those of slip speed, plate angle and plate speed at the start, and those by numbers of
-the scene.
-
-At the edges of the regions, of the clamp and at v = 0 the accelerations are continuous, so nothing jumps there.
-
-An engine frequency that changes is taken at constant phase: within a step time is constant and the torques change by
-s Te'(s) d(omega)/omega, s from the start of the step; at its end the time changes by -s d(omega)/omega.
+With Ts mubar'(v) as a series of its own the recurrences of the motion are linear in the changes. These are kept in
+lanes, four at a time: those of slip speed, plate angle and plate speed at the start, and those by numbers of the scene.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.collocation import NODES, TERMS
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.key_derivatives import NUMBERS
 from tcc_sim.solvers.series import (
+    ANGLE,
     COLUMNS,
+    ENGINE,
     FRICTION_ORDER_MAXIMUM,
     LOAD,
     ORDER_MAXIMUM,
     SLIP,
+    SPEED,
+    add_sine,
     exponential,
     hyperbolic,
     product,
     total,
 )
+from tcc_sim.solvers.smoothed.series_step import Friction
+from tcc_sim.solvers.smoothed.setup import LAYER, SLIDING, Limits, Place, Step
+from tcc_sim.solvers.terms import Terms
 
 LANES = 4
 
@@ -61,7 +64,7 @@ SHARED = np.dtype([("series", np.float64, (7, COLUMNS)), ("basis", np.float64, T
                    ("averaged", np.int64), ("slopes", np.float64, 3), ("reach", np.float64)])
 """Room that the lanes share: rows LAW to SCRATCH; Chebyshev polynomials where a step is asked, and what the slip speeds
 at its nodes add there to slip speed (that at the start first), plate angle and plate speed + kappa slip speed; the
-largest |slip speed| of the cycle so far; whether the integrals of `sensitivity_carried.add_slopes` are asked for, and
+largest |slip speed| of the cycle so far; whether the integrals of `sensitivity.add_slopes` are asked for, and
 they; the longest series step that shows a sine by whose amplitude there are derivatives, s.
 """
 
@@ -154,3 +157,140 @@ def changes_text(out: Any, parts: Any, torques: Any, unit: Any, linear: Any, for
 
 expand_friction = unrolled(friction_text)
 expand_changes = unrolled(changes_text)
+
+
+@fast
+def resolved(step: Step, place: Place, friction: Friction, rows: Any, stribeck: Stribeck, control: Any, limits: Limits,
+             terms: Terms, drive: Any, reach: float) -> float:
+    """The part of a series step over which the series of its changes hold too.
+
+    The motion may have forgotten what decays: in stick it is on its slow manifold, and a step is as long as the creep's
+    series allow. A change of the start, or of the scene, is not on it and decays with friction's own rate. And where
+    mu_k is nearly mu_s the motion does not know the exponential that mu_s/mu_k changes it by, nor, beyond `reach`
+    seconds, a sine of no amplitude.
+    """
+    rate = terms.linear[2] / terms.linear[1]
+    if place.region == LAYER:
+        rate += limits.beta * drive.load * max(friction.slope, 0.0)
+    x = min(step.x, reach / step.unit)
+    if rate > 0.0:
+        x = min(x, limits.resolved / (rate * step.unit))
+    if stribeck is not None and place.region != SLIDING:
+        while stribeck[1] * (abs(rows[SLIP, 1]) + abs(rows[SLIP, 2]) * x) * x > limits.resolved:
+            x *= 0.85
+    control.unsettled -= rate * step.unit * x
+    return x
+
+
+@fast
+def friction_along(order: int, rows: Any, parts: Any, region: int, v: float, sign: float, sigma: float,
+                   friction: Friction, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
+    """Fill the rows LAW to FALLEN for a series step in the layer or on the falling branch."""
+    if stribeck is None:
+        expand_friction(order, rows, parts, None, None, None, sigma, friction.tanh, friction.sech, pulsation)
+    elif region == LAYER:
+        expand_friction(order, rows, parts, -stribeck[1] * sign, math.exp(-stribeck[1] * sign * v), stribeck[0], sigma,
+                        friction.tanh, friction.sech, pulsation)
+    else:
+        expand_friction(order, rows, parts, -stribeck[1] * sign, math.exp(-stribeck[1] * sign * v), stribeck[0], None,
+                        sign, 0.0, pulsation)
+
+
+@fast
+def change_excitation(group: Any, lane: int, count: int, unit: float, loaded: bool, rows: Any, waves: Any,
+                      pulsation: tuple[float, float, float] | None, drive: Any, series: Any) -> None:
+    """The rows TORQUE and LOADED: coefficients of what Te and Ts change by, at constant time from the step's start."""
+    by = group.by
+    for k in range(count):
+        series[TORQUE, k] = by[of.LOG_FREQUENCY, lane] * k * rows[ENGINE, k]
+        series[LOADED, k] = 0.0
+    series[TORQUE, 0] += by[of.MEAN_TORQUE, lane]
+    if by[of.TORQUE_AMPLITUDE, lane] != 0.0:
+        share = by[of.TORQUE_AMPLITUDE, lane]
+        add_sine(series, TORQUE, count, share * waves[0].sine, share * waves[0].cosine, waves[0].rate * unit)
+    if loaded:
+        series[LOADED, 0] = by[of.MEAN_LOAD, lane]
+        if pulsation is not None:
+            if by[of.LOG_FREQUENCY, lane] != 0.0:
+                for k in range(1, count):
+                    series[LOADED, k] = by[of.LOG_FREQUENCY, lane] * k * rows[LOAD, k]
+            share, turned = by[of.LOAD_AMPLITUDE, lane], by[of.LOAD_PHASE, lane] * pulsation[0]
+            if share != 0.0 or turned != 0.0:
+                add_sine(series, LOADED, count, share * drive.load_sine + turned * drive.load_cosine,
+                         share * drive.load_cosine - turned * drive.load_sine, pulsation[1] * unit)
+
+
+@fast
+def change_law(group: Any, lane: int, count: int, sign: float, rows: Any, stribeck: Stribeck, series: Any) -> None:
+    """The row SCRATCH: coefficients of what mubar changes by at constant slip speed."""
+    by = group.by
+    for k in range(count):
+        series[SCRATCH, k] = 0.0
+    if by[of.SMOOTHING, lane] != 0.0:
+        for k in range(count):
+            for j in range(k + 1):
+                series[SCRATCH, k] += by[of.SMOOTHING, lane] * series[RISING, j] * rows[SLIP, k - j]
+    if stribeck is not None:
+        if by[of.EXCESS_RATIO, lane] != 0.0:
+            for k in range(count):
+                series[SCRATCH, k] += by[of.EXCESS_RATIO, lane] * series[FALLEN, k]
+        if by[of.DECAY, lane] != 0.0:
+            share = -by[of.DECAY, lane] * stribeck[0] * sign
+            for k in range(count):
+                for j in range(k + 1):
+                    series[SCRATCH, k] += share * series[FALLEN, j] * rows[SLIP, k - j]
+
+
+@fast
+def change_torques(group: Any, lane: int, count: int, unit: float, constant: bool, rows: Any,
+                   pulsation: tuple[float, float, float] | None, series: Any) -> None:
+    """The torques of one lane over a series step; `constant` where mubar is."""
+    by, torques = group.by, group.torques
+    for k in range(count):
+        friction = series[LAW, 0] * series[LOADED, k]
+        if not constant:
+            for j in range(1, k + 1):
+                friction += series[LAW, j] * series[LOADED, k - j]
+            friction += rows[LOAD, 0] * series[SCRATCH, k]
+            if pulsation is not None:
+                for j in range(1, k + 1):
+                    friction += rows[LOAD, j] * series[SCRATCH, k - j]
+        plate, slip = (k + 1) * rows[SPEED, k + 1] / unit, (k + 1) * rows[SLIP, k + 1] / unit
+        torques[ON_CLUTCH, k, lane] = friction
+        torques[ON_FLYWHEEL, k, lane] = series[TORQUE, k] - by[of.FLYWHEEL_INERTIA, lane] * (slip + plate)
+        torques[ON_PLATE, k, lane] = -(by[of.PLATE_INERTIA, lane] * plate + by[of.DAMPING, lane] * rows[SPEED, k]
+                                       + by[of.STIFFNESS, lane] * rows[ANGLE, k])
+
+
+@fast
+def carry_series(tangent: Any, place: Place, friction: Friction, step: Step, loaded: bool, limits: Limits, terms: Terms,
+                 waves: Any, drive: Any, rows: Any, pulsation: tuple[float, float, float] | None,
+                 stribeck: Stribeck) -> None:
+    """Coefficients of all changes over a series step."""
+    series, order, unit = tangent.shared.series, step.degree, step.unit
+    varies = place.region != 0 and loaded
+    if varies:
+        friction_along(order, rows, series, place.region, rows[SLIP, 0], place.sign, limits.sigma, friction, pulsation,
+                       stribeck)
+    else:
+        series[LAW, 0] = place.sign
+    for i in range(tangent.groups.shape[0]):
+        group = tangent.groups[i]
+        for c in range(3):
+            for lane in range(LANES):
+                group.rows[c, 0, lane] = group.now[c, lane]
+        if group.forced:
+            for lane in range(LANES):
+                if group.forced & (1 << lane):
+                    change_excitation(group, lane, order, unit, loaded, rows, waves, pulsation, drive, series)
+                    if varies:
+                        change_law(group, lane, order, place.sign, rows, stribeck, series)
+                    change_torques(group, lane, order, unit, not varies, rows, pulsation, series)
+            if varies:
+                expand_changes(order, group.rows, series, group.torques, unit, terms.linear, True)
+            else:
+                expand_changes(order, group.rows, None, group.torques, unit, terms.linear, True)
+        elif varies:
+            expand_changes(order, group.rows, series, None, unit, terms.linear, None)
+        else:
+            expand_changes(order, group.rows, None, None, unit, terms.linear, None)

@@ -1,0 +1,324 @@
+"""How small changes of the state and of the scene's numbers pass through the steps of the smoothed engine.
+
+The method is differentiated, not the equations again solved: a series step coefficient by coefficient
+(`sensitivity_series`), a collocation step at its nodes, which needs the matrix of its last Newton step once more. With
+the changes of the state goes that of the largest slip speed of every cycle. At the edges of the regions, of the clamp
+and at v = 0 the accelerations are continuous, so nothing jumps there.
+
+An engine frequency that changes is taken at constant phase: within a step time is constant and the torques change by
+s Te'(s) d(omega)/omega, s from the start of the step; at its end the time changes by -s d(omega)/omega.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import key_derivatives as of
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.bernstein import BERNSTEIN
+from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C, Tables
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
+from tcc_sim.solvers.smoothed.collocation_step import fill_plate
+from tcc_sim.solvers.smoothed.sensitivity_series import LANES, carry_series
+from tcc_sim.solvers.smoothed.series_step import Friction, law_here
+from tcc_sim.solvers.smoothed.setup import LAYER, SERIES, Limits, Memory, Place, Step
+from tcc_sim.solvers.smoothed.stages import eliminate_rows, law_at_nodes
+from tcc_sim.solvers.terms import Terms
+
+GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(6))
+"""Half the abscissae and weights of the six-point rule, by which integrals along a step are taken."""
+PIECES = 4
+"""Parts of a step that it is applied to."""
+SAMPLES = 8
+"""Parts of a step in which the largest |slip speed| is looked for before Newton's method."""
+
+
+@fast
+def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool, limits: Limits, waves: Any,
+                    tables: Tables, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
+                    stribeck: Stribeck) -> None:
+    """Torque on flywheel and plate together, and what the balance of the nodes changes by, of one lane."""
+    by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
+    for n in range(NODES):
+        s = C[n] * h
+        torque, load = by[of.MEAN_TORQUE, lane], 0.0
+        if by[of.TORQUE_AMPLITUDE, lane] != 0.0:
+            angle = waves[0].rate * s
+            torque += by[of.TORQUE_AMPLITUDE, lane] * (
+                waves[0].sine * math.cos(angle) + waves[0].cosine * math.sin(angle))
+        if by[of.LOG_FREQUENCY, lane] != 0.0:
+            for i in range(waves.shape[0]):
+                angle = waves[i].rate * s
+                torque += by[of.LOG_FREQUENCY, lane] * angle * waves[i].amplitude * (
+                    waves[i].cosine * math.cos(angle) - waves[i].sine * math.sin(angle))
+        if loaded:
+            load = by[of.MEAN_LOAD, lane]
+            if pulsation is not None:
+                sine = drive.load_sine * turn.cosine[n] + drive.load_cosine * turn.sine[n]
+                cosine = drive.load_cosine * turn.cosine[n] - drive.load_sine * turn.sine[n]
+                turned = by[of.LOAD_PHASE, lane] + by[of.LOG_FREQUENCY, lane] * pulsation[1] * s
+                load += by[of.LOAD_AMPLITUDE, lane] * sine + turned * pulsation[0] * cosine
+        v, law, rising, change = work.slip[n], work.law[n], work.slope[n], 0.0
+        if stribeck is not None:
+            factor = math.exp(-stribeck[1] * sign * v)
+            fallen = law * factor / (1.0 + stribeck[0] * factor)
+            rising += stribeck[1] * sign * stribeck[0] * fallen
+            change += by[of.EXCESS_RATIO, lane] * fallen - by[of.DECAY, lane] * stribeck[0] * sign * v * fallen
+        change += by[of.SMOOTHING, lane] * rising * v / limits.sigma
+        plate_speed = polynomial.value(rows, SPEED, DEGREE, C[n])
+        plate = polynomial.value_and_slope(rows, SPEED, DEGREE, C[n])[1] / h
+        slip = polynomial.value_and_slope(rows, SLIP, DEGREE, C[n])[1] / h
+        pull = -(by[of.PLATE_INERTIA, lane] * plate + by[of.DAMPING, lane] * plate_speed
+                 + by[of.STIFFNESS, lane] * polynomial.value(rows, ANGLE, DEGREE, C[n]))
+        group.applied[lane, n] = torque - by[of.FLYWHEEL_INERTIA, lane] * (slip + plate) + pull
+        group.nodes[lane, n] -= limits.beta * (law * load + pull) + work.grip[n] * change
+
+
+@fast
+def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Tables,
+                      drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
+    """Changes of the slip speed at the nodes of a collocation step."""
+    rung = tables.rungs[level]
+    law_at_nodes(place, limits.sigma, stribeck, work)
+    from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
+    for i in range(tangent.groups.shape[0]):
+        group = tangent.groups[i]
+        now, nodes = group.now, group.nodes
+        for lane in range(LANES):
+            w = now[2, lane] + limits.kappa * now[0, lane]
+            for n in range(NODES):
+                nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * rung.start[n]
+            if group.forced & (1 << lane):
+                change_at_nodes(group, lane, level, place.sign, loaded, limits, waves, tables, drive, work, pulsation,
+                                stribeck)
+                for m in range(NODES):
+                    for n in range(NODES):
+                        nodes[lane, m] += tangent.torque[level, m, n] * group.applied[lane, n]
+        eliminate_rows(0, nodes, rung.coupling, work.grip, work.slope)
+
+
+@fast
+def look_at(x: float, rung: Any, shared: Any) -> None:
+    """What the node values of a collocation step come to at x: the rows basis, slip, angle and speed of `shared`."""
+    basis, t = shared.basis, 2.0 * x - 1.0
+    basis[0], basis[1] = 1.0, t
+    for i in range(2, DEGREE + 1):
+        basis[i] = 2.0 * t * basis[i - 1] - basis[i - 2]
+    for j in range(NODES + 1):
+        shared.slip[j] = 0.0
+        for i in range(DEGREE + 1):
+            shared.slip[j] += TO_CHEBYSHEV[j, i] * basis[i]
+    for j in range(NODES):
+        shared.angle[j], shared.speed[j] = 0.0, 0.0
+        for i in range(DEGREE + 1):
+            shared.angle[j] += rung.angle[j, i] * basis[i]
+            shared.speed[j] += rung.speed[j, i] * basis[i]
+
+
+@fast
+def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Limits, tables: Tables) -> None:
+    """All changes at x of a collocation step, its end where it is taken whole."""
+    rung, shared = tables.rungs[level], tangent.shared
+    if not whole:
+        look_at(x, rung, shared)
+    from_angle, from_speed = tables.sources[level, FROM_ANGLE], tables.sources[level, FROM_SPEED]
+    for i in range(tangent.groups.shape[0]):
+        group = tangent.groups[i]
+        now, nodes = group.now, group.nodes
+        for lane in range(LANES):
+            x0, w0 = now[1, lane], now[2, lane] + limits.kappa * now[0, lane]
+            forced = (group.forced & (1 << lane)) != 0
+            if whole:
+                v = nodes[lane, NODES - 1]
+                angle = x0 * from_angle.end_angle + w0 * from_speed.end_angle
+                speed = x0 * from_angle.end_speed + w0 * from_speed.end_speed
+                for n in range(NODES):
+                    angle += rung.end_angle[n] * nodes[lane, n]
+                    speed += rung.end_speed[n] * nodes[lane, n]
+                    if forced:
+                        angle += tangent.torque[level, NODES + 2 * TERMS, n] * group.applied[lane, n]
+                        speed += tangent.torque[level, NODES + 2 * TERMS + 1, n] * group.applied[lane, n]
+            else:
+                v, angle, speed = shared.slip[0] * now[0, lane], 0.0, 0.0
+                for k in range(DEGREE + 1):
+                    at, to = x0 * from_angle.angle[k], x0 * from_angle.speed[k]
+                    at += w0 * from_speed.angle[k]
+                    to += w0 * from_speed.speed[k]
+                    if forced:
+                        for n in range(NODES):
+                            at += tangent.torque[level, NODES + k, n] * group.applied[lane, n]
+                            to += tangent.torque[level, NODES + TERMS + k, n] * group.applied[lane, n]
+                    angle += shared.basis[k] * at
+                    speed += shared.basis[k] * to
+                for n in range(NODES):
+                    v += shared.slip[n + 1] * nodes[lane, n]
+                    angle += shared.angle[n] * nodes[lane, n]
+                    speed += shared.speed[n] * nodes[lane, n]
+            now[0, lane], now[1, lane], now[2, lane] = v, angle, speed - limits.kappa * v
+
+
+@fast
+def slip_change(group: Any, lane: int, order: int, x: float, series: bool, shared: Any) -> float:
+    """Change of the slip speed at x, at constant time; a collocation step has been looked at there."""
+    if series:
+        out = group.rows[0, order, lane]
+        for k in range(order - 1, -1, -1):
+            out = out * x + group.rows[0, k, lane]
+        return float(out)
+    out = shared.slip[0] * group.now[0, lane]
+    for n in range(NODES):
+        out += shared.slip[n + 1] * group.nodes[lane, n]
+    return float(out)
+
+
+@fast
+def peak_between(rows: Any, degree: int, low: float, high: float) -> float:
+    """Where |slip speed| is largest in [low, high]."""
+    part, best, at = (high - low) / SAMPLES, -1.0, low
+    for i in range(SAMPLES + 1):
+        size = abs(polynomial.value(rows, SLIP, degree, low + i * part))
+        if size > best:
+            best, at = size, low + i * part
+    low, high = max(low, at - part), min(high, at + part)
+    for _ in range(30):
+        slope, curvature = polynomial.slope_and_curvature(rows, SLIP, degree, at)
+        following = min(max(at - slope / curvature, low), high) if curvature != 0.0 else at
+        if abs(following - at) <= 1e-15 * high:
+            break
+        at = following
+    return at if abs(polynomial.value(rows, SLIP, degree, at)) >= best else low + (high - low) * 0.5
+
+
+@fast
+def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, series: bool, rung: Any, rows: Any,
+               work: Any) -> None:
+    """Take the largest |slip speed| of a part of a step, with its change, where it is the largest of the cycle so far.
+
+    The first row of work.bernstein holds the Bernstein coefficients of the slip speed over the step.
+    """
+    shared, bound = tangent.shared, 0.0
+    for i in range(degree + 1):
+        bound = max(bound, abs(work.bernstein[BERNSTEIN, i]))
+    if bound <= shared.peak or not high > low:
+        return
+    at = peak_between(rows, degree, low, high)
+    v, slope = polynomial.value_and_slope(rows, SLIP, degree, at)
+    if abs(v) <= shared.peak:
+        return
+    shared.peak = abs(v)
+    sign = 1.0 if v > 0.0 else -1.0
+    if not series:
+        look_at(at, rung, shared)
+    for i in range(tangent.groups.shape[0]):
+        group = tangent.groups[i]
+        for lane in range(LANES):
+            group.peak[lane] = sign * (slip_change(group, lane, order, at, series, shared)
+                                       - group.by[of.LOG_FREQUENCY, lane] * at * slope)
+
+
+@fast
+def add_slopes(slopes: Any, low: float, high: float, unit: float, degree: int, loaded: bool, limits: Limits,
+               mean_load: float, pulsation: tuple[float, float, float] | None, stribeck: Stribeck, drive: Any,
+               rows: Any) -> None:
+    """Add a piece's integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), those of (21)."""
+    for k in range(len(GAUSS)):
+        at = 0.5 * (low + high) + GAUSS[k] * (high - low)
+        v, weight, load = polynomial.value(rows, SLIP, degree, at), WEIGHTS[k] * (high - low) * unit, 0.0
+        if loaded:
+            load = mean_load
+            if pulsation is not None:
+                turned = pulsation[1] * at * unit
+                load += pulsation[0] * (drive.load_sine * math.cos(turned) + drive.load_cosine * math.sin(turned))
+        slope = load * law_here(v, 1.0 if v > 0.0 else -1.0, LAYER, limits.sigma, stribeck)[1]
+        slopes[0] += weight * slope * v * v
+        slopes[1] += weight * v * v
+        slopes[2] += weight * min(slope, 0.0)
+
+
+@fast
+def average_slopes(slopes: Any, x: float, unit: float, degree: int, loaded: bool, limits: Limits, terms: Terms,
+                   drive: Any, rows: Any) -> None:
+    """`add_slopes` over [0, x] of a step, in pieces that end where |v| passes the peak of mubar: dT/dv has a kink there
+    once it is limited.
+    """
+    for i in range(PIECES):
+        low, high = x * i / PIECES, x * (i + 1) / PIECES
+        inside = abs(polynomial.value(rows, SLIP, degree, low)) < limits.stick_speed
+        at = high
+        if (abs(polynomial.value(rows, SLIP, degree, high)) < limits.stick_speed) != inside:
+            begin = low
+            for _ in range(50):
+                middle = 0.5 * (begin + at)
+                if (abs(polynomial.value(rows, SLIP, degree, middle)) < limits.stick_speed) != inside:
+                    at = middle
+                else:
+                    begin = middle
+        add_slopes(slopes, low, at, unit, degree, loaded, limits, terms.mean_load, terms.pulsation, terms.stribeck,
+                   drive, rows)
+        if at < high:
+            add_slopes(slopes, at, high, unit, degree, loaded, limits, terms.mean_load, terms.pulsation,
+                       terms.stribeck, drive, rows)
+
+
+@fast
+def keep_peak(tangent: Any, cycle: int) -> None:
+    """Keep what the largest |slip speed| of a cycle changes by."""
+    for i in range(tangent.groups.shape[0]):
+        for lane in range(LANES):
+            tangent.peaks[cycle, i, lane] = tangent.groups[i].peak[lane]
+    tangent.shared.peak = -1.0
+
+
+@fast
+def carry(tangent: Any, method: int, place: Place, friction: Friction, step: Step, degree: int, x: float, whole: bool,
+          cut: float, loaded: bool, setup: Any, memory: Memory) -> None:
+    """Carry the tangent over [0, x] of a step that starts where the state is now; the rest as `integrate.integrate`.
+
+    Parameters
+    ----------
+    degree : of the polynomial of the slip speed
+    cut : where the engine cycle ends; beyond x where it does not
+    setup : `integrate.Setup`
+    """
+    limits, terms, _, waves, tables = setup
+    drive, work, level, order = memory.drive, memory.work, memory.control.level, step.degree
+    rows, series = work.rows, method == SERIES
+    rung = tables.rungs[level]
+    if series:
+        carry_series(tangent, place, friction, step, loaded, limits, terms, waves, drive, rows, terms.pulsation,
+                     terms.stribeck)
+    else:
+        fill_plate(rung, tables.sources, level, limits.kappa, work)
+        carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
+                          terms.stribeck)
+    if tangent.shared.averaged:
+        average_slopes(tangent.shared.slopes, x, step.unit, degree, loaded, limits, terms, drive, rows)
+    carry_peak(tangent, order, degree, 0.0, min(cut, x), series, rung, rows, work)
+    if cut <= x:
+        keep_peak(tangent, memory.output.cycle)
+        carry_peak(tangent, order, degree, cut, x, series, rung, rows, work)
+    if not series:
+        end_collocation(tangent, level, x, whole, limits, tables)
+    for i in range(tangent.groups.shape[0]):
+        group = tangent.groups[i]
+        now, by = group.now, group.by
+        if series:
+            for c in range(3):
+                for lane in range(LANES):
+                    now[c, lane] = group.rows[c, order, lane]
+                for k in range(order - 1, -1, -1):
+                    for lane in range(LANES):
+                        now[c, lane] = now[c, lane] * x + group.rows[c, k, lane]
+        if group.forced != 0:
+            slip, angle, speed = (polynomial.value_and_slope(rows, SLIP, degree, x)[1],
+                                  polynomial.value_and_slope(rows, ANGLE, degree, x)[1],
+                                  polynomial.value_and_slope(rows, SPEED, degree, x)[1])
+            for lane in range(LANES):
+                now[0, lane] -= by[of.LOG_FREQUENCY, lane] * x * slip
+                now[1, lane] -= by[of.LOG_FREQUENCY, lane] * x * angle
+                now[2, lane] -= by[of.LOG_FREQUENCY, lane] * x * speed
