@@ -26,7 +26,7 @@ from llvmlite import binding
 
 from tcc_sim.model import course, equations, friction
 from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.kernel_text import Reach
+from tcc_sim.solvers.compiling.kernel_cache import Reach
 
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]

@@ -15,7 +15,7 @@ from full_disk import full_disk
 
 from tcc_sim.solvers.compiling import kernel_cache, linked
 from tcc_sim.solvers.compiling.compiled import compiled
-from tcc_sim.solvers.compiling.kernel_text import Reach
+from tcc_sim.solvers.compiling.kernel_cache import Reach
 
 CALLEE = """
 '''A module that a kernel calls.'''
