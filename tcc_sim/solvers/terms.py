@@ -1,13 +1,18 @@
 """What a kernel is given: the numbers of a scene, with None for every term that the scene does not have.
 
 The types of the fields select the compiled code: a kernel is one source text, and Numba leaves out the branches of a
-term that is None (pass the field on as an argument of its own: the pruning looks at arguments).
+term that is None (pass the field on as an argument of its own: the pruning looks at arguments). What follows from
+a system alone is kept for the systems that were asked for last (`per_system`): a short solve costs less than to work it
+out again.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import wraps
+from threading import Lock
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +23,16 @@ from tcc_sim.model.course import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floa
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.per_system import per_system
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 SWINGS = 40.0
 """Natural periods in an engine cycle beyond which a cycle is allowed more steps."""
 RESOLUTION = 0.04
 """Largest phase of the fastest oscillation in one sub-step, rad."""
 SUBSTEP_LIMIT = 20_000
 """A tick that needs more sub-steps is refused."""
+RESULTS_KEPT = 64
+"""Results kept; a sweep asks for a system a few times in a row, and never again."""
 
 
 class Terms(NamedTuple):
@@ -44,6 +51,30 @@ class Terms(NamedTuple):
     smoothing: float | None
     stribeck: Stribeck
     course: Floats | None = None
+
+
+def per_system(function: Function) -> Function:
+    """Keep what a function of a system, and of numbers, gave for the very same object; whoever asks must not change it.
+
+    Systems are frozen, and to compare two of them field by field would cost more than most of what is kept.
+    """
+    kept: dict[tuple[Any, ...], tuple[System, Any]] = {}
+    changing = Lock()
+
+    @wraps(function)
+    def found(system: System, *numbers: Any) -> Any:
+        key = id(system), *numbers
+        known = kept.get(key)
+        if known is not None:
+            return known[1]
+        result = function(system, *numbers)
+        with changing:
+            while len(kept) >= RESULTS_KEPT:
+                del kept[next(iter(kept))]
+            kept[key] = system, result  # The system is kept too, so that no other one gets its address.
+        return result
+
+    return cast(Function, found)
 
 
 @per_system

@@ -5,7 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers.per_system import MOST, per_system
+from tcc_sim.solvers.terms import RESULTS_KEPT, per_system
 
 
 def test_a_result_is_worked_out_once_for_an_object_and_a_number():
@@ -30,7 +30,7 @@ def test_only_the_last_are_kept_and_threads_do_not_mix_them_up():
         asked.append(system)
         return system.engine.frequency
 
-    systems = [replace(System(), {"engine.frequency": 100.0 + k}) for k in range(3 * MOST)]
+    systems = [replace(System(), {"engine.frequency": 100.0 + k}) for k in range(3 * RESULTS_KEPT)]
     with ThreadPoolExecutor(4) as executor:
         assert list(executor.map(frequency, systems * 3)) == [system.engine.frequency for system in systems] * 3
     before = len(asked)

@@ -23,11 +23,10 @@ from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.kept import Kept
-from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
 from tcc_sim.solvers.stroboscopic import ends
-from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.solvers.terms import Terms, per_system, terms_of
 from tcc_sim.trajectory import Floats, Orbits, Statistics, Status, Trajectory
 
 STEP_MAXIMUM = 1_000_000

@@ -22,7 +22,6 @@ from tcc_sim.solvers import SOLVERS, collocation
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
 from tcc_sim.solvers.kept import Kept
-from tcc_sim.solvers.per_system import per_system
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, WORK, Limits, Memory, Setup, limits_of
@@ -30,7 +29,7 @@ from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
 from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
 from tcc_sim.solvers.stroboscopic import ends
-from tcc_sim.solvers.terms import Terms, load_frequency, steps_allowed, terms_of
+from tcc_sim.solvers.terms import Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats, Orbits, State, Statistics, Status, Trajectory
 
 STEPS_AT_FIRST = 400_000
