@@ -18,7 +18,7 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, fit
-from tcc_sim.estimation.settings import FitSettings, Gates
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.verdicts import judged
 from tcc_sim.estimation.windows import Model
 from tcc_sim.scene import load_scene
@@ -219,7 +219,7 @@ def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
 def test_verdicts() -> None:
     """At a bound, told, and not told because of another parameter, by the numbers of a fit."""
     keys, none = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"), np.zeros(3)
-    values, errors = np.array([0.24 * 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
+    values, errors = np.array([0.24 * DEFAULTS.least_ratio, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
     fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), {}, 1.0, 0.0)
     alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
     told = [judged(keys, i, none[i], fitted, errors, alone, True, Gates()) for i in range(3)]
