@@ -176,14 +176,14 @@ def constants(system: System, period: int, low: float, high: float) -> str:
         f"DS=0.001, DSMIN=1e-5, DSMAX={longest!r}, IADS=1", f"THL={{11: 0.0}}, UZSTOP={{1: [{low!r}, {high!r}]}}", ""])
 
 
-def installed() -> bool:
+def auto_installed() -> bool:
     """Whether AUTO is there, and the compiler that it needs."""
     return (AUTO / "python").is_dir() and shutil.which("gfortran") is not None
 
 
 def auto(system: System, period: int, low: float, high: float, limit: float = TIMEOUT) -> tuple[list[Followed], str]:
     """AUTO's branch from the same motion, one entry for every mesh, and a sentence where `limit` seconds did not do."""
-    if not installed():
+    if not auto_installed():
         return [], f"period {period}  AUTO-07p is not installed: apt install auto-07p gfortran"
     run = solve(system, cycles=period, rtol=1e-11, samples_per_cycle=SAMPLES).raise_for_status()
     phase = system.engine.frequency * run.t

@@ -37,7 +37,7 @@ OUTSIDE = 4.0
 """Standard errors beyond which a value must be flagged."""
 
 
-def draw(scene: str, seed: int, seconds: float = 1.0) -> dict[str, Any]:
+def one_draw(scene: str, seed: int, seconds: float = 1.0) -> dict[str, Any]:
     """One draw: what `identify` said of so many seconds, and by how many of its standard errors it missed the truth.
 
     Returns
@@ -87,7 +87,7 @@ def main(words: list[str]) -> None:
         for seed in range(count):
             for scene in scenes:
                 if (scene, seed) not in done:
-                    done[scene, seed] = draw(scene, seed)
+                    done[scene, seed] = one_draw(scene, seed)
                     file.write(json.dumps(done[scene, seed]) + "\n")
                     file.flush()
     rows = {scene: summary([d for (of, _), d in done.items() if of == scene]) for scene in scenes}

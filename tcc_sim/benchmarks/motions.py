@@ -24,9 +24,8 @@ from tcc_sim.output.provenance import document
 from tcc_sim.output.tables import escape
 from tcc_sim.output.terminal import say
 from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, behind
-from tcc_sim.paper.catalogue import AT_036_085, CHARTS, paper_system
+from tcc_sim.paper.catalogue import AT_036_085, CHARTS, FigureOptions, paper_system
 from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figure_results import Chart, ChartCurve, Curves, Figure
 from tcc_sim.paper.figures import figure_of, figure_system
 from tcc_sim.sweeps.executors import each_in_a_process, processes_for

@@ -25,10 +25,10 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import draft
     from tcc_sim.output.tables import text
     from tcc_sim.paper.catalogue import paper_system
-    from tcc_sim.paper.claims import TOLERANCE, Verdict, judge
+    from tcc_sim.paper.claims import TOLERANCE, Verdict, claims_page, counts_of, judge
+    from tcc_sim.paper.errata import errata_page
     from tcc_sim.paper.evidence import Evidence
-    from tcc_sim.paper.mean_pressure import PressureTable, table
-    from tcc_sim.paper.pages import claims_page, counts_of, errata_page, pressure_sentence
+    from tcc_sim.paper.mean_pressure import PressureTable, pressure_sentence, table
     from tcc_sim.result import json_of
 
     check_outputs(arguments, (), arguments.markdown, arguments.errata)

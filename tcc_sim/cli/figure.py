@@ -14,7 +14,7 @@ from tcc_sim.errors import InputError, RecordingError, require
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
-    from tcc_sim.paper.figure_options import FigureOptions
+    from tcc_sim.paper.catalogue import FigureOptions
     from tcc_sim.paper.figure_results import Figure
 
 
@@ -41,9 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
     from tcc_sim.output.files import replaceable
-    from tcc_sim.paper.catalogue import CHARTS, FIGURES
+    from tcc_sim.paper.catalogue import CHARTS, FIGURES, FigureOptions, check_options
     from tcc_sim.paper.drawings import draw
-    from tcc_sim.paper.figure_options import FigureOptions, check_options
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]

@@ -57,7 +57,7 @@ def plate_angle(system: System) -> Sines:
     return engine_series(system).through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
 
 
-def interface_torque(system: System) -> Sines:
+def stuck_interface_torque(system: System) -> Sines:
     """Tfi(t) of (25a) in pure stick, N m: the friction torque that stick needs.
 
     (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
@@ -89,7 +89,7 @@ def stick_margin(system: System) -> StickMargin:
 
     The minimum is found by branch and bound on the second derivative, so no dip between grid points is missed.
     """
-    torque, load = interface_torque(system), load_series(system)
+    torque, load = stuck_interface_torque(system), load_series(system)
     ratio = system.friction_ratio
     cycles = common_cycles(system)
     frequencies = np.concatenate([torque.frequency, load.frequency])

@@ -209,7 +209,7 @@ def paint_chart(drawn: Any, data: Chart) -> None:
                           linestyle=(0, (4, 2)) if kind == "stick_border" else "-", zorder=3)
         named.setdefault(name, line)
         for end, reason in zip((0, -1), curve.reasons):
-            mark = end_of(reason)
+            mark = end_mark(reason)
             if mark is not None:
                 point, = axis.plot([curve.value[end] / data.unit], [curve.second[end] / data.second_unit],
                                    linestyle="none", marker=mark[0], color=style.INK, markersize=3.0,
@@ -231,7 +231,7 @@ ENDS = {"special": ("D", "point of codimension two"), "canard": ("*", "canard: n
 LOST = ("x", "no further point found")
 
 
-def end_of(reason: str) -> tuple[str, str] | None:
+def end_mark(reason: str) -> tuple[str, str] | None:
     """Mark and name of a curve's end; None where the chart shows it."""
     return None if reason in EDGES else ENDS.get(reason, LOST)
 

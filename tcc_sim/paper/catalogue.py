@@ -1,4 +1,4 @@
-"""Figures 2 to 18 of the paper as data: what each shows, over what, and for which curves.
+"""Figures 2 to 18 of the paper as data: what each shows, over what, for which curves, and what it can be asked for.
 
 The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4
 to 18; the paper does not print the pressure, and of those tried this one agrees with most of its text. Fig. 2 states
@@ -11,15 +11,29 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import Value
+
+if TYPE_CHECKING:
+    from tcc_sim.sweeps.results import Curve, Sweep
+    from tcc_sim.sweeps.simulation import Plan
 
 PRESSURE = 225e3
 """Mean pressure of Figs. 4 to 18, Pa."""
 STATIC = 0.3
 SUPER_HARMONICS = (1 / 6, 1 / 5, 1 / 4, 1 / 3)
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
+QUICK_SHARE = 4
+"""`--quick` takes one value of so many."""
+SWEPT = ("map", "damping", "orbit")
+"""Kinds of figures with a sweep, which has a direction."""
+BRANCHED = ("map", "orbit", "actuation")
+"""Kinds of figures whose points lie on branches, or whose histories are of periodic orbits."""
+BOTH_LAWS = ("law", "solvers")
+"""Kinds of figures that show the smoothed and the set-valued law."""
 
 SECTION_FIVE: Mapping[str, Value] = {
     "driveline.flywheel_inertia": 0.2, "driveline.plate_inertia": 0.02, "driveline.damping": 0.6,
@@ -211,3 +225,44 @@ CHARTS: dict[int, PaperFigure] = {row.number: row for row in (
 def figure_row(number: int) -> PaperFigure:
     """The row of a figure or chart."""
     return FIGURES[number] if number in FIGURES else CHARTS[number]
+
+
+@dataclass(frozen=True)
+class FigureOptions:
+    """How the figures are made.
+
+    quick : a quarter of the values and half of the cycles
+    direction : of the sweeps; None takes what the figure has
+    law : smoothed, as in the paper, or set_valued
+    jobs : threads; None takes all cores
+    progress : show a bar on a terminal
+    branches : follow the branches behind the points, and tell what each jump is
+    kept : curves that were swept already; figures share some of them
+    """
+
+    quick: bool = False
+    direction: str | None = None
+    law: str = "smoothed"
+    jobs: int | None = None
+    progress: bool = False
+    branches: bool = False
+    kept: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict, compare=False, repr=False)
+
+
+def check_options(number: int, options: FigureOptions) -> None:
+    """Raise InputError where a figure has nothing that a direction, the set-valued law or branches would change."""
+    kind = figure_row(number).kind
+    if options.direction is not None and kind not in SWEPT:
+        raise InputError(f"direction is {options.direction}; Fig. {number} has no sweep")
+    if options.law != "smoothed" and kind in BOTH_LAWS:
+        raise InputError(f"law is {options.law}; Fig. {number} shows both laws")
+    if options.branches and kind == "chart":
+        raise InputError(f"Fig. {number} is made of branches already; --branches is for the paper's own figures")
+    if options.branches and kind not in BRANCHED:
+        numbers = ", ".join(str(n) for n, row in FIGURES.items() if row.kind in BRANCHED)
+        raise InputError(f"Fig. {number} has no points on branches; --branches is for {numbers}")
+
+
+def series_system(series: Series, options: FigureOptions, **values: Value) -> System:
+    """The system of one curve."""
+    return replace(paper_system(series.values), {"friction.law": options.law, **values})

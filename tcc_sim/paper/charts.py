@@ -21,8 +21,7 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation, chandrupatla
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
-from tcc_sim.paper.catalogue import NORMALISED, PaperFigure
-from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
+from tcc_sim.paper.catalogue import NORMALISED, QUICK_SHARE, FigureOptions, PaperFigure, series_system
 from tcc_sim.paper.figure_results import Chart, ChartCurve
 from tcc_sim.paper.seen_motions import creeps, seen_in, surveyed
 from tcc_sim.sweeps.simulation import Plan
@@ -40,7 +39,7 @@ PASSED = 4e-3
 
 def chart(row: PaperFigure, options: FigureOptions) -> Chart:
     """Figs. 19 and 20: the grid of cold starts, and the curves."""
-    system = system_of(row.series[0], options)
+    system = series_system(row.series[0], options)
     share = QUICK_SHARE if options.quick else 1
     x, y = (np.linspace(*span, (count - 1) // share + 1)
             for span, count in ((row.span, row.count), (row.second_span, row.second_count)))

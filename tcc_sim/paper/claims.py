@@ -1,11 +1,12 @@
-"""The paper's claims, each judged by a criterion in code, and again at a tighter tolerance."""
+"""The paper's claims, each judged by a criterion in code, and again at a tighter tolerance; and the page of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper import (
     claims_figure4,
     claims_figures5to7,
@@ -14,7 +15,9 @@ from tcc_sim.paper import (
     claims_series,
     claims_varying_load,
 )
-from tcc_sim.paper.criteria import DEPENDS, Claim, Finding
+from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
+from tcc_sim.paper.evidence import LATER
+from tcc_sim.paper.mean_pressure import PressureTable, pressure_lines
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
@@ -82,3 +85,60 @@ def judge(claims: Sequence[Claim] = (), *, jobs: int | None = None, progress: bo
         out.append(verdict)
         each(verdict)
     return out
+
+
+def claims_page(verdicts: list[Verdict], pressures: PressureTable | None, *, complete: bool = True) -> str:
+    """A summary, the tables of claims and of mean pressures where there is one, and every claim with its numbers."""
+    lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
+             "This page is generated: `tcc-sim claims --markdown FILE` writes it. Each claim of Duan and Singh is "
+             "judged by the",
+             f"criterion printed with it, at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}. \"Depends\": the "
+             "criterion says for what, such as",
+             "some of several numbers, or a weaker statement that holds; or the verdicts at the two tolerances differ. "
+             "The paper does not",
+             "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A "
+             "motion that the paper's",
+             f"150 cycles leave before its section repeats goes on for {LATER} more before it counts as aperiodic; "
+             "slip that grows without end",
+             "is neither. Where motions coexist the stable ones found are listed: where each begins and ends, and to "
+             "which of them the",
+             "initial state (13) leads.", "",
+             *markdown_table(["Fig.", "Section", "claim", "verdict"], map(claim_row, verdicts))]
+    if not complete:
+        lines += ["", "**Interrupted: not every claim was judged.**"]
+    if pressures is not None:
+        lines += ["", *pressure_lines(pressures)]
+    for v in verdicts:
+        lines += ["", *claim_section(v)]
+    return "\n".join(lines) + "\n"
+
+
+def claim_row(v: Verdict) -> list[str]:
+    """The cells of the table on one claim."""
+    return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict]
+
+
+def claim_section(v: Verdict) -> list[str]:
+    """The part of the page on one claim."""
+    found = v.finding
+    lines = [f"## {found.figure}: {escape(found.claim)}", "",
+             f"**{v.verdict.capitalize()}**. Criterion: {escape(found.criterion)}."]
+    if v.why:
+        lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
+    lines += numbers_of(json_of(found.values))
+    if found.motions:
+        lines += ["", "Stable motions:", "", *(f"- {escape(str(motion))}" for motion in found.motions)]
+    return lines
+
+
+def numbers_of(values: Mapping[str, Any]) -> list[str]:
+    """Numbers as a list, with an empty line before it where there are any."""
+    return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
+
+
+def counts_of(verdicts: list[Verdict]) -> str:
+    """How many claims there are of each verdict."""
+    found = [v.verdict for v in verdicts]
+    words = {CONFIRMED: "confirmed", DEPENDS: "depend", NOT_CONFIRMED: "not confirmed"}
+    counts = ", ".join(f"{found.count(name)} {word}" for name, word in words.items())
+    return f"Of {len(found)} claims: {counts}"

@@ -192,7 +192,7 @@ def held_stick(names: Sequence[str], ends: Ends) -> Measured:
 @claim("4", "4, (8) to (11)", "pure stick ends where (10), (25) say",
        Near("frequency ratio at which a motion that starts in stick slips within 20 cycles, set-valued law, and (10) "
             "(corrected): both limits", STICK_END), cheap=True)
-def stick_limits(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
+def limits_of_stick(evidence: Evidence, ends: Ends = end_of_stick) -> Measured:
     return held_stick(("constant load",), ends)
 
 

@@ -12,8 +12,7 @@ from tcc_sim.model import pure_stick
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
 from tcc_sim.paper.claims_figure4 import JUMPING, NEAR
 from tcc_sim.paper.criteria import Equal, Holds, Measured, Shares, claim
-from tcc_sim.paper.evidence import FREQUENCY, Evidence, Values, share_where, sticks
-from tcc_sim.paper.settled_histories import first_half
+from tcc_sim.paper.evidence import FREQUENCY, Evidence, Values, first_half, share_where, sticks
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.trajectory import Floats
 

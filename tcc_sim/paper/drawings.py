@@ -85,7 +85,7 @@ OTHER = "coexists: reached from a neighbour's state"
 SPIKE = "spike of a cold start beside it"
 
 
-def draw_maxima(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
+def draw_curve_maxima(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
     """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
     axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve.label)
     _points(axis, x, curve, colour)
@@ -132,7 +132,7 @@ def _paint_map(drawn: Any, data: Figure[Curves]) -> None:
         else:
             for other in curves if stacked else ():
                 left.plot(x, panels.bounded(other), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
-            draw_maxima(left, x, curve, colour)
+            draw_curve_maxima(left, x, curve, colour)
             left.set_ylim(0.0, top_of_maxima(x, curves, legend=not stacked))
         draw_orbit(right, x, curve, colour)
         left.set_ylabel(MAXIMUM.replace(" (", "\n(") if stacked else MAXIMUM)
@@ -215,7 +215,7 @@ def _paint_damping(drawn: Any, data: Figure[Curves]) -> None:
     close.locator_params(nbins=4)
     close.tick_params(labelsize=5.5)
     style.legend_above(damping)
-    draw_maxima(maxima, data.numbers.x, replace(curve, label="_"), style.BLUE)
+    draw_curve_maxima(maxima, data.numbers.x, replace(curve, label="_"), style.BLUE)
     legend_of_marks(maxima, [curve])
     style.legend_above(maxima)
     maxima.set_ylabel(MAXIMUM)

@@ -1,4 +1,5 @@
-"""The paper's errata in one list: what is printed, what is right, why, and where this package has the right form.
+"""The paper's errata in one list: what is printed, what is right, why, and where this package has the right form; and
+the page of them.
 
 Numbers that show what they come to are worked out by a function each, by name and value.
 """
@@ -16,7 +17,9 @@ from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.continuation.special_points import chandrupatla
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
+from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
+from tcc_sim.paper.claims import numbers_of
 from tcc_sim.paper.claims_model import PURE_SLIP
 from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.solvers import solve
@@ -124,7 +127,7 @@ def driving_torques() -> dict[str, Any]:
     return out
 
 
-def series() -> dict[str, Any]:
+def series_means() -> dict[str, Any]:
     """The mean of (31) with and without c0, for omega_f = omega/2 at 150 rad/s."""
     row: Values = {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": 0.5, "engine.frequency": 150.0}
     system = paper_system(row)
@@ -239,7 +242,7 @@ ERRATA: tuple[Erratum, ...] = (
             "model.pure_slip", phase_order),
     Erratum("(30), (31), (32), (34)", "series from n = 1 on", "a0 in (30), c0 in (31), and the mean in (32), (34)",
             "the mean of Tf is Tm. Without c0 only the product with the load's sine has a mean, of at most (2/pi) Tsp "
-            "for mu_k = mu_s; and slip in one direction has a mean", "model.harmonic_balance", series),
+            "for mu_k = mu_s; and slip in one direction has a mean", "model.harmonic_balance", series_means),
     Erratum("(31)", "[Tm + Tp sin(omega t/N)]", "[Tsm + Tsp sin(M omega t/N + psi)]", "the first factor is Ts of (5b)",
             "model.harmonic_balance"),
     Erratum("Section 6.1, before (30)", "a period identical to omega/N", "a period of N 2 pi/omega",
@@ -274,3 +277,23 @@ OPEN = (
     ("how each value of a map starts", "from (13), the cold start; other directions are an option"),
 )
 """What the paper leaves open, and what is taken here."""
+
+
+def errata_page() -> str:
+    """Every erratum with the numbers that show it, what is right as printed, and what the paper leaves open."""
+    lines = ["# The paper's errata", "",
+             f"{len(ERRATA)} places of the paper where another form is right, and {len(OPEN)} that it leaves open. "
+             "This page is generated:",
+             "`tcc-sim claims --errata FILE` writes it. Each place was derived again; the numbers are computed for "
+             "Table 1 with",
+             "mu_s N R = 540 N m where nothing else is said. Ratios are omega/omega_n.", "",
+             *markdown_table(["where", "printed", "right", "in the code"], [
+                 [escape(e.where), escape(e.printed), escape(e.right), f"`{e.code}`" if e.code else ""]
+                 for e in ERRATA])]
+    for e in ERRATA:
+        lines += ["", f"## {escape(e.where)}: {escape(e.printed)}", "", f"{escape(e.why[0].upper() + e.why[1:])}."]
+        lines += numbers_of(e.numbers())
+    return "\n".join([*lines, "", "## Derived again and found as printed", "", f"{escape(RIGHT)}.", "",
+                      "## Left open by the paper", "",
+                      *markdown_table(["what", "here"], [[escape(what), escape(taken)] for what, taken in OPEN]),
+                      *numbers_of(engine_speeds())]) + "\n"

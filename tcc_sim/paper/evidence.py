@@ -39,7 +39,7 @@ Values = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
-class Settled:
+class ColdStartMotion:
     """One motion from the initial state (13).
 
     period : of the settled motion, 0 for none up to 16, RUNAWAY where slip grows without end, FAILED
@@ -65,7 +65,7 @@ class Evidence:
     jobs: int | None = None
     progress: bool = False
     _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
-    _motions: dict[tuple[System, bool], Settled] = field(default_factory=dict)
+    _motions: dict[tuple[System, bool], ColdStartMotion] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
@@ -82,17 +82,18 @@ class Evidence:
         return Plan(cycles=CYCLES, discard=DISCARD, direction=direction, rtol=self._rtol(paper_system(row)),
                     lyapunov=lyapunov, damping=damping)
 
-    def motion(self, row: Values, *, lyapunov: bool = False) -> Settled:
+    def motion(self, row: Values, *, lyapunov: bool = False) -> ColdStartMotion:
         """One motion from the initial state (13); its period is that of the settled motion."""
         system = paper_system(row)
         if (system, lyapunov) not in self._motions:
             point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
             largest = math.nan if point.summary is None else point.summary.max_slip_speed
-            self._motions[system, lyapunov] = Settled(period_of(self._settle(system, point)), largest, point.lyapunov)
+            self._motions[system, lyapunov] = ColdStartMotion(period_of(self._settle(system, point)), largest,
+                                                              point.lyapunov)
         return self._motions[system, lyapunov]
 
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
-        """(n,) periods of the settled motions, as `Settled` has them.
+        """(n,) periods of the settled motions, as `ColdStartMotion` has them.
 
         What has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor not.
         """
@@ -180,7 +181,7 @@ def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sw
 
 
 def period_of(found: Summary | None) -> int:
-    """The period of what a point comes to, as `Settled` has it."""
+    """The period of what a point comes to, as `ColdStartMotion` has it."""
     return FAILED if found is None else RUNAWAY if found.runaway else found.period
 
 
@@ -210,6 +211,14 @@ def slips_at(sweep: Sweep) -> Floats:
     """Frequency ratios at which the clutch slips at all."""
     slipping: Floats = sweep.values[~sticks(sweep)] / OMEGA_N
     return slipping
+
+
+def first_half(run: Trajectory) -> float:
+    """The part of the way slipped in positive direction that falls into the first half of the engine cycle."""
+    phase = np.mod(run.t / run.cycle + 1e-12, 1.0)
+    slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
+    total = float(slip.sum())
+    return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
 
 
 def share_where(condition: Any, among: Any) -> float:

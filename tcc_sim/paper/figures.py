@@ -5,30 +5,63 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.summary import summarise
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
-from tcc_sim.model.parameters import System, values_of
-from tcc_sim.paper import settled_histories
-from tcc_sim.paper.catalogue import CHARTS, FIGURES, NORMALISED, STATIC, PaperFigure, Series, figure_row, paper_system
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.quantity import Value
+from tcc_sim.paper import figure_results as results
+from tcc_sim.paper.catalogue import (
+    CHARTS,
+    FIGURES,
+    NORMALISED,
+    QUICK_SHARE,
+    STATIC,
+    FigureOptions,
+    PaperFigure,
+    Series,
+    figure_row,
+    paper_system,
+    series_system,
+)
 from tcc_sim.paper.charts import chart
-from tcc_sim.paper.evidence import JUMP, steep, swept
-from tcc_sim.paper.figure_options import QUICK_SHARE, FigureOptions, system_of
-from tcc_sim.paper.figure_results import Coexisting, Curves, Figure, LawCurve, Laws, MapCurve, MotionsBehind, Reached
-from tcc_sim.paper.seen_motions import motions_behind, motions_behind_each
+from tcc_sim.paper.evidence import JUMP, first_half, steep, swept
+from tcc_sim.paper.seen_motions import motions_behind, motions_behind_each, orbit_behind
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.executors import workers
+from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
+from tcc_sim.trajectory import Floats, State, Trajectory
 
 SECTION_POINTS = 40
 """Points of the section in an orbit diagram at every value."""
+SAMPLES = 1000
+"""Samples per cycle in a time history."""
+RUN_IN = 150
+"""Cycles before a time history."""
+SECTION_CYCLES = 2000
+"""Section points of a motion without period in Fig. 7."""
+SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
+    "smoothed": ("smoothed law, this package", "smoothed", {}),
+    "rk45": ("RK45", "smoothed", {"rtol": 1e-6}),
+    "bdf": ("Gear (BDF)", "smoothed", {"rtol": 1e-6}),
+    "event_driven": ("discontinuous solution", "set_valued", {}),
+    "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5}),
+}
+STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
+    (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
+    ("(6)", {"friction.law": "set_valued"}))
+STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
+"""Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
 
 
-def figure_data(number: int, options: FigureOptions) -> Figure[Any]:
+def figure_data(number: int, options: FigureOptions) -> results.Figure[Any]:
     """The numbers of one figure.
 
     Raises
@@ -44,18 +77,18 @@ def figure_data(number: int, options: FigureOptions) -> Figure[Any]:
     began = time.perf_counter()
     common = {key: value for key, value in values_of(figure_system(number, options)) if key not in _varied(row)}
     numbers = KINDS[row.kind](row, options)
-    return Figure(number, row.kind, row.title, row.caption, options.law, options.quick, common, row.marks, numbers,
-                  time.perf_counter() - began)
+    return results.Figure(number, row.kind, row.title, row.caption, options.law, options.quick, common, row.marks,
+                          numbers, time.perf_counter() - began)
 
 
-def figure_of(task: tuple[int, FigureOptions]) -> Figure[Any]:
+def figure_of(task: tuple[int, FigureOptions]) -> results.Figure[Any]:
     """`figure_data` of a number and options, as a part of the work of several processes."""
     return figure_data(*task)
 
 
 def figure_system(number: int, options: FigureOptions) -> System:
     """The system of a figure's first curve; the others and its axis are changes of it."""
-    return system_of(figure_row(number).series[0], options)
+    return series_system(figure_row(number).series[0], options)
 
 
 def _varied(row: PaperFigure) -> set[str]:
@@ -71,7 +104,7 @@ def _axis(row: PaperFigure, options: FigureOptions) -> tuple[str, np.ndarray, fl
     return name, np.linspace(*row.span, count), unit
 
 
-def plan_of(options: FigureOptions, direction: str = "cold", *, damping: bool = False) -> Plan:
+def _plan(options: FigureOptions, direction: str = "cold", *, damping: bool = False) -> Plan:
     """The paper's rule: 50 cycles dropped; 100 kept, 50 where it has to be quick."""
     return Plan(cycles=100 if options.quick else 150, discard=50, direction=options.direction or direction,
                 section_points=SECTION_POINTS, damping=damping)
@@ -81,27 +114,28 @@ def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
     """The sweep of every series."""
     _, ratios, unit = _axis(row, options)
     scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
-    wanted = [Curve(system_of(s, options), row.over, tuple(float(x) for x in scaled)) for s in row.series]
+    wanted = [Curve(series_system(s, options), row.over, tuple(float(x) for x in scaled)) for s in row.series]
     return swept(wanted, plan, options.kept, options.jobs, options.progress)
 
 
-def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[MapCurve],
-            threshold: float | None = None) -> Curves:
+def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.MapCurve],
+            threshold: float | None = None) -> results.Curves:
     """Curves over the figure's axis."""
     name, ratios, unit = _axis(row, options)
-    return Curves(axis=name, x=ratios.tolist(), unit=unit, cycles=plan_of(options).cycles, discarded=50,
-                  threshold=threshold, curves=curves)
+    return results.Curves(axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).cycles, discarded=50,
+                          threshold=threshold, curves=curves)
 
 
-def _curve(series: Series, sweep: Sweep, others: Sequence[Coexisting] | None = None,
-           behind: MotionsBehind | None = None) -> MapCurve:
+def _curve(series: Series, sweep: Sweep, others: Sequence[results.Coexisting] | None = None,
+           behind: results.MotionsBehind | None = None) -> results.MapCurve:
     """One sweep as a curve."""
-    names = {item.name for item in dataclasses.fields(MapCurve)}
-    return MapCurve(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
-                    behind=behind, **{name: column for name, column in sweep.lists().items() if name in names})
+    names = {item.name for item in dataclasses.fields(results.MapCurve)}
+    return results.MapCurve(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
+                            behind=behind,
+                            **{name: column for name, column in sweep.lists().items() if name in names})
 
 
-def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
+def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
     """The motions that a neighbour's last state leads to where they differ from those of the cold start.
 
     Looked for at both sides of every change of more than JUMP of the curve's largest value between neighbours that both
@@ -113,7 +147,7 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
     pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
              if periods[here] and periods[there]]
 
-    def follow(pair: tuple[int, int]) -> Coexisting | None:
+    def follow(pair: tuple[int, int]) -> results.Coexisting | None:
         here, there = pair
         neighbour = sweep.points[there]
         assert neighbour is not None
@@ -124,8 +158,9 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
         found = point.summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None
-        return Coexisting(here, sweep.curve.values[here], float(largest[here]), periods[here],
-                          Reached(found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
+        return results.Coexisting(here, sweep.curve.values[here], float(largest[here]), periods[here],
+                                  results.Reached(found.max_slip_speed, found.period),
+                                  stands_out(largest, here, JUMP * size))
 
     with workers(jobs, None) as (threads, _):
         rows = [row for row in threads.map(follow, pairs) if row is not None]
@@ -140,30 +175,30 @@ def stands_out(values: np.ndarray, k: int, least: float) -> bool:
     return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
 
 
-def _map(row: PaperFigure, options: FigureOptions) -> Curves:
+def _map(row: PaperFigure, options: FigureOptions) -> results.Curves:
     """Figs. 4, 8, 10, 11, 13 to 18."""
-    sweeps = _swept(row, options, plan_of(options))
+    sweeps = _swept(row, options, _plan(options))
     cold = sweeps[0].plan.direction == "cold"
     others = [coexisting(sweep, options.jobs) if cold else None for sweep in sweeps]
     behind = motions_behind_each(sweeps, options.jobs, options.progress) if options.branches else [None] * len(sweeps)
     return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps, others, behind)])
 
 
-def _damping(row: PaperFigure, options: FigureOptions) -> Curves:
+def _damping(row: PaperFigure, options: FigureOptions) -> results.Curves:
     """Fig. 5."""
-    sweeps = _swept(row, options, plan_of(options, damping=True))
+    sweeps = _swept(row, options, _plan(options, damping=True))
     return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps)], -paper_system().driveline.damping)
 
 
-def _orbit(row: PaperFigure, options: FigureOptions) -> Curves:
+def _orbit(row: PaperFigure, options: FigureOptions) -> results.Curves:
     """Fig. 6: from the initial state, and continued up and down (only one of these where the options say which)."""
     directions = (options.direction,) if options.direction else ("cold", "up", "down")
-    sweeps = [sweep for direction in directions for sweep in _swept(row, options, plan_of(options, direction))]
+    sweeps = [sweep for direction in directions for sweep in _swept(row, options, _plan(options, direction))]
     behind = motions_behind(sweeps, options.progress) if options.branches else [None] * len(sweeps)
     return _curves(row, options, [_curve(row.series[0], sweep, None, found) for sweep, found in zip(sweeps, behind)])
 
 
-def _law(row: PaperFigure, options: FigureOptions) -> Laws:
+def _law(row: PaperFigure, options: FigureOptions) -> results.Laws:
     """Fig. 3: the smoothed law, near 0, and its slope; with the set-valued law beside it."""
     curves = []
     v = np.linspace(-2.0, 2.0, 2001)
@@ -174,13 +209,93 @@ def _law(row: PaperFigure, options: FigureOptions) -> Laws:
         wide, close = (friction.smoothed_and_slope(x, terms.smoothing, terms.stribeck) for x in (v, near))
         peak, height = friction.peak(terms.smoothing, terms.stribeck)
         sliding = friction.sliding(near, 1.0, terms.stribeck) + 0.0 * near
-        curves.append(LawCurve(series.label, series.values, wide[0], wide[1], close[0], close[1], sliding,
-                               peak if math.isfinite(peak) else None, height,
-                               1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
-    return Laws(v, near, curves)
+        curves.append(results.LawCurve(series.label, series.values, wide[0], wide[1], close[0], close[1], sliding,
+                                       peak if math.isfinite(peak) else None, height,
+                                       1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
+    return results.Laws(v, near, curves)
+
+
+def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
+    """The motion over some cycles, the transient among them, and then over some more with samples."""
+    before = solve(system, cycles=cycles).raise_for_status()
+    return before, solve(system, cycles=more, samples_per_cycle=samples, start_cycle=cycles,
+                         state=before.final).raise_for_status()
+
+
+def _time(run: Trajectory) -> Floats:
+    """Time in engine cycles from the first sample on."""
+    found: Floats = (run.t - run.t[0]) / run.cycle
+    return found
+
+
+def _histories(row: PaperFigure, options: FigureOptions) -> results.Panels[results.History]:
+    """Fig. 7."""
+    panels = []
+    for series in row.series:
+        system = series_system(series, options)
+        before, after = _run_in(system, 12)
+        summary = summarise(before)
+        section, exponent = summary.section, None
+        if not summary.period:
+            many = SECTION_CYCLES // (QUICK_SHARE if options.quick else 1)
+            further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
+            section = summarise(further, 0).section
+            if options.law == "smoothed":
+                exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
+        panels.append(results.History(series.label, series.values, summary.period, section, exponent, _time(after),
+                                      after.slip_speed, after.plate_angle))
+    return results.Panels(panels)
+
+
+def _delay(row: PaperFigure, options: FigureOptions) -> results.Panels[results.Delay]:
+    """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
+    panels = []
+    for series in row.series:
+        _, after = _run_in(series_system(series, options), 2)
+        panels.append(results.Delay(series.label, series.values, first_half(after), _time(after), after.slip_speed,
+                                    after.engine_torque, after.state))
+    return results.Panels(panels)
+
+
+def _actuation(row: PaperFigure, options: FigureOptions) -> results.Panels[results.Actuation]:
+    """Fig. 12."""
+    panels: list[results.Actuation] = []
+    for series in row.series:
+        before, after = _run_in(series_system(series, options), 9)
+        found = summarise(before)
+        shown = (series.label, series.values, found.period, _time(after), after.slip_speed, after.saturation_torque,
+                 after.engine_torque)
+        panels.append(results.ActuationOnBranch(*shown, orbit_behind(
+            series_system(series, options), before.final, RUN_IN, found.period, found.max_slip_speed))
+            if options.branches else results.Actuation(*shown))
+    return results.Panels(panels)
+
+
+def _solvers(row: PaperFigure, options: FigureOptions) -> results.Solvers:
+    """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
+    system = paper_system(row.series[0].values)
+    begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
+    steady = []
+    for label, values in STEADY_LAWS:
+        before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
+        found = summarise(before, begin - 100)
+        steady.append(results.Steady(label, values, found.period, found.settled, found.max_slip_speed,
+                                     before.final.numbers, _time(after), after.slip_speed))
+    start = State(*steady[0].final)
+    curves: list[results.SolverCurve] = []
+    for solver, (label, law, setting) in SOLVER_CURVES.items():
+        begun = time.perf_counter()
+        run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
+                    start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
+        seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
+        apart = None if len(run.t) != len(reference) else float(
+            np.sqrt(np.mean((run.slip_speed - reference) ** 2)) / np.abs(reference).max())
+        curves.append(results.SolverCurve(solver, label, run.status.value, seconds, _time(run), run.slip_speed,
+                                          run.friction_torque, apart))
+    return results.Solvers(system.cycle, curves, steady, begin)
 
 
 KINDS: dict[str, Callable[[PaperFigure, FigureOptions], Any]] = {
-    "map": _map, "damping": _damping, "orbit": _orbit, "histories": settled_histories.histories,
-    "delay": settled_histories.delay, "actuation": settled_histories.actuation, "law": _law,
-    "solvers": settled_histories.solvers, "chart": chart}
+    "map": _map, "damping": _damping, "orbit": _orbit, "histories": _histories,
+    "delay": _delay, "actuation": _actuation, "law": _law,
+    "solvers": _solvers, "chart": chart}

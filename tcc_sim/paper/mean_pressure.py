@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model import pure_stick
+from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims_figure4 import NEAR
 from tcc_sim.paper.claims_figures5to7 import AT_036, RATIOS
 from tcc_sim.paper.claims_varying_load import stick_interval, within
-from tcc_sim.paper.evidence import KINETIC, Evidence, Values, steep, with_kinetic
-from tcc_sim.paper.settled_histories import first_half
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, first_half, steep, with_kinetic
 
 PRESSURES = (200e3, 210e3, 220e3, 225e3, 230e3, 240e3, 250e3, 260e3)
 """Pa; Table 1 says 200 to 400 kPa."""
@@ -34,7 +34,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Row:
+class PressureRow:
     """What one mean pressure, Pa, makes of every number, each with whether it fits."""
 
     pressure: float
@@ -51,9 +51,9 @@ class PressureTable:
     """Rows of several mean pressures over the text's numbers."""
 
     numbers: tuple[Number, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[PressureRow, ...]
 
-    def best(self) -> list[Row]:
+    def best(self) -> list[PressureRow]:
         """The rows that agree with most numbers."""
         most = max(row.count for row in self.rows)
         return [row for row in self.rows if row.count == most]
@@ -67,7 +67,8 @@ class PressureTable:
 
 def table(evidence: Evidence, pressures: Sequence[float] = PRESSURES) -> PressureTable:
     """What every pressure makes of all NUMBERS."""
-    return PressureTable(NUMBERS, tuple(Row(p, tuple(n.found(evidence, p) for n in NUMBERS)) for p in pressures))
+    return PressureTable(NUMBERS, tuple(PressureRow(p, tuple(n.found(evidence, p) for n in NUMBERS))
+                                        for p in pressures))
 
 
 def _near(value: float | None, place: float, within: float = NEAR) -> tuple[Any, bool]:
@@ -149,3 +150,20 @@ NUMBERS = (
     Number("9", "part slipped in the first half cycle at 0.15, 0.18, 0.37, 0.40: above 0.8 twice, below 0.2 twice",
            _halves),
 )
+
+
+def pressure_lines(found: PressureTable) -> list[str]:
+    """Which mean pressure agrees with how many of the text's numbers."""
+    head = [f"Fig. {n.figure}: {escape(n.text)}" for n in found.numbers]
+    rows = [[f"{row.pressure / 1e3:g}", *(f"**{text(x)}**" if fits else text(x) for x, fits in row.found),
+             f"{row.count} of {len(row.found)}"] for row in found.rows]
+    return ["## The mean pressure of Figs. 4 to 18", "",
+            "What each mean pressure makes of numbers in the text; bold where it agrees with them.", "",
+            *markdown_table(["kPa", *head, "agree"], rows, "---:"), "", f"{pressure_sentence(found)}."]
+
+
+def pressure_sentence(found: PressureTable) -> str:
+    """Which pressures agree with most."""
+    names = [f"{row.pressure / 1e3:g}" for row in found.best()]
+    agree = "agrees" if len(names) == 1 else "agree"
+    return f"{', '.join(names)} kPa {agree} with {found.best()[0].count} of the {len(found.numbers)} numbers, the most"

@@ -53,7 +53,7 @@ def test_the_model_holds_the_numbers_of_the_scene() -> None:
     assert f"11: {2 * system.cycle!r}" in constants(system, 2, 0.18, 0.3)
 
 
-@pytest.mark.skipif(not branch_speed.installed(), reason="AUTO-07p is not installed")
+@pytest.mark.skipif(not branch_speed.auto_installed(), reason="AUTO-07p is not installed")
 def test_auto_is_stopped_in_time() -> None:
     found, sentence = auto(coexistence(), 1, 0.18, 0.3, limit=0.2)
     assert found == []

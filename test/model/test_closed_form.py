@@ -41,7 +41,7 @@ def load(system, t):
 def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     system = system_of(RICH, **{"engine.frequency": omega, "driveline.damping": 2.0})
     d = system.driveline
-    angle, torque = pure_stick.plate_angle(system), pure_stick.interface_torque(system)
+    angle, torque = pure_stick.plate_angle(system), pure_stick.stuck_interface_torque(system)
     t = np.linspace(0.0, 2 * system.cycle, 41)
     both = d.flywheel_inertia + d.plate_inertia
     start = [float(angle(0.0)), float(angle.rate()(0.0))]
@@ -67,7 +67,7 @@ def test_printed_forms_with_their_errata(omega):
     root = math.sqrt((d.stiffness - both * omega**2) ** 2 + (d.damping * omega) ** 2)
     np.testing.assert_allclose(pure_stick.plate_angle(system)(t), e.mean_torque / d.stiffness
                                + e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-14, err_msg="(8a)")
-    np.testing.assert_allclose(pure_stick.interface_torque(system)(t),
+    np.testing.assert_allclose(pure_stick.stuck_interface_torque(system)(t),
                                engine(system, t) + d.flywheel_inertia * omega**2
                                * e.torque_amplitude / root * np.sin(omega * t + phase), atol=1e-10, err_msg="(9)")
     assert system.stuck_natural_frequency / system.natural_frequency == pytest.approx(math.sqrt(0.02 / 0.22), rel=1e-14)
@@ -81,17 +81,17 @@ def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     system = system_of(values, **{"engine.frequency": omega})
     found = pure_stick.stick_margin(system)
     t = np.linspace(0.0, 6 * system.cycle, 600_001)
-    margin = system.friction_ratio * load(system, t) - np.abs(pure_stick.interface_torque(system)(t))
+    margin = system.friction_ratio * load(system, t) - np.abs(pure_stick.stuck_interface_torque(system)(t))
     assert found.torque <= margin.min() + 1e-9
     assert found.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
     again = system.friction_ratio * load(system,
-                                         found.time) - abs(float(pure_stick.interface_torque(system)(found.time)))
+                                         found.time) - abs(float(pure_stick.stuck_interface_torque(system)(found.time)))
     assert again == pytest.approx(found.torque, abs=1e-9)
 
 
 def test_incommensurable_load_meets_every_phase():
     system = system_of(**{**LOAD, "pressure.frequency_ratio": math.sqrt(2), "pressure.amplitude": 20e3})
-    torque = pure_stick.interface_torque(system)
+    torque = pure_stick.stuck_interface_torque(system)
     peak = torque.mean + torque.swing()
     assert pure_stick.stick_margin(system).torque == pytest.approx(
         system.friction_ratio * (system.saturation_mean - system.saturation_amplitude) - peak, abs=1e-9)
@@ -242,7 +242,7 @@ def test_undamped_stuck_resonance_is_refused():
     with pytest.raises(InputError, match="resonance"):
         pure_stick.plate_angle(system)
     with pytest.raises(InputError, match="resonance"):
-        pure_stick.interface_torque(system)
+        pure_stick.stuck_interface_torque(system)
 
 
 def test_any_pressure_amplitude_counts_for_the_common_period():

@@ -12,7 +12,7 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.paper.evidence import Settled
+from tcc_sim.paper.evidence import ColdStartMotion
 from tcc_sim.paper.figure_results import Curves, Figure, MapCurve
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.sweeps.exponents import Lyapunov
@@ -57,7 +57,7 @@ class Given(StableMotions):
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
         found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary
-        return Settled(found.period, found.max_slip_speed, Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
+        return ColdStartMotion(found.period, found.max_slip_speed, Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
 
     def exponent(self, row, begin, cycles):  # type: ignore
         return Lyapunov(0.5, 0.0, 1.0, 0.95, cycles, self.longer)

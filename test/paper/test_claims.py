@@ -17,7 +17,7 @@ from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper import claims, claims_model, mean_pressure, pages
+from tcc_sim.paper import claims, claims_model, mean_pressure
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured
 from tcc_sim.paper.evidence import Evidence, share_where
@@ -34,7 +34,7 @@ def test_claims_with_robust_numbers_hold(name: str) -> None:
 
 def test_the_stick_limit_is_that_of_the_closed_form() -> None:
     """(25a) by hand: the amplitude of the interface torque is mu_s N R - Tm at the limit, far above omega_sn."""
-    found = claims_model.stick_limits(StableMotions(claims.TOLERANCE))
+    found = claims_model.limits_of_stick(StableMotions(claims.TOLERANCE))
     (ratio, simulated), = found.values.values()
     omega = ratio * OMEGA_N
     spring = complex(3000.0, 0.6 * omega)
@@ -64,8 +64,8 @@ def test_the_page_says_what_the_cheap_claims_come_to_now() -> None:
     cheap = [row for row in claims.CLAIMS if row.cheap]
     assert len(cheap) >= 9
     for verdict in claims.judge(cheap, jobs=1):
-        assert "\n".join(pages.section_of(verdict)) in page
-        assert markdown_table(pages.row_of(verdict), [])[0] in page
+        assert "\n".join(claims.claim_section(verdict)) in page
+        assert markdown_table(claims.claim_row(verdict), [])[0] in page
 
 
 class Drawn(Evidence):

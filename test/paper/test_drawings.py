@@ -25,7 +25,7 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
     x = [1.0, 2.0, 3.0, 4.0]
     with style.figure() as drawn:
         axis, orbit = drawn.subplots(1, 2)
-        drawings.draw_maxima(axis, x, curve, style.BLUE)
+        drawings.draw_curve_maxima(axis, x, curve, style.BLUE)
         marks = {(str(line.get_marker()), line.get_markerfacecolor()): line.get_xydata().tolist()
                  for line in axis.lines[1:]}
         assert marks["D", "none"] == [[2.0, 9.0]]
@@ -63,9 +63,9 @@ def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
 
 def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
     from tcc_sim.continuation.detection import StopReason
-    from tcc_sim.paper.branch_panels import end_of
+    from tcc_sim.paper.branch_panels import end_mark
 
-    shown = {reason.name: end_of(reason.name.lower()) for reason in StopReason}
+    shown = {reason.name: end_mark(reason.name.lower()) for reason in StopReason}
     assert [name for name, mark in shown.items() if mark is None] == ["RANGE", "CLOSED"]
     assert len({mark for mark in shown.values() if mark is not None}) >= 4
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper import claims_model, errata, mean_pressure, pages
+from tcc_sim.paper import claims, claims_model, errata, mean_pressure
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import Evidence
 
@@ -43,7 +43,7 @@ def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
         assert markdown_table([escape(what), escape(taken)], [])[0] in page
     for numbers in (errata.phases, errata.amplitude, errata.slip_condition,
                     errata.roots, errata.stuck_frequency, errata.phase_order):
-        assert "\n".join(pages.numbers_of(numbers())) in page
+        assert "\n".join(claims.numbers_of(numbers())) in page
 
 
 def test_16_17_and_27_by_hand() -> None:
@@ -113,7 +113,7 @@ def least_slip(speed: float) -> float:
 
 def test_the_command_writes_the_page(tmp_path, judge_only, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     judge_only(claims_model.maximum_falls)
-    monkeypatch.setattr(pages, "engine_speeds", dict)
+    monkeypatch.setattr(errata, "engine_speeds", dict)
     file = tmp_path / "errata.md"
     assert main(["claims", "--errata", str(file)]) == 0
     page = file.read_text()
@@ -133,5 +133,5 @@ def test_the_mean_pressure_agrees_with_the_text_by_the_closed_forms() -> None:
         assert 300.0 + 250.0 * abs((spring - 0.02 * omega**2) / (spring - 0.22 * omega**2)) == pytest.approx(
             540.0 * pressure / 225e3, rel=2e-3)
         assert fits == (abs(value - 0.4) <= 0.02)
-    rows = tuple(mean_pressure.Row(float(k), ((0.0, True),) * count) for k, count in enumerate((3, 5, 5)))
+    rows = tuple(mean_pressure.PressureRow(float(k), ((0.0, True),) * count) for k, count in enumerate((3, 5, 5)))
     assert [row.pressure for row in mean_pressure.PressureTable((), rows).best()] == [1.0, 2.0]

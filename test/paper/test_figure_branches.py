@@ -22,9 +22,8 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.paper import charts, figures
 from tcc_sim.paper.branch_panels import spread, top_of
-from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, PaperFigure, paper_system, plain
+from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, FigureOptions, PaperFigure, paper_system, plain
 from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_options import FigureOptions
 from tcc_sim.paper.figure_results import (
     Actuation,
     ActuationOnBranch,

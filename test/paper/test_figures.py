@@ -23,11 +23,10 @@ from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.output.files import write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, figure_row, paper_system
-from tcc_sim.paper.figure_options import FigureOptions
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, FigureOptions, figure_row, paper_system
+from tcc_sim.paper.evidence import first_half
 from tcc_sim.paper.figure_results import Figure
 from tcc_sim.paper.figures import coexisting, figure_data, stands_out
-from tcc_sim.paper.settled_histories import first_half
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 

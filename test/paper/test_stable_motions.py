@@ -11,11 +11,10 @@ from given import Given, record, stretch
 from oracle import smoothed_states
 
 from tcc_sim.paper.catalogue import FIGURES, paper_system
-from tcc_sim.paper.claims import Verdict
+from tcc_sim.paper.claims import Verdict, claims_page
 from tcc_sim.paper.claims_figures5to7 import AT_036, covered_down_to
 from tcc_sim.paper.criteria import Finding
 from tcc_sim.paper.evidence import KINETIC, with_kinetic
-from tcc_sim.paper.pages import claims_page
 from tcc_sim.paper.stable_motions import HIGHEST, LOWEST, StableMotions, ordered_shares
 from tcc_sim.solvers import solve
 

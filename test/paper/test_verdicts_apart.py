@@ -202,7 +202,7 @@ def test_limits_of_stick_are_held_against_the_simulation(off, verdict) -> None: 
     def ends(row, low, high):  # type: ignore
         return None if off is None else 0.5 * (low + high) + off
 
-    assert model.stick_limits(Given(), ends=ends).verdict == verdict
+    assert model.limits_of_stick(Given(), ends=ends).verdict == verdict
     assert model.stick_limits_varying(Given(), ends=ends).verdict == verdict
 
 
