@@ -1,1 +1,1 @@
-"""Trajectory or recording -> plain frozen results: maxima, sections, periods, regimes, damping. NumPy only."""
+"""Trajectory or recording -> plain frozen results: maxima, sections, periods, regimes, damping."""

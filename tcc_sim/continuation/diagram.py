@@ -20,7 +20,7 @@ from tcc_sim.continuation.branch import (
 )
 from tcc_sim.continuation.detection import End, StopReason
 from tcc_sim.continuation.newton import find_orbit, minimal_period
-from tcc_sim.continuation.palc import corrector, solution_at
+from tcc_sim.continuation.palc import corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting, product_of
@@ -142,8 +142,7 @@ def doubled(found: Bifurcation) -> ContinuationPoint | None:
                 half = minimal_period(shooting.map, at, shooting.values(got.z), shooting.period, 0.1 * amplitude)
                 if half != shooting.period:
                     continue
-                tangent = got.tangent if sign * float(got.tangent @ row) > 0.0 else -got.tangent
-                return point_at(shooting, solution_at(got.z, got.found, tangent))
+                return point_at(shooting, got.facing(sign * row))
             except FAILURES:
                 continue
     return None

@@ -184,9 +184,8 @@ def _at_the_end_of_the_range(state: ContinuationState) -> ContinuationPoint | No
         found = corrector(here.shooting, guess, row, farthest=farthest,
                           first=here.shooting.coarse if step_size.missed > settings.missed else None)
         if found is not None and found.distance <= farthest:
-            tangent = found.tangent if float(found.tangent @ solution.tangent) > 0.0 else -found.tangent
-            new = solution_at(found.z, found.found, tangent)
-            if float(tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
+            new = found.facing(solution.tangent)
+            if float(new.tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
                 return point_at(here.shooting, new)
         step_size.length *= settings.shorter
     return None

@@ -57,6 +57,10 @@ class Corrected(NamedTuple):
     slopes: Floats
     contraction: float
 
+    def facing(self, way: Floats) -> Solution:
+        """The solution with that of its two tangents that goes along `way`."""
+        return solution_at(self.z, self.found, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
+
 
 class AmplitudeRow(NamedTuple):
     """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values

@@ -121,8 +121,7 @@ class Bracket:
         found = corrector(self.a.shooting, guess, chord / length, plane, start=start)
         if found is None:
             return None
-        tangent = found.tangent if float(found.tangent @ (p.tangent + q.tangent)) > 0.0 else -found.tangent
-        self.kept[part] = point_at(self.a.shooting, solution_at(found.z, found.found, tangent))
+        self.kept[part] = point_at(self.a.shooting, found.facing(p.tangent + q.tangent))
         return self.kept[part]
 
     def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-import importlib
 import json
 import math
 import sys
@@ -24,14 +22,6 @@ from tcc_sim.sweeps.sweep import Curve, Plan, curves_of, sweep, sweep_curves, sw
 
 SYSTEM = load_scene("fig02").system
 KINETIC = "friction.kinetic_coefficient"
-
-
-@pytest.mark.parametrize("name", ["analysis.summary", "sweeps.exponents", "sweeps.simulation", "sweeps.sweep"])
-def test_the_examples_of_the_docstrings_run(name: str) -> None:
-    module = importlib.import_module(f"tcc_sim.{name}")
-    found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
-    assert found.attempted > 0
-    assert found.failed == 0
 
 
 def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
