@@ -1,4 +1,4 @@
-"""The command `tcc-sim`: one module per verb, imported when the verb is used.
+"""The command `tcc-sim`: one module per verb, and one for all that measure, imported when the verb is used.
 
 A verb module has `add_arguments(parser)` and `run(arguments) -> int`; `arguments.words` is the command line, for the
 JSON that says how it was made. Exit status: 0 done; 2 wrong input, one line on
@@ -53,7 +53,9 @@ GROUPS: dict[str, dict[str, str]] = {
 }
 """Verbs with their lines of help, by what they are for, as `--help` shows them."""
 VERBS: dict[str, str] = {name: text for verbs in GROUPS.values() for name, text in verbs.items()}
-"""Every verb with its line of help; its module is `tcc_sim.cli.<verb>`, with an underscore after a Python keyword."""
+"""Every verb with its line of help; its module is `tcc_sim.cli.<verb>`, with an underscore after a Python keyword, and
+`tcc_sim.cli.measuring` for what is measured.
+"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -135,4 +137,4 @@ def _status_of(words: list[str]) -> int:
 
 def module_of(verb: str) -> str:
     """The name of a verb's module."""
-    return f"{verb}_" if iskeyword(verb) else verb
+    return "measuring" if verb in GROUPS["what is measured"] else f"{verb}_" if iskeyword(verb) else verb

@@ -253,35 +253,3 @@ def present(arguments: argparse.Namespace, scene: Scene | System, values: Callab
         write_json(arguments.json, document(arguments.verb, values(), scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
         say(said)
-
-
-def add_report_arguments(parser: argparse.ArgumentParser, name: str, quick: str) -> None:
-    """Where the report `name` goes, and what `--quick` does."""
-    parser.add_argument("--out", type=Path, default=Path(name), metavar="DIR",
-                        help=f"new directory for {name}.png, .svg, .json and .md (default {name})")
-    parser.add_argument("--quick", action="store_true", help=quick)
-
-
-def add_measurement(parser: argparse.ArgumentParser, shortest: float, default: float) -> None:
-    """--rate, --duration and --json of the verbs that run nodes for a while and tell how well they did."""
-    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
-                        help="ticks a second, and commands where there are any (1000)")
-    parser.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
-                        help=f"of what is measured, seconds ({default:g})")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
-
-
-def check_measurement(arguments: argparse.Namespace) -> None:
-    """Raise before anything is started where ROS 2 is not installed or --json cannot become a new file."""
-    from tcc_sim.nodes.children import require_ros
-
-    require_ros()
-    if arguments.json is not None:
-        new_file(arguments.json)
-
-
-def write_measurement(arguments: argparse.Namespace, found: dict[str, Any], scene: str) -> None:
-    """Write the figures where --json asks for them."""
-    from tcc_sim.scene import load_scene
-
-    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), lambda: found)

@@ -1,0 +1,162 @@
+"""`tcc-sim precision`, `stability`, `realtime` and `soak`: what is measured, as a report or as figures."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from tcc_sim.cli.arguments import new_file, number, present
+from tcc_sim.errors import counted, require
+from tcc_sim.output.files import new_directory, write_json
+from tcc_sim.output.terminal import counted_bar, say, seconds_bar
+
+REPORTS = {"precision": "shorter ladders, done within half a minute",
+           "stability": "fewer scenes and coarser charts, done within half a minute"}
+"""Verbs that write a report, with what --quick does."""
+DURATIONS = {"realtime": (0.5, 60.0), "soak": (2.0, 600.0)}
+"""Verbs that run nodes for a while and tell how well they did, with the shortest and the default duration, s."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the report goes and how much it does, or rate, duration and where the figures go."""
+    verb = parser.prog.rpartition(" ")[2]
+    if verb in REPORTS:
+        parser.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
+                            help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
+        parser.add_argument("--quick", action="store_true", help=REPORTS[verb])
+        return
+    shortest, default = DURATIONS[verb]
+    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
+                        help="ticks a second, and commands where there are any (1000)")
+    parser.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
+                        help=f"of what is measured, seconds ({default:g})")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    if verb == "realtime":
+        parser.add_argument("--recorder", action="store_true",
+                            help="publish to a recorder in a process of its own, which competes for the cores")
+        parser.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
+                            help="SCHED_FIFO priority of both loops (0: as it is)")
+        parser.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
+                            help="cores that both loops may run on (all)")
+        parser.add_argument("--lock-memory", action="store_true", help="lock the memory of both loops")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check where it goes, measure, print what came out, and write it."""
+    if arguments.verb in REPORTS:
+        folder = new_directory(arguments.out)
+        require("matplotlib", "a picture")
+        return (_precision if arguments.verb == "precision" else _stability)(arguments, folder)
+    from tcc_sim.nodes.children import require_ros
+    from tcc_sim.scene import load_scene
+
+    require_ros()
+    if arguments.json is not None:
+        new_file(arguments.json)
+    found, scene = (_realtime(arguments), "fig02") if arguments.verb == "realtime" else (_soak(arguments), "commands")
+    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), lambda: found)
+    return 0 if arguments.verb == "realtime" or found["count_is_honest"] else 1
+
+
+def _precision(arguments: argparse.Namespace, folder: Path) -> int:
+    """Error against run time of every solver; an interrupted study writes the scenes that are complete."""
+    from tcc_sim.benchmarks import work_precision as precision
+    from tcc_sim.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
+    from tcc_sim.benchmarks.report_drawings import draw_precision
+    from tcc_sim.benchmarks.sweep_speed import speed_summary, sweep_speed
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene
+
+    effort = precision.QUICK if arguments.quick else precision.FULL
+    records, speed = [], None
+    with counted_bar("run") as running:
+        for record in precision.precision_study(effort, running.done):
+            records += [record]
+        speed = sweep_speed(effort.speed, running.done)
+    if not records:
+        return 130
+    found = PrecisionReport(records, speed, took_part(records), arguments.quick, running.complete)
+    folder.mkdir()
+    write_json(folder / "precision.json", document("precision", found.as_json(), load_scene("fig02"), arguments.words))
+    (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
+    draw_precision(folder / "precision", records)
+    for line in [line for record in records for line in scene_lines(record)] + (speed_summary(speed) if speed else []):
+        say(line)
+    say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")
+    return 0 if running.complete else 130
+
+
+def _stability(arguments: argparse.Namespace, folder: Path) -> int:
+    """Stiff and extreme cases; an interrupted report holds what is done."""
+    from tcc_sim.benchmarks.report_drawings import draw_stability
+    from tcc_sim.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
+    from tcc_sim.model.parameters import System
+    from tcc_sim.output.provenance import document
+    from tcc_sim.result import json_of
+
+    records, maps = [], []
+    with counted_bar("scene") as running:
+        for record in grid(arguments.quick, running.done):
+            records += [record]
+        maps = error_charts(arguments.quick, running.name)
+    if not records:
+        return 130
+    found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete)
+    folder.mkdir()
+    write_json(folder / "stability.json", document("stability", json_of(found), System(), arguments.words))
+    (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
+    draw_stability(folder / "stability", maps, records)
+    for engine, total in found.summary.items():
+        ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
+        say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
+            f"{total.not_bounded} past the energy bound, {total.past_iteration_bound} past the iteration bound")
+    say(f"{folder}/stability.png, .svg, .json, .md")
+    return 0 if running.complete else 130
+
+
+def _realtime(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The driveline node's pacing beside a bare absolute-deadline loop."""
+    from tcc_sim.benchmarks.pacing_benchmark import Settings, measure
+
+    settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
+    with seconds_bar("realtime", 2.0 * arguments.duration) as done:
+        found = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
+                        arguments.recorder, settings)
+    say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
+        f"drift {found['drift_s'] * 1e3:.3f} ms")
+    say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
+    for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
+                              ("lateness_p99_s", "lateness p99 (us)", 1e6),
+                              ("lateness_max_s", "lateness max (us)", 1e6),
+                              ("cpu_fraction", "CPU (% of a core)", 100.0)):
+        node, bare = found[key] * factor, found[f"bare_{key}"] * factor
+        say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
+    say(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
+    for trial in found["settings"]:
+        figures = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
+        say(f"{trial['name']:<26}{figures}{'  refused' if trial['refused'] else ''}")
+    for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
+        say(f"  {sentence}")
+    return found
+
+
+def _soak(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Driveline, recorder and commands for a long time; the recording is made in a temporary folder."""
+    from tcc_sim.benchmarks.endurance import soak
+
+    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
+        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
+    say(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift "
+        f"{found['drift_s'] * 1e3:.1f} ms")
+    judged = "as many as" if found["count_is_honest"] else "which is not what"
+    say(f"{counted(sum(found['messages'].values()), 'message')}; {found['lost_messages']} of joint_states missing by "
+        f"the stamps, {judged} the recorder counted")
+    for name in ("driveline", "recorder"):
+        node = found[name]
+        say(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB "
+            f"after the warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
+    for warning in found["warnings"]:
+        say(f"warning: {warning}")
+    return found
