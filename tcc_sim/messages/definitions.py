@@ -72,7 +72,7 @@ def definition(type_name: str) -> Definition:
         package, _, short = name.split("/")
         parts.append(f"\n{'=' * 80}\nMSG: {package}/{short}\n{text}")
         needed.extend(_dependencies(name, text))
-    for entry in json.loads(installed(type_name, ".json") or "{}").get("type_hashes", []):
+    for entry in json.loads(installed_text(type_name, ".json") or "{}").get("type_hashes", []):
         if entry.get("type_name") == type_name:
             return Definition("".join(parts), str(entry["hash_string"]))
     return Definition("".join(parts), CARRIED.get(type_name, ("", ""))[1])
@@ -92,7 +92,7 @@ def type_parts(type_name: str) -> tuple[str, str]:
     return match[1], match[2]
 
 
-def installed(type_name: str, suffix: str) -> str | None:
+def installed_text(type_name: str, suffix: str) -> str | None:
     """Content of the installed file that defines the type, or None; a sourced workspace's before the PyPI wheels'."""
     package, short = type_parts(type_name)
     for prefix in filter(None, [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]):
@@ -104,7 +104,7 @@ def installed(type_name: str, suffix: str) -> str | None:
 
 def _text(type_name: str) -> str:
     """The .msg text of one type."""
-    text = installed(type_name, ".msg")
+    text = installed_text(type_name, ".msg")
     if text is None and type_name not in CARRIED:
         raise InputError(f"the definition of {type_name} is not installed")
     return CARRIED[type_name][0] if text is None else text

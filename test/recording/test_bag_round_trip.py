@@ -11,7 +11,7 @@ import yaml
 
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.messages.definitions import CARRIED, definition, installed
+from tcc_sim.messages.definitions import CARRIED, definition, installed_text
 from tcc_sim.output.samples import write_trajectory
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.batches import PressureJoin
@@ -205,7 +205,7 @@ def test_a_trajectory_becomes_a_recording(tmp_path):
 def test_carried_definitions_are_those_of_the_installed_ros(tmp_path, monkeypatch):
     compared = 0
     for name, (text, type_hash) in CARRIED.items():
-        message, described = installed(name, ".msg"), installed(name, ".json")
+        message, described = installed_text(name, ".msg"), installed_text(name, ".json")
         if message is None or described is None:
             continue
         fields = [" ".join(line.split("#")[0].split()) for line in message.splitlines()]
