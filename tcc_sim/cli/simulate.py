@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from tcc_sim.background import begun
 from tcc_sim.cli import arguments as common
 from tcc_sim.errors import InputError, counted
 
@@ -99,6 +98,8 @@ def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
 
 def _awaited(work: Callable[[], Result]) -> Result:
     """What `work` gives, done in a thread: compiled code cannot be interrupted, waiting for it can."""
+    from tcc_sim.sweeps.executors import begun
+
     found, thread = begun(work)
     while thread.is_alive():
         thread.join(0.2)

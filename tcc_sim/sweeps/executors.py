@@ -1,4 +1,5 @@
-"""Who does the tasks of long work: threads, processes, or the workers of a Dask cluster; and a bar that counts them.
+"""Who does the tasks of long work: threads, one that may be left behind, processes, or workers of a Dask cluster; a bar
+that counts them.
 
 A cluster reschedules what a lost worker had in hand. What follows branches holds the interpreter lock most of the time,
 and is given to processes.
@@ -24,7 +25,6 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from tcc_sim.background import begun
 from tcc_sim.errors import InputError, WorkersLost, counted, require
 from tcc_sim.sweeps.settings import DEFAULTS
 
@@ -179,6 +179,25 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
             yield executor, there
         finally:
             executor.shutdown(wait=False)
+
+
+def begun(work: Callable[[], Done], name: str = "background") -> tuple[Future[Done], threading.Thread]:
+    """What `work` will give, and the daemon thread that does it, which no end of the process waits for.
+
+    The future holds the result or whatever `work` raised. The executors of `concurrent.futures` wait for their
+    threads when the process ends, and so cannot leave one behind.
+    """
+    found: Future[Done] = Future()
+
+    def body() -> None:
+        try:
+            found.set_result(work())
+        except BaseException as error:
+            found.set_exception(error)
+
+    thread = threading.Thread(target=body, name=name, daemon=True)
+    thread.start()
+    return found, thread
 
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:
