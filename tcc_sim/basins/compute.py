@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tcc_sim import __version__
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.driveline import DrivelineMotion
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels, ProximityMapper, labelled
 from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.errors import BasinsInterrupted, InputError, counted
@@ -42,8 +42,6 @@ FORMAT = "tcc_sim basin_rows 1"
 Row = tuple[list[int], list[int]]
 Stored = tuple[int, int, dict[str, Any]]
 """Index of the value, row, and what stands in the file."""
-Labels = NDArray[np.int16]
-Counts = NDArray[np.int32]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from tcc_sim.trajectory import NO_ORBITS, Orbits
 
 UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that came to no attractor."""
-Labels = NDArray[np.int64]
-Counts = NDArray[np.int64]
+Labels = NDArray[np.integer[Any]]
+Counts = NDArray[np.integer[Any]]
+"""One for each of many motions: label, and cycles."""
 
 
 class DynamicalSystem(Protocol):
