@@ -142,7 +142,7 @@ def _summary(branches: Figure[Curves], charts: Mapping[int, Figure[Chart]], basi
     curves = branches.numbers.curves
     followed = behind(curves[:1])
     periods = sorted({b["period"] for b in followed.branches})
-    causes = Counter(jump["cause"] for jump in behind(curves).jumps)
+    causes = Counter(jump.cause for jump in behind(curves).jumps)
     boundary, beside = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
     ends = sum(causes.values()) - boundary - beside - sum(causes[c] for c in UNSEEN)
     lines = [f"- Branches behind Fig. 6: {len(followed.branches)}, of period {', '.join(map(str, periods))}, with "
@@ -179,7 +179,7 @@ def _jumps(data: Figure[Curves]) -> list[str]:
     unit, places = data.numbers.unit, dict[tuple[str, str], list[str]]()
     for swept in data.numbers.curves:
         for jump in behind([swept]).jumps:
-            at = places.setdefault((jump["cause"], f"{jump['value'] / unit:.6f}"), [])
+            at = places.setdefault((jump.cause, f"{jump.value / unit:.6f}"), [])
             at += [WAYS[swept.direction]] * (WAYS[swept.direction] not in at)
     lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []
     for cause in dict.fromkeys(cause for cause, _ in places):

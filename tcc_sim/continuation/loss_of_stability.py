@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -186,12 +185,6 @@ class Jump:
     def value(self) -> float:
         """Of the bifurcation; else the middle between the two values."""
         return 0.5 * (self.low + self.high) if self.found is None else self.found.value
-
-    def as_json(self, bifurcations: Sequence[Bifurcation]) -> dict[str, Any]:
-        """The jump with the number of its bifurcation among all of them, None where it has none."""
-        numbers = [k for k, f in enumerate(bifurcations) if f is self.found]
-        return {"value": self.value, "between": [self.low, self.high], "max_slip_speed": [self.before, self.after],
-                "cause": self.cause, "bifurcation": numbers[0] if numbers else None}
 
 
 def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float, base: int = 1,

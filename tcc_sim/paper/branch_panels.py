@@ -57,7 +57,7 @@ def behind(curves: Sequence[MapCurve]) -> MotionsBehind:
 
 def named_jumps(curves: Sequence[MapCurve]) -> bool:
     """Whether `label_jumps` writes anything over the axes."""
-    return any(jump["cause"] not in UNNAMED + UNSEEN for jump in behind(curves).jumps)
+    return any(jump.cause not in UNNAMED + UNSEEN for jump in behind(curves).jumps)
 
 
 def room_above(curves: Sequence[MapCurve]) -> float:
@@ -73,7 +73,7 @@ def label_jumps(axis: Any, curves: Sequence[MapCurve], unit: float, colours: Seq
     named: dict[tuple[str, str], tuple[float, str]] = {}
     for curve, colour in zip(curves, colours):
         for jump in behind([curve]).jumps:
-            x, cause = jump["value"] / unit, jump["cause"]
+            x, cause = jump.value / unit, jump.cause
             if cause in UNNAMED:
                 axis.axvline(x, color=colour, linewidth=0.4, linestyle=(0, (1, 3)), alpha=0.6, zorder=1.4)
             elif cause not in UNSEEN:
@@ -135,7 +135,7 @@ def legend_of(axis: Any, curves: Sequence[MapCurve], swept: Sequence[MapCurve], 
         handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
     if named_jumps(swept):
         handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
-    if any(jump["cause"] in UNNAMED for jump in behind(swept).jumps):
+    if any(jump.cause in UNNAMED for jump in behind(swept).jumps):
         handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
                              label="jump off the branches")
     axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)

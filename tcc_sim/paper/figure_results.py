@@ -48,18 +48,33 @@ class Coexisting:
 
 
 @dataclass(frozen=True)
+class JumpBehind:
+    """A jump of a curve.
+
+    value, between : where its bifurcation is, else the middle; and between which values of the key
+    max_slip_speed : before and after
+    cause : kind of the bifurcation, or what else it is
+    bifurcation : its number in those behind the curve
+    """
+
+    value: float
+    between: tuple[float, float]
+    max_slip_speed: tuple[float, float]
+    cause: str
+    bifurcation: int | None
+
+
+@dataclass(frozen=True)
 class MotionsBehind:
     """What is behind a curve.
 
     branches, bifurcations : as `continue --json` has them
-    jumps : `value`, the two values it is `between`, `max_slip_speed` before and after, `cause`, and the number of its
-        `bifurcation`
     left_out : sentences on what was not followed
     """
 
     branches: list[dict[str, Any]]
     bifurcations: list[dict[str, Any]]
-    jumps: list[dict[str, Any]]
+    jumps: list[JumpBehind]
     left_out: list[str]
 
 

@@ -23,7 +23,7 @@ from tcc_sim.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.evidence import JUMP, later
-from tcc_sim.paper.figure_results import MotionsBehind
+from tcc_sim.paper.figure_results import JumpBehind, MotionsBehind
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.executors import each_in_a_process, point_bar, processes_for
@@ -134,10 +134,10 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[Moti
         forward = sorted(row, key=lambda s: s.value)
         jumps = []
         for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction):
-            entry = jump.as_json(bifurcations)
-            if jump.found is not None and creeps(jump.found, sweep.curve.system):
-                entry["cause"] = "stick_border"
-            jumps.append(entry)
+            ends_stick = jump.found is not None and creeps(jump.found, sweep.curve.system)
+            number = next((k for k, f in enumerate(bifurcations) if f is jump.found), None)
+            jumps.append(JumpBehind(jump.value, (jump.low, jump.high), (jump.before, jump.after),
+                                    "stick_border" if ends_stick else jump.cause, number))
         higher, sentences = still_higher(sweep, row), left_out(row, branches, base)
         if higher:
             sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "

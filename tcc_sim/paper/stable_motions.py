@@ -40,14 +40,22 @@ LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
 """Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
 
 
-@dataclass
-class StableMotions(Evidence):
-    """Evidence that knows branches too.
-
-    known : stretches and attractors, which no tolerance of the sweeps changes, for several to share
+@dataclass(frozen=True)
+class Known:
+    """What no tolerance of the sweeps changes, by rows and axes as text: stable stretches, where there is a stable
+    periodic motion, and attractors.
     """
 
-    known: dict[str, Any] = field(default_factory=dict)
+    stretches: dict[str, list[StableSegment]] = field(default_factory=dict)
+    periodic: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    attractors: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
+
+
+@dataclass
+class StableMotions(Evidence):
+    """Evidence that knows branches too; `known` is for several to share."""
+
+    known: Known = field(default_factory=Known)
 
     def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
         """For every row the stable stretches of the branches through the motions of sweeps: cold, up and down.
@@ -55,14 +63,15 @@ class StableMotions(Evidence):
         Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
         """
         names = [json.dumps([sorted(row.items()), axis.tolist(), over]) for row in rows]
-        missing = [k for k, name in enumerate(names) if name not in self.known]
+        known = self.known.stretches
+        missing = [k for k, name in enumerate(names) if name not in known]
         sweeps = [self.curves([rows[k] for k in missing], axis, over=over, direction=d) for d in ("cold", "up", "down")]
         with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
             tasks = [pool.submit(_followed, directions) for directions in zip(*sweeps)]
             for k, task in zip(missing, tasks):
-                self.known[names[k]] = task.result()
+                known[names[k]] = task.result()
                 bar.update()
-        return [self.known[name] for name in names]
+        return [known[name] for name in names]
 
     def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
         """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
@@ -95,8 +104,8 @@ class StableMotions(Evidence):
 
     def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
         """(n,) whether there is a stable periodic motion: one of a sweep, closed by Newton, with its multipliers."""
-        name = json.dumps(["periodic", sorted(row.items()), axis.tolist()])
-        if name not in self.known:
+        name = json.dumps([sorted(row.items()), axis.tolist()])
+        if name not in self.known.periodic:
             found = np.zeros(len(axis), dtype=bool)
             for direction in ("cold", "up", "down"):
                 curve = (sweep := self.curves([row], axis, direction=direction)[0]).curve
@@ -106,18 +115,18 @@ class StableMotions(Evidence):
                     if seen.period and not found[k]:
                         point = point_of(of, span, seen)
                         found[k] = point is not None and point.orbit.stable
-            self.known[name] = found
-        return np.array(self.known[name])
+            self.known.periodic[name] = found
+        return np.array(self.known.periodic[name])
 
     def attractors(self, row: Values) -> list[tuple[int, float]]:
         """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
-        name = json.dumps(["attractors", sorted(row.items())])
-        if name not in self.known:
+        name = json.dumps(sorted(row.items()))
+        if name not in self.known.attractors:
             system = paper_system(row)
             starts = [np.array(State.at_start(system).numbers), *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))]
             found = find_attractors(DrivelineMotion(system), starts)
-            self.known[name] = sorted((a.period, a.largest) for a in found)
-        return list(self.known[name])
+            self.known.attractors[name] = sorted((a.period, a.largest) for a in found)
+        return list(self.known.attractors[name])
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from tcc_sim.paper.figure_results import (
     ChartCurve,
     Curves,
     Figure,
+    JumpBehind,
     MapCurve,
     MotionsBehind,
 )
@@ -127,7 +128,7 @@ def test_labels_are_moved_apart_in_order() -> None:
     assert spread([], 0.05, 0.0, 1.0) == []
 
 
-def given_curve(jumps: list[dict[str, Any]] | None = None, **more: Any) -> MapCurve:
+def given_curve(jumps: list[JumpBehind] | None = None, **more: Any) -> MapCurve:
     """A curve with one branch that folds, and a jump there."""
     branch = {"period": 1, "origin": "start", "value": [20.0, 120.0, 150.0, 120.0], "slip_speed": [0.0] * 4,
               "plate_angle": [0.1] * 4, "plate_speed": [0.0] * 4, "max_slip_speed": [10.0, 20.0, 30.0, 40.0],
@@ -137,8 +138,7 @@ def given_curve(jumps: list[dict[str, Any]] | None = None, **more: Any) -> MapCu
               "residual": [1e-12] * 4}
     fold = {"kind": "fold", "value": 150.0, "slip_speed": 0.0, "plate_angle": 0.1, "plate_speed": 0.0,
             "max_slip_speed": 30.0, "multipliers": [[1.0, 0.0]] * 3, "residual": 1e-11, "branch": 0, "period": 1}
-    jump = {"value": 150.0, "between": [145.0, 155.0], "max_slip_speed": [29.0, 50.0], "cause": "fold",
-            "bifurcation": 0}
+    jump = JumpBehind(150.0, (145.0, 155.0), (29.0, 50.0), "fold", 0)
     behind = MotionsBehind([branch], [fold], [jump] if jumps is None else jumps, [])
     return curve_of(**{"largest": [10.0] * 11, "settled": [True] * 10 + [False], "behind": behind, **more})
 
@@ -226,8 +226,8 @@ def test_the_page_says_what_was_found() -> None:
 
 
 def test_the_page_joins_jumps_that_nothing_is_known_of() -> None:
-    unknown = [{"value": x, "between": [x, x], "max_slip_speed": [size, size - 10.0], "cause": "aperiodic",
-                "bifurcation": None} for x, size in ((0.1, 90.0), (0.15, 80.0), (0.2, 70.0))]
+    unknown = [JumpBehind(x, (x, x), (size, size - 10.0), "aperiodic", None)
+               for x, size in ((0.1, 90.0), (0.15, 80.0), (0.2, 70.0))]
     figure = given_figure(6, "orbit", [given_curve(jumps=unknown)])
     page = motions.motions_page(figure, {}, given_basins())
     lines = [line for line in page.splitlines() if line.startswith("- a motion")]

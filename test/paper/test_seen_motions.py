@@ -43,5 +43,5 @@ def test_motions_that_settle_slowly_lie_on_their_branch_and_their_jump_is_the_do
     plan = Plan(cycles=150, discard=50, direction="down")
     found, = motions_behind(sweep_curves([Curve(system, KEY, values)], plan))
     jump, = found.jumps
-    assert jump["cause"] == "period_doubling"
-    assert jump["value"] / STATIC == pytest.approx(DOUBLING, abs=1e-8)
+    assert jump.cause == "period_doubling"
+    assert jump.value / STATIC == pytest.approx(DOUBLING, abs=1e-8)

@@ -40,7 +40,7 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
         1: [x for x, repeats in once.items() if repeats], 2: [x for x, repeats in once.items() if not repeats]}
     json.dumps([first.as_json(), second.as_json()], allow_nan=False)
     assert [end.value for end in evidence.ends(AT_036, AXIS, over=KINETIC)] == [two.high.value]
-    assert len(evidence.known) == 1
+    assert len(evidence.known.stretches) == 1
     again = StableMotions(1e-11, 1, known=evidence.known)
     assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is found
 
