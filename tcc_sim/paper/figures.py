@@ -16,6 +16,7 @@ from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper import figure_results as results
+from tcc_sim.paper.branches_behind import chart, motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.paper.catalogue import (
     CHARTS,
     FIGURES,
@@ -29,9 +30,7 @@ from tcc_sim.paper.catalogue import (
     paper_system,
     series_system,
 )
-from tcc_sim.paper.charts import chart
 from tcc_sim.paper.evidence import JUMP, first_half, steep, swept
-from tcc_sim.paper.seen_motions import motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.executors import workers

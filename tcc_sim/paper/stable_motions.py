@@ -25,9 +25,9 @@ from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment, se
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
+from tcc_sim.paper.branches_behind import RUNS, seen_in, surveyed
 from tcc_sim.paper.catalogue import NORMALISED, paper_system
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, LATER, Evidence, Values, share_where
-from tcc_sim.paper.seen_motions import RUNS, seen_in, surveyed
 from tcc_sim.sweeps.executors import progress_bar, workers
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import Floats, State

@@ -20,8 +20,9 @@ from tcc_sim.benchmarks import motions
 from tcc_sim.cli import main
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.pure_stick import constant_load_limits
-from tcc_sim.paper import charts, figures
+from tcc_sim.paper import branches_behind, figures
 from tcc_sim.paper.branch_panels import spread, top_of
+from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.catalogue import CHARTS, FIGURES, OMEGA_N, FigureOptions, PaperFigure, paper_system, plain
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_results import (
@@ -36,7 +37,6 @@ from tcc_sim.paper.figure_results import (
     MotionsBehind,
 )
 from tcc_sim.paper.histories import orbit_words
-from tcc_sim.paper.seen_motions import creeps, motions_behind, motions_behind_each
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 
@@ -80,7 +80,7 @@ def test_a_chart_leaves_out_what_no_stable_motion_ends_in() -> None:
     found: Any = SimpleNamespace(kind="fold", value=1.0, point=SimpleNamespace(orbit=orbit))
     of: Any = SimpleNamespace(forcing_period=1)
     ranges = ParameterRange(0.0, 2.0), ParameterRange(0.0, 2.0)
-    assert charts.followed(found, of, ranges, 1.0, []) is None
+    assert branches_behind.followed(found, of, ranges, 1.0, []) is None
 
 
 def test_the_end_of_stick_is_told_by_its_creep() -> None:
@@ -98,17 +98,18 @@ def test_the_end_of_stick_is_told_by_its_creep() -> None:
 def test_stick_borders_are_those_of_the_closed_form_whatever_mu_k() -> None:
     limit = constant_load_limits(paper_system())[-1]
     ranges = ParameterRange(0.3 * OMEGA_N, 0.5 * OMEGA_N), ParameterRange(0.165, 0.29)
-    border, = charts.stick_borders(paper_system(), ("engine.frequency", "friction.kinetic_coefficient"), ranges, 40)
+    keys = ("engine.frequency", "friction.kinetic_coefficient")
+    border, = branches_behind.stick_borders(paper_system(), keys, ranges, 40)
     assert list(border.value) == pytest.approx([limit] * len(border.value), rel=1e-6)
     assert (min(border.second), max(border.second)) == (pytest.approx(0.165), pytest.approx(0.29))
 
 
 def test_the_distance_from_a_line() -> None:
     line = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
-    assert charts.distance(np.array([0.5, 0.3]), line) == pytest.approx(0.3)
-    assert charts.distance(np.array([2.0, 1.0]), line) == pytest.approx(1.0)
-    assert charts.distance(np.array([-3.0, -4.0]), line) == pytest.approx(5.0)
-    assert charts.distance(np.array([3.0, 4.0]), line[:1]) == pytest.approx(5.0)
+    assert branches_behind.distance(np.array([0.5, 0.3]), line) == pytest.approx(0.3)
+    assert branches_behind.distance(np.array([2.0, 1.0]), line) == pytest.approx(1.0)
+    assert branches_behind.distance(np.array([-3.0, -4.0]), line) == pytest.approx(5.0)
+    assert branches_behind.distance(np.array([3.0, 4.0]), line[:1]) == pytest.approx(5.0)
 
 
 def test_a_panel_says_what_its_orbit_is() -> None:

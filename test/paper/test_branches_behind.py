@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from oracle import smoothed_states
 
+from tcc_sim.paper.branches_behind import motions_behind, seen_in, still_higher
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.paper.seen_motions import motions_behind, seen_in, still_higher
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
 
 KEY = "friction.kinetic_coefficient"
