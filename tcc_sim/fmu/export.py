@@ -28,7 +28,7 @@ from tcc_sim.fmu.printer import Library
 from tcc_sim.model import friction
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
-from tcc_sim.solvers import fixed_step, torques
+from tcc_sim.solvers import excitation, fixed_step
 from tcc_sim.solvers.terms import Terms
 
 COMPILERS = "cc", "gcc", "clang"
@@ -156,8 +156,8 @@ def _kernel() -> str:
     library.declared(terms)
     roots: list[tuple[object, tuple[Kind, ...]]] = [
         (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
-        (torques.piece_at, (of["course"], DOUBLE)),
-        (torques.torques_now, (DOUBLE, INT, of["course"], terms)),
+        (excitation.piece_at, (of["course"], DOUBLE)),
+        (excitation.torques_now, (DOUBLE, INT, of["course"], terms)),
         (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"]))]
     for function, kinds in roots:
         library.function(function, kinds)

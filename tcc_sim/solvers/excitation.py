@@ -1,12 +1,14 @@
 """What drives a kernel: engine torque and saturation torque, their Taylor coefficients, and where the clamp of the
 pressure at 0 sets in and ends.
 
-Time is `tau`, seconds into an engine cycle. The sines of the engine torque repeat with the cycle; the load's phase at
-the start of the cycle is `shift` (rad), so that no large angle loses digits however long a run is.
+For the engines time is `tau`, seconds into an engine cycle. The sines of the engine torque repeat with the cycle; the
+load's phase at the start of the cycle is `shift` (rad), so that no large angle loses digits however long a run is.
 
 Where frequency and means vary in time there is a `course`, one piece of `model.course` as a row, else None: sines have
 a quadratic phase then, and means are linear. Times of the row are seconds into the engine cycle, phases those since its
 start, and the rates of waves and load are per rad of phi.
+
+Methods that ask for torques alone have them of the time since cycle 0, with a whole course (`torques_now`).
 """
 
 from __future__ import annotations
@@ -18,9 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model import course as of
-from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, fast, saturation_torque
+from tcc_sim.solvers.compiling.compiled import reached as reached_unfused
 from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
+from tcc_sim.trajectory import Floats
 
 TWO_PI = 2.0 * math.pi
 Pulsation = Any
@@ -254,3 +258,36 @@ def edge_varying(tau: float, end: float, pulsation: Pulsation, row: Any) -> tupl
             return bisected(low, high, 0, pulsation, row), loaded
         low, rate = high, following
     return until, loaded
+
+
+@compiled
+def torques_now(t: float, piece: int, course: Floats | None, terms: Terms) -> tuple[float, float]:
+    """Te and Ts at time t; with a course, by its piece of this number."""
+    if course is None:
+        return (engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics),
+                saturation_torque(t, terms.mean_load, terms.pulsation))
+    else:
+        angle, mean_torque, mean_load = reached_unfused(t, course[piece])
+        return (engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
+                saturation_torque(angle, mean_load, terms.pulsation))
+
+
+@compiled
+def piece_at(course: Floats | None, t: float) -> int:
+    """The number of the piece of the course that holds at time t; 0 where there is none."""
+    if course is None:
+        return 0
+    else:
+        return int(max(np.searchsorted(course[:, 0], t, side="right") - 1, 0))
+
+
+@compiled
+def break_after(course: Floats | None, t: float, h: float) -> float:
+    """How far the next corner or jump of the course is from time t, at most h seconds."""
+    if course is None:
+        return h
+    else:
+        following = np.searchsorted(course[:, 0], t, side="right")
+        if following == len(course) or not course[following, 0] - t < h * (1.0 - 1e-9):
+            return h
+        return float(max(course[following, 0] - t, 1e-9 * h))

@@ -21,11 +21,11 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed, timed
+from tcc_sim.solvers.excitation import break_after, piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, same_but_means, stick_speed_of, substeps, terms_of, torques_at
-from tcc_sim.solvers.torques import break_after, piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 BATCH = 400_000

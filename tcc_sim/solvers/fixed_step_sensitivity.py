@@ -16,6 +16,7 @@ from tcc_sim.model.course import LOAD, TORQUE
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
+from tcc_sim.solvers.excitation import break_after
 from tcc_sim.solvers.fixed_step import A21, B1, B2, GAMMA, plate_of, stages
 from tcc_sim.solvers.key_derivatives import (
     DAMPING,
@@ -30,7 +31,6 @@ from tcc_sim.solvers.key_derivatives import (
     STIFFNESS,
 )
 from tcc_sim.solvers.terms import Terms
-from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
 
 LOAD_SCALE, ROWS = len(NUMBERS), len(NUMBERS) + 1

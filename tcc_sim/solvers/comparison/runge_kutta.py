@@ -12,10 +12,10 @@ import numpy as np
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.compiling.compiled import accelerations, compiled
 from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
+from tcc_sim.solvers.excitation import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
-from tcc_sim.solvers.torques import piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 STEPS = 2_000_000_000

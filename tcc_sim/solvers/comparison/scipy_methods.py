@@ -15,10 +15,10 @@ from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.dormand_prince import GOES_ON, march, prepare
 from tcc_sim.solvers.comparison.runge_kutta import rates
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
+from tcc_sim.solvers.excitation import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
-from tcc_sim.solvers.torques import piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory
 
 STEPS = 10_000_000
