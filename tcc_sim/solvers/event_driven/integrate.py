@@ -26,9 +26,7 @@ from tcc_sim.solvers.event_driven.step import (
 )
 from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
 from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
-from tcc_sim.solvers.loads import keep_breakaway, keep_loads
-from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
-from tcc_sim.solvers.step_output import (
+from tcc_sim.solvers.kept import (
     DONE,
     EVENT_LIMIT,
     FULL,
@@ -43,6 +41,8 @@ from tcc_sim.solvers.step_output import (
     keep_stick,
     note_move,
 )
+from tcc_sim.solvers.loads import keep_breakaway, keep_loads
+from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
 

@@ -22,9 +22,8 @@ from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds,
 from tcc_sim.solvers.event_driven.step import SHAPE
 from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
 from tcc_sim.solvers.excitation import DRIVE, waves_of
-from tcc_sim.solvers.kept import Kept
+from tcc_sim.solvers.kept import CYCLE, OUTPUT, Kept, Store
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
 from tcc_sim.solvers.stroboscopic import ends
 from tcc_sim.solvers.terms import Terms, per_system, terms_of
 from tcc_sim.trajectory import Floats, Orbits, Statistics, Status, Trajectory

@@ -44,6 +44,7 @@ from tcc_sim.solvers.event_driven.sensitivity import (
 from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, SHAPE, Step, monotone
 from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
+from tcc_sim.solvers.kept import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT, note_move
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
     EXCESS_RATIO,
@@ -53,13 +54,12 @@ from tcc_sim.solvers.key_derivatives import (
     TORQUE_AMPLITUDE,
 )
 from tcc_sim.solvers.series import SLIP
-from tcc_sim.solvers.step_output import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT, note_move
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK, Floats, event_sequence
 
 DEGENERATE = 9
-"""How the loop ends where slip ends with v' = 0; else as `step_output` says."""
+"""How the loop ends where slip ends with v' = 0; else as `kept` says."""
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
 SHORTER = 0.6

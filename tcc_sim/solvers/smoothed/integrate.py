@@ -12,6 +12,17 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import STARTED, clamp_edge, excite, load_phase
+from tcc_sim.solvers.kept import (
+    DONE,
+    FULL,
+    NOT_FINITE,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+    Store,
+    end_of_cycle,
+    full,
+    keep_step,
+)
 from tcc_sim.solvers.loads import keep_loads, wanted
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
@@ -36,17 +47,6 @@ from tcc_sim.solvers.smoothed.switching import (
     after_step,
     begin_cycle,
     choose_method,
-)
-from tcc_sim.solvers.step_output import (
-    DONE,
-    FULL,
-    NOT_FINITE,
-    STEP_LIMIT,
-    STEP_TOO_SMALL,
-    Store,
-    end_of_cycle,
-    full,
-    record,
 )
 from tcc_sim.solvers.terms import Terms
 
@@ -170,8 +170,8 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
     state, _, _, work, _, output = memory
     keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
     begun = started(first + output.cycle, limits.period, terms.course)
-    record(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed, output,
-           store, angle)
+    keep_step(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed, output,
+              store, angle)
 
 
 @fast

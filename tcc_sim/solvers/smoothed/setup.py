@@ -221,7 +221,7 @@ weights : how much of every source there is
 
 
 class Memory(NamedTuple):
-    """What one solve changes as it goes; `drive` is that of `excitation`, `output` that of `step_output`."""
+    """What one solve changes as it goes; `drive` is that of `excitation`, `output` that of `kept`."""
 
     state: Any
     control: Any

@@ -21,13 +21,12 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS, collocation
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
-from tcc_sim.solvers.kept import Kept
+from tcc_sim.solvers.kept import CYCLE, OUTPUT, Kept, Store
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, WORK, Limits, Memory, Setup, limits_of
 from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
-from tcc_sim.solvers.step_output import CYCLE, OUTPUT, Store
 from tcc_sim.solvers.stroboscopic import ends
 from tcc_sim.solvers.terms import Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats, Orbits, State, Statistics, Status, Trajectory

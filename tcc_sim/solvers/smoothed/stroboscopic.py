@@ -18,13 +18,13 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import collocation
 from tcc_sim.solvers.compiling.compiled import Partial, fast
+from tcc_sim.solvers.kept import CYCLE, DONE, MOVE, STATUSES, Store
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, NUMBERS
 from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED, Tangent
 from tcc_sim.solvers.smoothed.setup import Limits, Memory, Setup
 from tcc_sim.solvers.smoothed.solve import KINDS, setup_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
-from tcc_sim.solvers.step_output import CYCLE, DONE, MOVE, STATUSES, Store
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.trajectory import Floats, event_sequence
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
-from tcc_sim.solvers import polynomial, step_output
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.kept import CYCLE, MOVE, OUTPUT, Store, keep_step
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.solvers.smoothed.setup import WORK
 
@@ -33,12 +34,12 @@ def about(p: Polynomial, at: float, unit: float) -> list[float]:
 
 
 class Kept:
-    """What `record` has kept of a run of steps."""
+    """What `keep_step` has kept of a run of steps."""
 
     def __init__(self, ends: list[float], unit: float = 0.1, *, motions: dict[int, Polynomial] = MOTIONS, mode: int = 0,
                  per_cycle: int = PER_CYCLE, rooms: int = 40, angle: bool = True) -> None:
-        self.output: Any = np.zeros(1, step_output.OUTPUT)[0]
-        self.cycles, self.moves = np.zeros(CYCLES + 1, step_output.CYCLE), np.zeros(rooms, step_output.MOVE)
+        self.output: Any = np.zeros(1, OUTPUT)[0]
+        self.cycles, self.moves = np.zeros(CYCLES + 1, CYCLE), np.zeros(rooms, MOVE)
         self.samples = np.full((CYCLES * per_cycle, 4 if angle else 3), np.nan)
         start = float(motions[SLIP](0.0))
         self.output["mode"], self.output["highest"], self.output["lowest"] = mode, start, start
@@ -54,8 +55,8 @@ class Kept:
             cut = (PERIOD - tau) / unit
             cut = x if abs(cut - x) < 1e-12 else cut
             polynomial.to_bernstein(work["rows"], SLIP, degree, x, work["bernstein"])
-            step_output.record(work, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
-                               step_output.Store(self.cycles, self.samples, per_cycle, self.moves),
+            keep_step(work, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
+                               Store(self.cycles, self.samples, per_cycle, self.moves),
                                True if angle else None)
             begin, tau = end, end - PERIOD * self.output["cycle"]
 
