@@ -4,28 +4,63 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 from tcc_sim.recording.reader import open_run
+from tcc_sim.result import SPREAD
 
 WARM_UP = 60.0
 """Memory growth counts from here on, s; from a fifth of the duration on where that is shorter."""
 
 
-def soak(recording: Path, rate: float, duration: float, progress: Callable[[float], Any]) -> dict[str, Any]:
-    """Run the scene `commands` at `rate` Hz with as many commands a second, recorded, for `duration` seconds.
+@dataclass(frozen=True)
+class ProcessUse:
+    """Memory of a process after the warm-up, bytes, and processor time as a fraction of one core."""
 
-    Returns
-    -------
-    dict : `rate`, `duration_s`, `simulated_s`, `messages` per topic, `lost_messages`, `complete`, `recorder_result`
-    (what the recorder counted), `count_is_honest` (the recorder counted as many joint_states lost, by their numbers
-    at the publisher, as there are gaps in the stamps that it recorded), `drift_s` (real time beyond simulation time
-    over the run), `warnings`, and for `driveline` and `recorder` `memory_first_bytes`, `memory_last_bytes`,
-    `memory_growth_bytes` after the warm-up, and `cpu_fraction`
+    memory_first_bytes: int
+    memory_last_bytes: int
+    memory_growth_bytes: int
+    cpu_fraction: float
+
+
+@dataclass(frozen=True)
+class RecordedFigures:
+    """What a recording says.
+
+    messages : per topic
+    recorder_result : what the recorder counted
+    count_is_honest : the recorder counted as many joint_states lost, by their numbers at the publisher, as there are
+        gaps in the stamps that it recorded
+    drift_s : real time beyond simulation time over the run
     """
+
+    messages: Mapping[str, int]
+    lost_messages: int
+    complete: bool
+    recorder_result: Mapping[str, Any]
+    count_is_honest: bool
+    drift_s: float
+    warnings: Sequence[str]
+    simulated_s: float
+
+
+@dataclass(frozen=True)
+class SoakFigures:
+    """The figures of `tcc-sim soak --json`."""
+
+    rate: float
+    duration_s: float
+    recorded: RecordedFigures = field(metadata=SPREAD)
+    driveline: ProcessUse
+    recorder: ProcessUse
+
+
+def soak(recording: Path, rate: float, duration: float, progress: Callable[[float], Any]) -> SoakFigures:
+    """Run the scene `commands` at `rate` Hz with as many commands a second, recorded, for `duration` seconds."""
     session = Session(recording, {"scene": "commands", "rate": float(rate)})
     sender = NodeProcess("commander", {"rate": float(rate)}, session.environment)
     processes = {"driveline": session.driveline, "recorder": session.recorder}
@@ -46,15 +81,14 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
     finally:
         sender.stop()
         session.stop()
-    found = figures_of(recording)
+    use = {}
     for name, samples in memory.items():
         later = [size for when, size in samples if when >= warm] or [samples[-1][1]]
-        found[name] = {"memory_first_bytes": later[0], "memory_last_bytes": later[-1],
-                       "memory_growth_bytes": later[-1] - later[0], "cpu_fraction": share[name]}
-    return {"rate": rate, "duration_s": wall, **found}
+        use[name] = ProcessUse(later[0], later[-1], later[-1] - later[0], share[name])
+    return SoakFigures(rate, wall, figures_of(recording), **use)
 
 
-def figures_of(recording: Path) -> dict[str, Any]:
+def figures_of(recording: Path) -> RecordedFigures:
     """Counts, losses and drift from the recording itself."""
     run = open_run(recording)
     first: tuple[int, int] | None = None
@@ -67,9 +101,8 @@ def figures_of(recording: Path) -> dict[str, Any]:
     drift = ((last[1] - begin[1]) - (last[0] - begin[0])) * 1e-9
     result = run.result or {}
     counted = result.get("lost", {}).get(run.joint_states_topic)
-    return {"messages": run.messages, "lost_messages": run.lost_messages, "complete": run.complete,
-            "recorder_result": result, "count_is_honest": counted == run.lost_messages, "drift_s": drift,
-            "warnings": run.warnings, "simulated_s": (last[0] - begin[0]) * 1e-9}
+    return RecordedFigures(run.messages, run.lost_messages, run.complete, result, counted == run.lost_messages, drift,
+                           run.warnings, (last[0] - begin[0]) * 1e-9)
 
 
 def _resident(pid: int) -> int:

@@ -12,8 +12,9 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -37,14 +38,24 @@ OUTSIDE = 4.0
 """Standard errors beyond which a value must be flagged."""
 
 
-def one_draw(scene: str, seed: int, seconds: float = 1.0) -> dict[str, Any]:
-    """One draw: what `identify` said of so many seconds, and by how many of its standard errors it missed the truth.
-
-    Returns
-    -------
-    dict : `scene`, `seed`, `accepted`, `chi2_per_dof`, `starts`, `seconds` (CPU time), and by key `missed` and
-        `verdicts`
+@dataclass(frozen=True)
+class Draw:
+    """What `identify` said of a draw, and by key by how many of its standard errors it `missed` the truth; `seconds` of
+    CPU time.
     """
+
+    scene: str
+    seed: int
+    accepted: bool
+    chi2_per_dof: float
+    starts: int
+    seconds: float
+    missed: Mapping[str, float]
+    verdicts: Mapping[str, str]
+
+
+def one_draw(scene: str, seed: int, seconds: float = 1.0) -> Draw:
+    """Make one draw of so many seconds."""
     rng, loaded = np.random.default_rng(seed), load_scene(scene)
     values = dict(values_of(loaded.system))
     truth = {key: float(values[key]) for key in KEYS}  # type: ignore[arg-type]
@@ -58,20 +69,19 @@ def one_draw(scene: str, seed: int, seconds: float = 1.0) -> dict[str, Any]:
     began = time.process_time()
     found = identify(Measurement(t, {"slip_speed": slip, "plate_speed": plate}), free, scene=loaded,
                      noise={"slip_speed": noise[0], "plate_speed": noise[1]})
-    return {"scene": scene, "seed": seed, "accepted": found.accepted, "chi2_per_dof": found.chi2_per_dof,
-            "starts": found.starts, "seconds": time.process_time() - began,
-            "missed": {p.key: (p.value - truth[p.key]) / p.standard_error for p in found.parameters},
-            "verdicts": {p.key: p.verdict for p in found.parameters}}
+    return Draw(scene, seed, found.accepted, found.chi2_per_dof, found.starts, time.process_time() - began,
+                {p.key: (p.value - truth[p.key]) / p.standard_error for p in found.parameters},
+                {p.key: p.verdict for p in found.parameters})
 
 
-def summary(draws: list[dict[str, Any]]) -> dict[str, str]:
+def summary(draws: list[Draw]) -> dict[str, str]:
     """What a row of the table says of some draws; the intervals are those of the fits that were accepted."""
-    fits, seconds = [d for d in draws if d["accepted"]], [d["seconds"] for d in draws]
-    missed = np.array([[d["missed"][key] for key in KEYS] for d in fits])
-    flagged = np.array([[d["verdicts"][key] != "identified" for key in KEYS] for d in fits])
+    fits, seconds = [d for d in draws if d.accepted], [d.seconds for d in draws]
+    missed = np.array([[d.missed[key] for key in KEYS] for d in fits])
+    flagged = np.array([[d.verdicts[key] != "identified" for key in KEYS] for d in fits])
     covered = np.abs(missed) <= WITHIN
     return {"draws": str(len(draws)), "converged": f"{100.0 * len(fits) / len(draws):.1f} %",
-            "restarted": str(sum(d["starts"] > 1 for d in draws)), "CPU s, median": f"{np.median(seconds):.1f}",
+            "restarted": str(sum(d.starts > 1 for d in draws)), "CPU s, median": f"{np.median(seconds):.1f}",
             "largest": f"{max(seconds):.1f}", "coverage": f"{covered.mean():.3f}",
             "by key": ", ".join(f"{share:.3f}" for share in covered.mean(axis=0)),
             "largest miss, standard errors": f"{np.abs(missed).max():.2f}",
@@ -82,13 +92,13 @@ def main(words: list[str]) -> None:
     """Make the draws that a file does not hold, and print the table of all that it holds then."""
     path, count, scenes = Path(words[0]), int(words[1]) if len(words) > 1 else DRAWS, words[2:] or SCENES
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    done = {(d["scene"], d["seed"]): d for d in map(json.loads, lines)}
+    done = {(d.scene, d.seed): d for d in (Draw(**json.loads(line)) for line in lines)}
     with path.open("a", encoding="utf-8") as file:
         for seed in range(count):
             for scene in scenes:
                 if (scene, seed) not in done:
                     done[scene, seed] = one_draw(scene, seed)
-                    file.write(json.dumps(done[scene, seed]) + "\n")
+                    file.write(json.dumps(vars(done[scene, seed])) + "\n")
                     file.flush()
     rows = {scene: summary([d for (of, _), d in done.items() if of == scene]) for scene in scenes}
     head = list(next(iter(rows.values())))

@@ -145,18 +145,20 @@ def _realtime(arguments: argparse.Namespace) -> dict[str, Any]:
 def _soak(arguments: argparse.Namespace) -> dict[str, Any]:
     """Driveline, recorder and commands for a long time; the recording is made in a temporary folder."""
     from tcc_sim.benchmarks.endurance import soak
+    from tcc_sim.result import json_of
 
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
         found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
-    say(f"{found['simulated_s']:.1f} s simulated in real time at {found['rate']:g} Hz, drift "
-        f"{found['drift_s'] * 1e3:.1f} ms")
-    judged = "as many as" if found["count_is_honest"] else "which is not what"
-    say(f"{counted(sum(found['messages'].values()), 'message')}; {found['lost_messages']} of joint_states missing by "
+    recorded = found.recorded
+    say(f"{recorded.simulated_s:.1f} s simulated in real time at {found.rate:g} Hz, drift "
+        f"{recorded.drift_s * 1e3:.1f} ms")
+    judged = "as many as" if recorded.count_is_honest else "which is not what"
+    say(f"{counted(sum(recorded.messages.values()), 'message')}; {recorded.lost_messages} of joint_states missing by "
         f"the stamps, {judged} the recorder counted")
-    for name in ("driveline", "recorder"):
-        node = found[name]
-        say(f"{name}: {node['memory_last_bytes'] / 1e6:.1f} MB, grown by {node['memory_growth_bytes'] / 1e6:.2f} MB "
-            f"after the warm-up, {node['cpu_fraction'] * 100.0:.1f} % of a core")
-    for warning in found["warnings"]:
+    for name, node in (("driveline", found.driveline), ("recorder", found.recorder)):
+        say(f"{name}: {node.memory_last_bytes / 1e6:.1f} MB, grown by {node.memory_growth_bytes / 1e6:.2f} MB "
+            f"after the warm-up, {node.cpu_fraction * 100.0:.1f} % of a core")
+    for warning in recorded.warnings:
         say(f"warning: {warning}")
-    return found
+    figures: dict[str, Any] = json_of(found)
+    return figures

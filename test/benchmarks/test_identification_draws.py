@@ -8,26 +8,25 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.benchmarks import identification_draws
-from tcc_sim.benchmarks.identification_draws import KEYS, OUTSIDE, main, one_draw
+from tcc_sim.benchmarks.identification_draws import KEYS, OUTSIDE, Draw, main, one_draw
 
 
 @pytest.mark.parametrize("scene", ["fig02", "chaos"])
 def test_a_draw_converges_from_its_first_start(scene: str) -> None:
     """Starts 10 % off in random directions; a window that sticks must not lead the fit astray on the way."""
     found = one_draw(scene, 1, 0.6)
-    assert found["accepted"]
-    assert found["starts"] == 1
-    assert max(map(abs, found["missed"].values())) < OUTSIDE
+    assert found.accepted
+    assert found.starts == 1
+    assert max(map(abs, found.missed.values())) < OUTSIDE
 
 
 def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     made = []
 
-    def drawn(scene: str, seed: int) -> dict[str, object]:
+    def drawn(scene: str, seed: int) -> Draw:
         made.append((scene, seed))
         missed = {key: 5.0 if seed == 2 and key == KEYS[0] else 0.1 for key in KEYS}
-        return {"scene": scene, "seed": seed, "accepted": seed != 1, "chi2_per_dof": 1.0, "starts": 1, "seconds": 2.0,
-                "missed": missed, "verdicts": dict.fromkeys(KEYS, "identified")}
+        return Draw(scene, seed, seed != 1, 1.0, 1, 2.0, missed, dict.fromkeys(KEYS, "identified"))
 
     monkeypatch.setattr(identification_draws, "one_draw", drawn)
     path = tmp_path / "draws.jsonl"

@@ -13,9 +13,9 @@ ROWS = ticked(load_scene("minimal"), 300)
 @pytest.mark.parametrize("beyond", [0, 1, -1])
 def test_the_count_of_the_recorder_is_compared_with_the_gaps_in_the_stamps(tmp_path, kept, gaps, beyond):
     found = figures_of(bag(tmp_path / "run", kept, "minimal", lost=gaps + beyond))
-    assert (found["lost_messages"], found["messages"]["/joint_states"], found["complete"]) == (gaps, 300 - gaps, True)
-    assert found["count_is_honest"] == (beyond == 0)
+    assert (found.lost_messages, found.messages["/joint_states"], found.complete) == (gaps, 300 - gaps, True)
+    assert found.count_is_honest == (beyond == 0)
 
 
 def test_without_a_count_there_is_nothing_to_believe(tmp_path):
-    assert not figures_of(bag(tmp_path / "run", ROWS, "minimal", cut=True))["count_is_honest"]
+    assert not figures_of(bag(tmp_path / "run", ROWS, "minimal", cut=True)).count_is_honest
