@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ from tcc_sim.topics import HEADER, INPUTS
 if TYPE_CHECKING:
     from tcc_sim.recording.batches import JointStates
     from tcc_sim.recording.contents import Channel
-    from tcc_sim.recording.reader import Run, Tap
+    from tcc_sim.recording.reader import Run
     from tcc_sim.recording.records import Messages
 
 COMMAND, FALLBACK = "command", "fallback"
@@ -223,26 +223,11 @@ class Places:
         return [ScenePlace(index, number) for number, index in enumerate(found) if index is not None]
 
 
-def places_of(run: Run, progress: bool = False) -> list[ScenePlace]:
-    """From which states on the scenes of a recording hold."""
-    return found_places(run, run.scenes[:MOST_SCENES], "scenes", progress)
-
-
-def found_places(run: Run, said: Sequence[SceneRecord | InputSource], what: str, progress: bool) -> list[ScenePlace]:
-    """From which states on what the driveline said holds; the recording is read once more for more than one message."""
+def places_of(said: Sequence[SceneRecord | InputSource], batches: Iterable[JointStates]) -> list[ScenePlace]:
+    """From which states on the messages of one kind hold; the recording is read for more than one of them."""
     if len(said) < 2:
         return [ScenePlace(0, 0)] if said else []
     found = Places(said)
-    for batch in watched(run, what, progress):
+    for batch in batches:
         found.feed(batch)
     return found.places()
-
-
-def watched(run: Run, what: str, progress: bool, tap: Tap | None = None) -> Iterator[JointStates]:
-    """The batches of a run, with a bar on a terminal."""
-    from tqdm import tqdm
-
-    with tqdm(desc=what, unit=" messages", unit_scale=True, leave=False, disable=None if progress else True) as bar:
-        for batch in run.batches(tap):
-            yield batch
-            bar.update(len(batch))

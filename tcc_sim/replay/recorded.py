@@ -17,7 +17,7 @@ from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.model.parameters import System
-from tcc_sim.recording.announcements import places_of
+from tcc_sim.recording.announcements import MOST_SCENES, places_of
 from tcc_sim.recording.batches import JointStates, merged_batches
 from tcc_sim.recording.commands import SOURCE, Commands, Rows
 from tcc_sim.recording.reader import open_run
@@ -286,8 +286,8 @@ class Recording(Result):
 
     def _system(self, index: int) -> System:
         """What the scene in force at the state with this index describes."""
-        place = max((place for place in places_of(self._run) if place.index <= index), default=None,
-                    key=lambda place: place.number)
+        places = places_of(self._run.scenes[:MOST_SCENES], self._run.batches())
+        place = max((place for place in places if place.index <= index), default=None, key=lambda place: place.number)
         if place is None:
             return self.scene.system
         try:

@@ -20,10 +20,10 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
-from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES, found_places, input_sources, places_of, watched
+from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES, input_sources, places_of
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.commands import TARGET, Commands, Rows
-from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.reader import Run, Tap, open_run
 from tcc_sim.replay.control_log import ControlLog
 from tcc_sim.replay.recorded import Window, trajectory_of
 from tcc_sim.replay.result import Replay
@@ -86,13 +86,13 @@ def replay(path: Path | str, *, rrd: Path | None = None, spawn: bool = False, co
     if damping:
         _check_damping(own)
     part = window or Window()
-    timing = timing_of(own, frequency, part.of(watched(run, "frequency", progress)), frequency_changes(run))
+    timing = timing_of(own, frequency, part.of(_watched(run, "frequency", progress)), frequency_changes(run))
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
         reading = _Reading(run, own, timing, discard, verify, progress)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, Path(path).name, timing, own, where, reading.controlled) if where else None
-        for batch in watched(run, "reading", progress, reading.commands.take):
+        for batch in _watched(run, "reading", progress, reading.commands.take):
             reading.verify(batch)
             for kept, commanded in part.cut(batch, reading.commands.until(batch)):
                 reading.take(kept, commanded, view)
@@ -116,7 +116,7 @@ class _Reading:
         clock, self._system = timing.clock, scene.system
         if timing.source in ("given", "found"):
             self._system = replace(scene.system, engine=replace(scene.system.engine, frequency=timing.frequency))
-        places = places_of(run, progress)
+        places = places_of(run.scenes[:MOST_SCENES], _watched(run, "scenes", progress))
         self.commands = Commands(run.joint_states_topic)
         self.controlled = self.commands.has_target(run.topics)
         self._stream, self._tail = CycleStream(self._system, clock), Tail(self._system, clock)
@@ -125,7 +125,7 @@ class _Reading:
                                     self.controlled, self._stream, discard)
         self._sources = input_sources(run) if verify else []
         held = [(place.index, self._sources[place.number].commanded)
-                for place in found_places(run, self._sources, "inputs", progress)]
+                for place in places_of(self._sources, _watched(run, "inputs", progress))]
         self._verifier = Verifier(run.scenes, places, scene, run.size, held) if verify else None
 
     def verify(self, batch: JointStates) -> None:
@@ -254,3 +254,13 @@ def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tupl
     commanded = "topic" in (system.engine.source, system.pressure.source)
     return stack.enter_context(RerunStream(name, timing.clock.cycle, natural_frequency(terms_of(system)), file=file,
                                            spawn=spawn, url=connect, controlled=controlled or commanded))
+
+
+def _watched(run: Run, what: str, progress: bool, tap: Tap | None = None) -> Iterator[JointStates]:
+    """The batches of a run, with a bar on a terminal."""
+    from tqdm import tqdm
+
+    with tqdm(desc=what, unit=" messages", unit_scale=True, leave=False, disable=None if progress else True) as bar:
+        for batch in run.batches(tap):
+            yield batch
+            bar.update(len(batch))
