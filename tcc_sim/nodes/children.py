@@ -33,7 +33,7 @@ too.
 END_LIMIT = 60.0
 """Real time, s, that an end may take before the process is killed."""
 DOMAINS = range(1, 102)
-"""Those of which a choice is made; up to 101 they keep clear of the ephemeral ports of Linux."""
+"""ROS domains of which a choice is made; up to 101 they keep clear of the ephemeral ports of Linux."""
 _FIRST_PORT, _PORTS = 7400, 250
 """UDP ports of a domain, as the standard of DDS has them."""
 
