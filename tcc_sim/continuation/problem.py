@@ -1,7 +1,7 @@
 """What the study of motions knows of a system: a map from cycle to cycle, with its derivatives and what can be seen.
 
-A textbook map is one instance, a scene of the driveline another (`driveline_map`). Orbits, branches and bifurcations
-are worked out on this protocol alone.
+A textbook map is one instance, a scene of the driveline another (`DrivelineMap`). Orbits, branches and bifurcations are
+worked out on this protocol alone.
 """
 
 from __future__ import annotations
