@@ -125,9 +125,15 @@ def _divisors(period: int) -> list[int]:
     return [q for q in range(1, period) if period % q == 0]
 
 
+def _differences(points: Floats, lag: int) -> Floats:
+    """Largest differences of points `lag` apart, (n - lag,)."""
+    out: Floats = np.abs(points[lag:] - points[:-lag]).max(axis=1)
+    return out
+
+
 def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, float] | None:
     """Largest difference of points `lag` apart in the thirds of the run, each a whole multiple of `multiple` long."""
-    size = np.abs(points[lag:] - points[:-lag]).max(axis=1)
+    size = _differences(points, lag)
     width = len(size) // 3 // multiple * multiple
     if width == 0:
         return None
@@ -143,7 +149,7 @@ def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return True
-    size = np.abs(points[shorter:] - points[:-shorter]).max(axis=1)[-_repeats_of(points, period) * period:]
+    size = _differences(points, shorter)[-_repeats_of(points, period) * period:]
     if _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
         return True
     a, b, c = thirds
@@ -153,12 +159,14 @@ def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
 
 
 def _grows(points: Floats, period: int, tolerance: float) -> bool:
-    """Whether points that are still together part at a growing rate."""
+    """Whether points that are still together part at a growing rate, up to the end of the run."""
     thirds = _thirds(points, period, period)
     if thirds is None:
         return False
     a, b, c = thirds
-    return c > 0.01 * tolerance and c > DEFAULTS.growth * b and b > DEFAULTS.growth * a
+    if not (c > 0.01 * tolerance and c > DEFAULTS.growth * b and b > DEFAULTS.growth * a):
+        return False
+    return DEFAULTS.growth * _largest(_differences(points, period)[-_repeats_of(points, period) * period:]) > c
 
 
 def _limit(points: Floats, period: int) -> Floats | None:

@@ -183,6 +183,14 @@ def test_a_motion_on_its_way_elsewhere_has_no_period_yet():
     assert (found.period, found.settled) == (0, False)
 
 
+def test_a_motion_that_left_another_and_has_arrived_has_its_period():
+    """It leaves period two at a growing rate until, in the last third of the run, it comes to a larger one."""
+    n = np.arange(190)
+    apart = np.where(n < 136, 1e-3 * 1.04**n, 0.5)
+    found = periodicity(embedded(0.5 + 0.5 * apart * (-1.0) ** n))
+    assert (found.period, found.settled) == (2, True)
+
+
 @pytest.mark.parametrize("angle", [2.0 * math.pi / 3.0 + 0.002, 2.0 * math.pi / 5.0 - 0.001])
 @pytest.mark.parametrize("rate", [0.98, 0.99])
 def test_a_spiral_near_a_resonance_has_no_multiple_of_its_period(angle, rate):
