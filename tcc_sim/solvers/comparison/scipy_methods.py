@@ -12,8 +12,7 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.comparison.dormand_prince import GOES_ON, march, prepare
-from tcc_sim.solvers.comparison.runge_kutta import rates
+from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, prepare, rates
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.excitation import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
@@ -140,10 +139,10 @@ def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats
         y = rows[-1][-1, 1:]
         first = solver_of(begin, end, y)
         inner = marks[(marks > begin) & (marks <= end)]
-        piece = march(piece_of(terms, begin, end), begin, end, y, first.h_abs, first.rtol, first.atol, inner, spacing,
-                      problem.system.cycle)
-        rows.append(piece.rows)
-        ended, steps = piece.ended, steps + piece.steps
+        further, ended, taken = march(piece_of(terms, begin, end), begin, end, y, first.h_abs, first.rtol, first.atol,
+                                      inner, spacing, problem.system.cycle)
+        rows.append(further)
+        steps += taken
         if ended != GOES_ON:
             break
     found = np.concatenate(rows)
