@@ -40,7 +40,7 @@ TESTED = "0.62", "0.68"
 _lock = threading.RLock()
 
 
-class Entry(NamedTuple):
+class EntryPoint(NamedTuple):
     """How compiled code is called.
 
     block : what it is given of arguments and their words
@@ -60,14 +60,14 @@ class Kernel:
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         self.py_func, self.options = function, options
         self.__name__, self.__doc__ = function.__name__, function.__doc__
-        self.entries: dict[Kind, Entry] = {}
+        self.entries: dict[Kind, EntryPoint] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         """Call with floats, integers, None, arrays, records, and tuples of these."""
         entry, words = self.entered(arguments)
         return entry.run(entry.block(arguments, words))
 
-    def entered(self, arguments: tuple[Any, ...]) -> tuple[Entry, Words]:
+    def entered(self, arguments: tuple[Any, ...]) -> tuple[EntryPoint, Words]:
         """What is called for these arguments, and their words."""
         words: Words = []
         return self.entry(_laid_out(arguments, words), arguments, words), words
@@ -88,7 +88,7 @@ class Kernel:
         """What it can call, and how that is compiled."""
         return Reach(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
 
-    def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> Entry:
+    def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
         """What is called for these arguments, which is loaded or compiled first, by one thread at a time."""
         known = self.entries.get(kind)
         if known is not None:
@@ -97,14 +97,14 @@ class Kernel:
             if kind not in self.entries and not fits():
                 kernel_cache.announce(self.reach.size, f"in every process, since Numba {_numba()[0]} is not one of "
                                       f"{TESTED[0]} to {TESTED[1]}, whose code can be kept")
-                self.entries[kind] = Entry(lambda arguments, _: list(arguments), lambda block: self.part(*block))
+                self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments), lambda block: self.part(*block))
             elif kind not in self.entries:
                 name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
                 safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
                 which = hashlib.sha256(repr(kind).encode()).hexdigest()[:16]
                 self.entries[kind] = kernel_cache.kept(
                     f"{safe}-{self.reach.digest[:24]}-{which}", self.reach.size,
-                    lambda: self.part.written(arguments), lambda content: loaded(content, words))
+                    lambda: self.part.machine_code(arguments), lambda content: loaded(content, words))
             return self.entries[kind]
 
 
@@ -208,8 +208,8 @@ def _compiler() -> tuple[str, ...]:
             *(os.environ.get(f"NUMBA_{name}", "") for name in ("OPT", "CPU_NAME", "CPU_FEATURES", "ENABLE_AVX")))
 
 
-def loaded(content: bytes, words: Words) -> Entry:
-    """How compiled code (see `linked.written`) is called.
+def loaded(content: bytes, words: Words) -> EntryPoint:
+    """How compiled code (see `linked.machine_code`) is called.
 
     Raises
     ------
@@ -244,7 +244,7 @@ def loaded(content: bytes, words: Words) -> Entry:
         return found if several else found[0] if found else None
 
     run.engine = engine  # type: ignore[attr-defined]
-    return Entry(block, run)
+    return EntryPoint(block, run)
 
 
 def compiled(function: Function, **options: Any) -> Function:

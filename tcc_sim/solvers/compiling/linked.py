@@ -81,7 +81,7 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
 def dispatcher(kernel: Kernel) -> Any:
     """A kernel as Numba knows functions."""
     out = known(kernel, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    out.written = lambda arguments: written(out, arguments)
+    out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
 
 
@@ -113,7 +113,7 @@ def _hurrying(context: Any) -> Iterator[None]:
 
 
 @global_compiler_lock  # type: ignore[untyped-decorator]
-def written(part: Any, arguments: tuple[Any, ...]) -> bytes:
+def machine_code(part: Any, arguments: tuple[Any, ...]) -> bytes:
     """The machine code of a kernel for arguments like these, after a line with the format of what it gives back (as
     `struct` has it, in brackets where it is a tuple) and one with the names of the functions that it needs.
     """

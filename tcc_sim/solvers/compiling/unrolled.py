@@ -172,7 +172,7 @@ def exp(x: Any) -> Any:
     return Name(builder, builder.bitcast(builder.add(builder.bitcast(out.value, bits), exponent), x.value.type))
 
 
-def largest(x: Any) -> Any:
+def largest_size(x: Any) -> Any:
     """The largest size of the numbers of a row; not a number where all are none."""
     return folded(lambda a, b: _called("llvm.maxnum", a, b) if isinstance(a, Name) else max(a, b), magnitude(x))
 

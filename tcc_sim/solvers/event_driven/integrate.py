@@ -100,7 +100,7 @@ def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> N
 
 
 @fast
-def advance(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, rows: Any,
+def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, rows: Any,
             nodes: Any, matrices: Any, workspace: Any) -> Step:
     """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
     remaining = min(goal, state.load_edge) - state.tau
@@ -123,7 +123,7 @@ def fresh_length(linear: Linear) -> float:
 
 
 @fast
-def settle(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
+def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
            angle: Any) -> bool:
     """Bring the state to the end of a step and decide the mode that follows; True where it may be another one."""
     until = min(goal, state.load_edge)
@@ -229,13 +229,13 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
             state.first_mode = state.mode
         goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
         mode, tau = state.mode, state.tau
-        step = advance(bounds, terms, waves, state, drive, goal, rows, nodes, matrices, workspace)
+        step = step_on(bounds, terms, waves, state, drive, goal, rows, nodes, matrices, workspace)
         if not step.x >= 0.0:
             return NOT_FINITE
         if angle is not None:
             rows[FLYWHEEL, 0] = state.flywheel_angle
             add_integral(rows, step.degree, step.unit)
-        event = settle(bounds, terms, waves, step, goal, state, drive, rows, angle)
+        event = finish(bounds, terms, waves, step, goal, state, drive, rows, angle)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
         if step.x > 0.0:

@@ -86,7 +86,7 @@ def plate_speeds(h: float, inertia: float, linear: Linear, x0: float, u0: float,
 
 
 @fast
-def response(h: float, linear: Linear, m: Any) -> None:
+def friction_response(h: float, linear: Linear, m: Any) -> None:
     """m[0]: how the slip speed at the nodes falls with the friction at the nodes: h A/I1 + (I + ...)^-1 h A/I2."""
     for column in range(NODES):
         for i in range(NODES):
@@ -106,7 +106,7 @@ def slip_speeds(h: float, linear: Linear, sign: float, stribeck: Stribeck, v0: f
     for i in range(NODES):
         at[UNKNOWN_SLIP, i] = v0
     if stribeck is not None:
-        response(h, linear, m)
+        friction_response(h, linear, m)
     for _ in range(NEWTON_MAXIMUM):
         for i in range(NODES):
             at[FRICTION, i] = sign * at[LOAD_NODES, i]

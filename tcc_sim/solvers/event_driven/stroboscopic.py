@@ -20,7 +20,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import WORKSPACE
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.integrate import advance, begin, settle
+from tcc_sim.solvers.event_driven.integrate import begin, finish, step_on
 from tcc_sim.solvers.event_driven.margins import (
     GRADIENT,
     VALUE,
@@ -164,7 +164,7 @@ def note_start(n: int, v: float, columns: Any, heights: Any, climbs: Any) -> Non
 
 
 @compiled
-def resolved_step(finish: float, setup: Setup, rates: Rates, memory: Memory,
+def resolved_step(until: float, setup: Setup, rates: Rates, memory: Memory,
                   work: Any) -> tuple[Step, float, float, bool]:
     """The next step, no longer than the series of disturbances hold, with what they take of it in `work`.
 
@@ -175,10 +175,10 @@ def resolved_step(finish: float, setup: Setup, rates: Rates, memory: Memory,
     bounds, terms, waves, _, _ = setup
     state, drive, counters, _, (rows, workspace, _, _) = memory
     mode, tau, shift = state.mode, state.tau, state.shift
-    goal = min(finish, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
+    goal = min(until, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
                                           rates.fastest, state))
     while True:
-        step = advance(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
+        step = step_on(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
         counters.steps += 1
         length = step.x * step.unit
         falls = False
@@ -212,9 +212,9 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
         columns[:, 0, :] = 0.0
     note_start(0, state.slip_speed, columns, heights, climbs)
     while n < total:
-        finish = period if n < passes else tail
+        until = period if n < passes else tail
         mode, tau, shift = state.mode, state.tau, state.shift
-        step, length, goal, falls = resolved_step(finish, setup, rates, memory, work)
+        step, length, goal, falls = resolved_step(until, setup, rates, memory, work)
         if not step.x >= 0.0:
             return NOT_FINITE
         if counters.steps > bounds.steps * total:
@@ -232,7 +232,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                 if found:
                     note_gradient(mode, step, block, tau, shift, rates, numbers, terms.linear, bounds.ratio, work,
                                   least, places)
-        event = settle(bounds, terms, waves, step, goal, state, drive, rows, None)
+        event = finish(bounds, terms, waves, step, goal, state, drive, rows, None)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
         if event and state.mode != mode:
@@ -244,7 +244,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                     note_arrival(mode, state, drive, rates, numbers, terms.linear, bounds.ratio, columns, least)
                 if not land(mode, state.mode, state, drive, bounds.ratio, terms.linear, columns):
                     return DEGENERATE
-        if state.tau >= finish:
+        if state.tau >= until:
             n += 1
             if n < total:
                 state.tau -= period

@@ -16,7 +16,7 @@ from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_MEAN, FROM_SPEE
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_beside_mean
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
-from tcc_sim.solvers.smoothed.series_step import fastest
+from tcc_sim.solvers.smoothed.series_step import rate_of_law
 from tcc_sim.solvers.smoothed.setup import ACCEPTED, CREEP, REFUSED, Limits, Place, Step
 from tcc_sim.solvers.smoothed.stages import (
     add_share,
@@ -118,7 +118,7 @@ def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> 
 
 
 @fast
-def end_of(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
+def state_at_end(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
     """The state at the last node, the end of the rung."""
     slip, weights, end_angle, end_speed = work.slip, work.weights, rung.end_angle, rung.end_speed
     angle, speed = 0.0, 0.0
@@ -178,7 +178,7 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         follow_manifold(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
     else:
         accuracy = CONVERGED * place.slip_tolerance
-        sharpness = fastest(place.region, limits.sigma, terms.stribeck)
+        sharpness = rate_of_law(place.region, limits.sigma, terms.stribeck)
         start = work.slip
         for i in range(NODES):
             start[i] = state.slip_speed

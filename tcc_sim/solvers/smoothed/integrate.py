@@ -25,10 +25,10 @@ from tcc_sim.solvers.kept import (
 )
 from tcc_sim.solvers.loads import keep_loads, wanted
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
-from tcc_sim.solvers.smoothed.collocation_step import collocation_step, end_of, fill_plate
+from tcc_sim.solvers.smoothed.collocation_step import collocation_step, fill_plate, state_at_end
 from tcc_sim.solvers.smoothed.sensitivity import carry
 from tcc_sim.solvers.smoothed.sensitivity_series import resolved
-from tcc_sim.solvers.smoothed.series_step import Friction, friction_here, series_step
+from tcc_sim.solvers.smoothed.series_step import LocalFriction, friction_here, series_step
 from tcc_sim.solvers.smoothed.setup import (
     CREEP,
     FALLING,
@@ -62,7 +62,7 @@ GOES_ON = -1
 
 
 @fast
-def locate(state: Any, loaded: bool, control: Any, limits: Limits, terms: Terms, drive: Any) -> Place:
+def region_of(state: Any, loaded: bool, control: Any, limits: Limits, terms: Terms, drive: Any) -> Place:
     """Region, sign and tolerances where the state is."""
     v = state.slip_speed
     size = abs(v)
@@ -116,7 +116,7 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
 
 
 @fast
-def step_on(place: Place, friction: Friction, to_edge: float, to_stop: float, loaded: bool, setup: Setup,
+def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: float, loaded: bool, setup: Setup,
             memory: Memory, tangent: Any) -> tuple[Step, float]:
     """A step of the method that was chosen, and how much of it is taken: at most `to_stop` seconds.
 
@@ -180,7 +180,7 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
     limits, _, _, _, tables = setup
     state, control, _, work, _, _ = memory
     if whole and control.method != SERIES:
-        end_of(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work, state)
+        state_at_end(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work, state)
     else:
         state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
     if angle is not None:
@@ -224,7 +224,7 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
         stop = min(edge, end)
         excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.course, drive)
-        place = locate(state, loaded, control, limits, terms, drive)
+        place = region_of(state, loaded, control, limits, terms, drive)
         friction = friction_here(place, state, limits, terms, drive)
         if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
             continue

@@ -25,7 +25,7 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.collocation_step import fill_plate
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES, carry_series
-from tcc_sim.solvers.smoothed.series_step import Friction, law_here
+from tcc_sim.solvers.smoothed.series_step import LocalFriction, law_here
 from tcc_sim.solvers.smoothed.setup import LAYER, SERIES, Limits, Memory, Place, Step
 from tcc_sim.solvers.smoothed.stages import eliminate_rows, law_at_nodes
 from tcc_sim.solvers.terms import Terms
@@ -275,8 +275,8 @@ def keep_peak(tangent: Any, cycle: int) -> None:
 
 
 @fast
-def carry(tangent: Any, method: int, place: Place, friction: Friction, step: Step, degree: int, x: float, whole: bool,
-          cut: float, loaded: bool, setup: Any, memory: Memory) -> None:
+def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step: Step, degree: int, x: float,
+          whole: bool, cut: float, loaded: bool, setup: Any, memory: Memory) -> None:
     """Carry the tangent over [0, x] of a step that starts where the state is now; the rest as `integrate.integrate`.
 
     Parameters

@@ -34,7 +34,7 @@ from tcc_sim.solvers.series import (
     product,
     total,
 )
-from tcc_sim.solvers.smoothed.series_step import Friction
+from tcc_sim.solvers.smoothed.series_step import LocalFriction
 from tcc_sim.solvers.smoothed.setup import LAYER, SLIDING, Limits, Place, Step
 from tcc_sim.solvers.terms import Terms
 
@@ -160,8 +160,8 @@ expand_changes = unrolled(changes_text)
 
 
 @fast
-def resolved(step: Step, place: Place, friction: Friction, rows: Any, stribeck: Stribeck, control: Any, limits: Limits,
-             terms: Terms, drive: Any, reach: float) -> float:
+def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, stribeck: Stribeck, control: Any,
+             limits: Limits, terms: Terms, drive: Any, reach: float) -> float:
     """The part of a series step over which the series of its changes hold too.
 
     The motion may have forgotten what decays: in stick it is on its slow manifold, and a step is as long as the creep's
@@ -184,7 +184,7 @@ def resolved(step: Step, place: Place, friction: Friction, rows: Any, stribeck: 
 
 @fast
 def friction_along(order: int, rows: Any, parts: Any, region: int, v: float, sign: float, sigma: float,
-                   friction: Friction, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
+                   friction: LocalFriction, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Fill the rows LAW to FALLEN for a series step in the layer or on the falling branch."""
     if stribeck is None:
         expand_friction(order, rows, parts, None, None, None, sigma, friction.tanh, friction.sech, pulsation)
@@ -263,8 +263,8 @@ def change_torques(group: Any, lane: int, count: int, unit: float, constant: boo
 
 
 @fast
-def carry_series(tangent: Any, place: Place, friction: Friction, step: Step, loaded: bool, limits: Limits, terms: Terms,
-                 waves: Any, drive: Any, rows: Any, pulsation: tuple[float, float, float] | None,
+def carry_series(tangent: Any, place: Place, friction: LocalFriction, step: Step, loaded: bool, limits: Limits,
+                 terms: Terms, waves: Any, drive: Any, rows: Any, pulsation: tuple[float, float, float] | None,
                  stribeck: Stribeck) -> None:
     """Coefficients of all changes over a series step."""
     series, order, unit = tangent.shared.series, step.degree, step.unit

@@ -22,7 +22,7 @@ exponential's.
 SAFETY_SERIES = 0.905
 
 
-class Friction(NamedTuple):
+class LocalFriction(NamedTuple):
     """Friction now: mubar, its slope (s/rad); (r - 1) exp(-alpha |v|), tanh(sigma v), 1 - tanh^2; v' (rad/s^2)."""
 
     law: float
@@ -36,7 +36,9 @@ class Friction(NamedTuple):
 @fast
 def law_here(v: float, sign: float, region: int, sigma: float,
              stribeck: Stribeck) -> tuple[float, float, float, float, float]:
-    """The first five fields of Friction, with the parts of the law that matter in the region; sign 0 without load."""
+    """The first five fields of LocalFriction, with the parts of the law that matter in the region; sign 0 without
+    load.
+    """
     tanh, sech = sign, 0.0
     if region == LAYER:
         e = math.exp(-2.0 * sigma * abs(v))
@@ -51,18 +53,18 @@ def law_here(v: float, sign: float, region: int, sigma: float,
 
 
 @fast
-def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive: Any) -> Friction:
+def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive: Any) -> LocalFriction:
     """Friction, and the slip acceleration that follows from it, where the state is."""
     law, slope, excess, tanh, sech = law_here(state.slip_speed, place.sign, place.region, limits.sigma,
                                                 terms.stribeck)
     i1, i2, damping, stiffness = terms.linear
     torque = law * drive.load
     pull = torque - (damping * state.plate_speed + stiffness * state.plate_angle)
-    return Friction(law, slope, excess, tanh, sech, (drive.torque - torque) / i1 - pull / i2)
+    return LocalFriction(law, slope, excess, tanh, sech, (drive.torque - torque) / i1 - pull / i2)
 
 
 @fast
-def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float, place: Place, friction: Friction,
+def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float, place: Place, friction: LocalFriction,
                   pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """The series of the motion, with what of the law varies in the region: the exponential, and in the layer tanh."""
     sign = place.sign
@@ -79,7 +81,7 @@ def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float
 
 
 @fast
-def fastest(region: int, sigma: float, stribeck: Stribeck) -> float:
+def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
     """How fast mubar changes with v in a region, s/rad: the exponential's rate, and that of tanh."""
     rate = sigma if region == LAYER else 0.0
     if stribeck is not None and region != SLIDING:
@@ -136,7 +138,7 @@ def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, 
 
 
 @fast
-def series_step(place: Place, friction: Friction, remaining: float, loaded: bool, state: Any, limits: Limits,
+def series_step(place: Place, friction: LocalFriction, remaining: float, loaded: bool, state: Any, limits: Limits,
                 terms: Terms, waves: Any, drive: Any, work: Any) -> Step:
     """Expand the motion and say how far the series hold, at most `remaining` s.
 
@@ -147,7 +149,7 @@ def series_step(place: Place, friction: Friction, remaining: float, loaded: bool
     order = limits.linear_order
     if place.region != SLIDING:
         order = limits.order
-        rate += (fastest(place.region, limits.sigma, terms.stribeck) * abs(friction.acceleration)
+        rate += (rate_of_law(place.region, limits.sigma, terms.stribeck) * abs(friction.acceleration)
                  + limits.beta * drive.load * abs(friction.slope))
     unit = 1.0 / rate
     rows = work.rows

@@ -152,7 +152,7 @@ def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch
         shift = load_phase(setup.ratio, terms.pulsation, first + n)
         limits, phase = setup.limits._replace(period=period), 0.0
         for begin, stop in zip([start, *inner], [*inner, end]):
-            row = row_of(course, begin, stop, start, phase, shift)
+            row = course_row(course, begin, stop, start, phase, shift)
             whole = n < count and stop == following
             own = setup._replace(limits=limits, terms=terms._replace(course=row))
             yield own, n + whole, 0.0 if whole else stop - start
@@ -160,7 +160,7 @@ def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch
             phase += past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past)
 
 
-def row_of(course: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
+def course_row(course: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
     """The row that the kernel is given from `begin` to `stop`, s, within the cycle that started at `start`; `phase` is
     that since then, and `shift` the load's at the start, rad.
     """

@@ -15,7 +15,7 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import (
     exp,
     folded,
-    largest,
+    largest_size,
     lesser,
     limited,
     magnitude,
@@ -101,7 +101,7 @@ def divide_text(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any)
     """Newton's correction with the diagonal of its matrix alone."""
     out = change.row() / (diagonal.row() + grip.row() * slope.row())
     change.set_row(out)
-    measure[LARGEST,] = largest(out)
+    measure[LARGEST,] = largest_size(out)
 
 
 def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
@@ -113,7 +113,7 @@ def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: A
     """
     found, = eliminated(coupling, grip, slope, [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
     change.set_row(found)
-    measure[LARGEST,] = largest(found)
+    measure[LARGEST,] = largest_size(found)
 
 
 def eliminate_rows_text(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:

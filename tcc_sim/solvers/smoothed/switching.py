@@ -13,7 +13,7 @@ from typing import Any
 from tcc_sim.solvers.collocation import LEVELS, Tables
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH, growth, rung_below
-from tcc_sim.solvers.smoothed.series_step import Friction
+from tcc_sim.solvers.smoothed.series_step import LocalFriction
 from tcc_sim.solvers.smoothed.setup import CREEP, LAYER, SERIES, STIFF, Limits, Place, Step
 from tcc_sim.solvers.terms import Terms
 
@@ -45,7 +45,8 @@ SERIES_REACH = 3.0
 
 
 @fast
-def distance_to_creep(friction: Friction, rho: float, state: Any, limits: Limits, terms: Terms, drive: Any) -> float:
+def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: Limits, terms: Terms,
+                      drive: Any) -> float:
     """How far the slow manifold is above v, rad/s: delta = (v' - v_s')/rho to first order in 1/rho.
 
     v_s' is that of the balance v' = 0 with w' = (Te - C23 theta2' - K23 theta2)/M.
@@ -58,8 +59,8 @@ def distance_to_creep(friction: Friction, rho: float, state: Any, limits: Limits
 
 
 @fast
-def enter_creep(place: Place, friction: Friction, room: float, state: Any, control: Any, limits: Limits, terms: Terms,
-                drive: Any, tables: Tables) -> bool:
+def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, control: Any, limits: Limits,
+                terms: Terms, drive: Any, tables: Tables) -> bool:
     """Go over to stick where the state is on the slow manifold, or so near that it is projected to it.
 
     The projection leaves w = theta2' + kappa v as it is, and takes back what the decay of delta would have moved
@@ -89,7 +90,7 @@ def enter_creep(place: Place, friction: Friction, room: float, state: Any, contr
 
 
 @fast
-def choose_method(place: Place, friction: Friction, room: float, state: Any, control: Any, limits: Limits,
+def choose_method(place: Place, friction: LocalFriction, room: float, state: Any, control: Any, limits: Limits,
                   terms: Terms, drive: Any, tables: Tables) -> bool:
     """Whether the state was projected onto the slow manifold, after control.method has been set for the next step."""
     if control.method != SERIES:

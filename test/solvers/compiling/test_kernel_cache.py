@@ -50,8 +50,8 @@ def cache(tmp_path, monkeypatch):
     kernel_cache.told.clear()
     monkeypatch.syspath_prepend(str(tmp_path))
     kernel_cache.directory.cache_clear()
-    written = linked.written
-    monkeypatch.setattr(linked, "written", lambda part, arguments: made.append(part) or written(part, arguments))
+    code = linked.machine_code
+    monkeypatch.setattr(linked, "machine_code", lambda part, arguments: made.append(part) or code(part, arguments))
     yield tmp_path / "caches" / "tcc_sim"
     kernel_cache.directory.cache_clear()
     kernel_cache.told.clear()

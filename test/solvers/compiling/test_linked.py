@@ -13,7 +13,7 @@ from tcc_sim.solvers.compiling import compiled as compiled_module
 from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.compiled import Call, Partial, compiled, fast, loaded
 from tcc_sim.solvers.compiling.kernel_cache import UnusableFile
-from tcc_sim.solvers.compiling.linked import PartLibrary, written
+from tcc_sim.solvers.compiling.linked import PartLibrary, machine_code
 from tcc_sim.solvers.compiling.unrolled import unrolled
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
@@ -89,7 +89,7 @@ def test_nobody_looks_for_unreachable_objects_while_compiling():
     def kernel(coefficients):
         doubled(0, coefficients)
 
-    kernel.part.written((np.array([1.5]),))
+    kernel.part.machine_code((np.array([1.5]),))
     assert (collects, gc.isenabled()) == ([False], True)
 
 
@@ -106,7 +106,7 @@ def test_nothing_has_an_address_but_the_kernel_with_all_its_parts(monkeypatch):
     def kernel(x):
         return part(x) * part(x)
 
-    entry = loaded(written(kernel.part, (4.0,)), [4.0])
+    entry = loaded(machine_code(kernel.part, (4.0,)), [4.0])
     assert entry.run(entry.block((4.0,), [4.0])) == 9.0
     assert len(made) == 2
     for library in made:
