@@ -7,8 +7,6 @@ from pathlib import Path
 
 from tcc_sim.errors import counted, one_line, printable
 from tcc_sim.output.terminal import say
-from tcc_sim.recording.reader import open_run
-from tcc_sim.recording.recovery import default_directory, recover
 
 TOPICS_SHOWN = 100
 """Most topics that are listed."""
@@ -23,6 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Recover and say what is missing."""
+    from tcc_sim.recording.reader import open_run
+    from tcc_sim.recording.recovery import default_directory, recover
+
     recording = open_run(arguments.recording)
     found = recover(recording, arguments.out or default_directory(arguments.recording))
     say(printable(f"recovered {counted(sum(found.messages.values()), 'message')} into {found.directory}"))
