@@ -53,6 +53,8 @@ GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScen
            "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter",
            "replay.segments._Open"]
 """Dataclasses that are not frozen."""
+PROTOCOLS = {"add_arguments", "into", "main", "run", "Settings", "solve"}
+"""Names that every module of a kind has: verbs, pictures, programs, solvers, the settings of a room."""
 LONGEST = 330
 LONGER: dict[str, int] = {}
 """Lines that a file may have; more only where it cannot be cut."""
@@ -182,6 +184,17 @@ def test_files_stay_readable() -> None:
         assert len(path.read_text().splitlines()) <= allowed, f"{path} has more than {allowed} lines"
     for path in MODULES:
         assert ast.get_docstring(tree_of(path)), f"{path} has no docstring"
+
+
+def test_a_name_means_one_thing() -> None:
+    """A public function or class is defined once; the two engines are twins, and name their parts alike."""
+    meanings: dict[str, set[str]] = {}
+    for path in MODULES:
+        of = "solvers.engine" if {"smoothed", "event_driven"} & set(path.parts) else name_of(path)
+        for node in tree_of(path).body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+                meanings.setdefault(node.name, set()).add(of)
+    assert {name: found for name, found in meanings.items() if len(found) > 1 and name not in PROTOCOLS} == {}
 
 
 def test_test_modules_have_names_of_their_own() -> None:
