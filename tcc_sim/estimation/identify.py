@@ -140,7 +140,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     correlations = best.covariance / np.outer(errors, errors)
     named = {k: float(v) for k, v in zip(keys, best.values) if k not in OFFSETS}
     return Identification(
-        tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates) for i in range(len(keys))),
+        tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates, measured.step)
+              for i in range(len(keys))),
         correlations, best.chi2, accepted, "" if accepted else why_not(best, model, begin, levels, limit, gates),
         levels, len(best.starts), tried, time.perf_counter() - began,
         scene.with_values(named) if accepted else scene, measured, best.residuals,

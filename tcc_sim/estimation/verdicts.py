@@ -39,8 +39,8 @@ class Parameter:
 
 
 def judged(keys: tuple[str, ...], i: int, start: float, found: Fit, errors: Floats, correlations: Floats,
-            accepted: bool, gates: Gates) -> Parameter:
-    """The verdict on one parameter."""
+            accepted: bool, gates: Gates, step: float) -> Parameter:
+    """The verdict on one parameter, by samples `step` s apart."""
     key, value, error = keys[i], float(found.values[i]), float(errors[i])
     low, high = value - WITHIN * error, value + WITHIN * error
     others = np.abs(correlations[i]).copy()
@@ -59,7 +59,8 @@ def judged(keys: tuple[str, ...], i: int, start: float, found: Fit, errors: Floa
         why = f"its standard error is {100.0 * relative:.3g} %"
         if others[most] > 0.9:
             why += f", and it goes with {keys[most]} (correlation {correlations[i, most]:.3f})"
-        why += "; " + TOLD_BY.get(key, "a longer measurement would tell, or one with more of the motion in it")
+        told_by = TOLD_BY if step > BREAKAWAY else TOLD_BY_FAST
+        why += "; " + told_by.get(key, "a longer measurement would tell, or one with more of the motion in it")
     return Parameter(key, start, value, error, low, high, verdict, why)
 
 
@@ -69,6 +70,12 @@ TOLD_BY = {
     "friction.smoothing": "samples within the layer |v| < 2/sigma would tell: a higher rate or a slower passage",
     "driveline.flywheel_inertia": "the flywheel's speed, or a known change of the mean torque, would tell"}
 """What measurement would tell a parameter that this one does not."""
+TOLD_BY_FAST = TOLD_BY | {
+    "friction.decay": "more breakaways would tell, or a fixed friction.static_coefficient",
+    "friction.static_coefficient": "more breakaways would tell, or a fixed friction.decay"}
+"""The same where the samples are 10 kHz already."""
+BREAKAWAY = 1.5e-4
+"""Time between samples, s, up to which they see the fall of friction just after breakaway."""
 
 
 def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:

@@ -222,13 +222,18 @@ def test_verdicts() -> None:
     values, errors = np.array([0.24 * DEFAULTS.least_ratio, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
     fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), {}, 1.0, 0.0)
     alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
-    told = [judged(keys, i, none[i], fitted, errors, alone, True, Gates()) for i in range(3)]
+    told = [judged(keys, i, none[i], fitted, errors, alone, True, Gates(), 1e-3) for i in range(3)]
     assert [p.verdict for p in told] == ["at its bound", "at its bound", "identified"]
-    damping = judged(keys, 2, 0.6, fitted, errors, together, True, Gates())
+    damping = judged(keys, 2, 0.6, fitted, errors, together, True, Gates(), 1e-3)
     assert damping.verdict == "not identifiable"
     assert "friction.kinetic_coefficient (correlation -0.995)" in damping.why
-    wide = judged(keys, 2, 0.6, fitted, 20.0 * errors, alone, True, Gates())
+    wide = judged(keys, 2, 0.6, fitted, 20.0 * errors, alone, True, Gates(), 1e-3)
     assert (wide.verdict, wide.high - wide.low) == ("not identifiable", pytest.approx(2.0 * 1.96 * 0.2, rel=1e-3))
+    fitted = replace(fitted, values=np.array([0.3, 0.24, 0.6]))
+    slow, fast = (judged(keys, 0, 0.3, fitted, 100.0 * errors, alone, True, Gates(), step) for step in (1e-3, 1e-4))
+    assert "10 kHz" in slow.why
+    assert "10 kHz" not in fast.why
+    assert "more breakaways" in fast.why
 
 
 def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.MonkeyPatch) -> None:
