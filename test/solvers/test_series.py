@@ -1,4 +1,4 @@
-"""The recurrences against Cauchy's integrals of closed forms, and compiled code against plain numbers."""
+"""The recurrences against Cauchy's integrals of closed forms; compiled code against plain numbers; the quick root."""
 
 import math
 
@@ -111,3 +111,10 @@ def test_flywheel_angle_is_the_integral_of_its_speed():
     rows[SLIP, :4], rows[SPEED, :4], rows[series.FLYWHEEL, 0] = [1.0, 2.0, 3.0, 4.0], [0.5, -1.0, 2.0, 0.0], 7.0
     series.add_integral(rows, 4, 0.1)
     np.testing.assert_allclose(rows[series.FLYWHEEL, :5], [7.0, 0.15, 0.05, 0.5 / 3.0, 0.1])
+
+
+def test_the_quick_root_is_never_too_large_and_hardly_too_small():
+    for base in 10.0 ** np.random.default_rng(1).uniform(-30.0, 30.0, 300):
+        for n in (17, 20, 22, 28):
+            root = base ** (1.0 / n)
+            assert 0.985 * root <= series.power_of_two(series.logarithm(base) / n) <= root

@@ -78,8 +78,19 @@ def solve(problem: Problem) -> Trajectory:
     Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states so
     far.
     """
-    rtol = SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol
-    return _solve(problem, own_setup(problem.system, rtol))
+    setup = own_setup(problem.system, SOLVERS["smoothed"].default if problem.rtol is None else problem.rtol)
+    memory, setup = scratch.at(problem.state, setup.limits), setup._replace(waves=setup.waves.copy())
+    kept = Kept(problem, memory.output, len(problem.first))
+    limit = STEPS_AT_FIRST + setup.limits.steps * (problem.whole_cycles + 1)
+    for own, cycles, rest in stretches_of(problem, setup):
+        status = kept.run(integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+        if status is not Status.DONE:
+            break
+    *last, tau = memory.state.item()
+    steps, rejected, iterations, iterations_max = memory.counters.item()
+    return kept.trajectory("smoothed", status, problem.first, tuple(last[:len(problem.first)]), tau,
+                           "the state grew without bound" if status is Status.NOT_FINITE else "",
+                           Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM))
 
 
 @per_system
@@ -108,23 +119,6 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
     return Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
                         system.pressure.frequency_ratio, waves, tables)
-
-
-def _solve(problem: Problem, setup: Setup) -> Trajectory:
-    """Solve stretch by stretch."""
-    memory = scratch.at(problem.state, setup.limits)
-    setup = setup._replace(waves=setup.waves.copy())
-    kept = Kept(problem, memory.output, len(problem.first))
-    limit = STEPS_AT_FIRST + setup.limits.steps * (problem.whole_cycles + 1)
-    for own, cycles, rest in stretches_of(problem, setup):
-        status = kept.run(integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
-        if status is not Status.DONE:
-            break
-    *last, tau = memory.state.item()
-    steps, rejected, iterations, iterations_max = memory.counters.item()
-    return kept.trajectory("smoothed", status, problem.first, tuple(last[:len(problem.first)]), tau,
-                           "the state grew without bound" if status is Status.NOT_FINITE else "",
-                           Statistics(steps, rejected, iterations, iterations_max, ITERATIONS_MAXIMUM))
 
 
 def stretches_of(problem: Problem, setup: Setup) -> Iterator[Stretch]:
