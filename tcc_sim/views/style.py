@@ -111,11 +111,15 @@ def save(drawn: Any, path: Path) -> Path:
 
 
 def _lay_out(drawn: Any) -> None:
-    """Fix the layout, with places rounded: the solver of the layout leaves different last digits every time."""
-    if drawn.get_layout_engine() is None:
-        return
-    drawn.draw_without_rendering()
-    drawn.set_layout_engine("none")
+    """Fix the layout."""
+    if drawn.get_layout_engine() is not None:
+        drawn.draw_without_rendering()
+        drawn.set_layout_engine("none")
+        _round_places(drawn)
+
+
+def _round_places(drawn: Any) -> None:
+    """Round the places of the axes: the solver of the layout leaves different last digits every time."""
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
 
@@ -125,6 +129,7 @@ def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
     # An engine lays out anew in every pass, and a picture with one is drawn twice: it goes once its work is done.
     drawn.get_layout_engine().execute(drawn)
     drawn.set_layout_engine(None)
+    _round_places(drawn)
     raster = save(drawn, stem.with_name(stem.name + ".png"))
     return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 

@@ -93,6 +93,16 @@ def test_both_files_of_a_figure(tmp_path):
     assert svg.read_text().startswith("<?xml")
 
 
+def test_digits_that_the_layout_leaves_by_chance_are_in_no_file(tmp_path):
+    """An SVG names what it cuts by all digits of its place."""
+    for write in (style.save, style.save_both):
+        with style.figure(style.COLUMN, 2.0) as drawn:
+            drawn.add_subplot().plot([0, 1], [0, 1])
+            write(drawn, tmp_path / "a.svg")
+        places = drawn.axes[0].get_position(original=True).bounds
+        assert places == tuple(round(x, 5) for x in places)
+
+
 def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingPackage, match=r"tcc_sim\[view\]"), style.figure():
