@@ -168,6 +168,15 @@ class Layout(NamedTuple):
     example: NDArray[np.uint8]
     fixed: NDArray[np.bool_]
 
+    def records(self, messages: Sequence[bytes]) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+        """The values of those messages that have this layout, and which of the (n,) messages these are."""
+        right = np.array([len(data) == len(self.example) for data in messages], dtype=np.bool_)
+        joined = b"".join(data for data, whole in zip(messages, right.tolist()) if whole)
+        found = np.frombuffer(joined, np.uint8).reshape(-1, len(self.example))
+        same = ((found == self.example) | ~self.fixed).all(axis=1)
+        right[right] = same
+        return np.ascontiguousarray(found[same]).view(self.record)[:, 0], right
+
 
 def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
                        frame_id: str = "") -> Layout:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
@@ -129,18 +128,17 @@ class Operator:
         return f"{row.name} {value:g} {unit}, held {held}"
 
     def _applied(self, command_type: str) -> Callable[[], float | None]:
-        """Gives the input that the newest state applied, None where no state was heard since the last look."""
+        """Gives the input that the newest state applied, None where no state was heard since the last look; what others
+        send on the topic is passed over.
+        """
         row = topic("applied_pressure" if command_type == FLUID_PRESSURE else "joint_states")
+        layout, field = ((cdr.FLUID_PRESSURE, "fluid_pressure") if row.type == FLUID_PRESSURE else
+                         (cdr.joint_state_layout(), "engine_torque"))
         subscription = subscribe(self._node, message_class(row.type), row.name, QoSProfile(depth=10))
 
         def newest() -> float | None:
-            taken = poll(subscription)
-            if not taken:
-                return None
-            data = taken[-1][0]
-            if row.type == FLUID_PRESSURE:
-                return cdr.read_fluid_pressure(data)[1]
-            return float(np.frombuffer(data, cdr.JOINT_STATE)["engine_torque"][0])
+            found, _ = layout.records([data for data, _ in poll(subscription)])
+            return float(found[field][-1]) if len(found) else None
 
         return newest
 

@@ -146,7 +146,7 @@ class Watcher:
         self._told, self._told_at = 0, 0.0
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
-        _, self._template, self._fixed = cdr.joint_state_layout()
+        self._layout = cdr.joint_state_layout()
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
@@ -216,19 +216,14 @@ class Watcher:
         """The states that have arrived and when (ns), those of another layout left out; counts what is missing before
         them.
         """
-        kept: list[bytes] = []
-        times: list[int] = []
-        for data, info in poll(self._states, DEPTH):
+        taken = poll(self._states, DEPTH)
+        for _, info in taken:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
             if number and who:
                 self.numbers.count(who, number)
-            if len(data) == len(self._template):
-                kept.append(data)
-                times.append(info["received_timestamp"] or time.time_ns())
-        found = np.frombuffer(b"".join(kept), dtype=np.uint8).reshape(len(kept), len(self._template))
-        right = ((found == self._template) | ~self._fixed).all(axis=1)
-        rows: NDArray[np.void] = np.ascontiguousarray(found[right]).view(cdr.JOINT_STATE)[:, 0]
-        return rows, np.array(times, dtype=np.int64)[right]
+        rows, right = self._layout.records([data for data, _ in taken])
+        times = np.array([info["received_timestamp"] or time.time_ns() for _, info in taken], dtype=np.int64)
+        return rows, times[right]
 
     def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void],
               received: NDArray[np.int64]) -> None:

@@ -10,6 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from waiting import until_or_ended
@@ -19,6 +20,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.topics import topic
 
 Control = Callable[..., tuple[int, str, str]]
 
@@ -222,6 +224,34 @@ def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[.
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert (process.returncode, "Traceback" in said) == (0, False)
+
+
+@pytest.mark.parametrize("what", ["torque", "pressure"])
+def test_states_of_another_robot_say_nothing_of_a_command(bench: Any, what: str) -> None:
+    """Topics of these names are common; the newest message may be anybody's."""
+    import rclpy
+    from sensor_msgs.msg import FluidPressure, JointState
+
+    from tcc_sim.messages import cdr
+    from tcc_sim.nodes.operator import COMMANDS_OF, Operator
+
+    other: Any
+    if what == "torque":
+        name, kind, mine, other = "joint_states", JointState, cdr.joint_state(
+            5, 0.0, 0.0, 0.0, 0.0, 250.0, 0.0), JointState(name=["arm"], position=[1.0])
+    else:
+        name, kind, mine, other = "applied_pressure", FluidPressure, cdr.fluid_pressure(5, 250.0), FluidPressure()
+        other.header.frame_id, other.fluid_pressure = "hydraulics", 3.0
+    publisher = bench.add(rclpy.create_node("others", context=bench.context)).create_publisher(kind, name, 10)
+    operator = Operator(rclpy.create_node("operator", context=bench.context))
+    applied = operator._applied(topic(COMMANDS_OF[what]).type)
+
+    def said() -> float | None:
+        publisher.publish(mine)
+        publisher.publish(other)
+        return applied()
+
+    assert bench.until(said) == 250.0
 
 
 def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_comes() -> None:
