@@ -31,6 +31,7 @@ from tcc_sim.continuation.problem import Floats
 from tcc_sim.errors import BasinsInterrupted, InputError, counted
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key, values_of
+from tcc_sim.model.quantity import numbers_of
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
@@ -46,10 +47,13 @@ Stored = tuple[int, int, dict[str, Any]]
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of the plane: an initial.* key and its evenly spaced values."""
+    """One axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
 
     key: str
     values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", numbers_of(self.key, self.values))
 
 
 @dataclass(frozen=True)
@@ -135,16 +139,17 @@ class Basins(Result):
                 f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
 
 
-def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
-    """The two axes.
+def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Axis, Axis]:
+    """The two axes, given as such or as keys and their values.
 
     Raises
     ------
     InputError
-        Not two, twice the same key, a key that is no initial condition, or too many cells.
+        Not two, twice the same key, a key that is no initial condition, or no cell or too many.
     """
-    if len(plane) != 2:
-        raise InputError(f"a plane has 2 axes; {len(plane)} are given")
+    if len(given) != 2:
+        raise InputError(f"a plane has 2 axes; {len(given)} are given")
+    plane = [axis if isinstance(axis, Axis) else Axis(axis[0], numbers_of(*axis)) for axis in given]
     for axis in plane:
         if axis.key not in SCENE_KEYS:
             raise unknown_key(axis.key, SCENE_KEYS)
@@ -153,9 +158,8 @@ def check_plane(plane: Sequence[Axis]) -> tuple[Axis, Axis]:
     if plane[0].key == plane[1].key:
         raise InputError(f"{plane[0].key} is given twice; a plane is made of two keys")
     cells = len(plane[0].values) * len(plane[1].values)
-    if cells > DEFAULTS.most_cells:
-        raise InputError(f"the plane has {cells} cells; it must have at most "
-                         f"{DEFAULTS.most_cells}")
+    if not 1 <= cells <= DEFAULTS.most_cells:
+        raise InputError(f"the plane has {cells} cells; it must have 1 to {DEFAULTS.most_cells}")
     return plane[0], plane[1]
 
 
@@ -211,7 +215,8 @@ def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Se
     return labels.tolist(), cycles.tolist()
 
 
-def basins(scene: Scene | System | str, plane: Sequence[Axis], *, cycles: int = DEFAULTS.cycles,
+def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]],
+           *, cycles: int = DEFAULTS.cycles,
            over: Axis | None = None, jobs: int | None = None, dask: str | None = None, part: Path | None = None,
            progress: bool = False, said: Mapping[str, Any] | None = None) -> list[Basins]:
     """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
@@ -219,7 +224,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis], *, cycles: int = 
     Parameters
     ----------
     scene : a scene, its name or file, or a system
-    plane : two axes of initial.* keys
+    plane : two axes of initial.* keys, or these keys and their values
     cycles : most engine cycles that a cell is followed, 16 to 1000000
     over : a scene key and its values; the plane is worked out for each
     jobs : threads; all available cores by default

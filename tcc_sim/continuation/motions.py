@@ -19,6 +19,7 @@ from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.model.quantity import numbers_of
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 
@@ -122,7 +123,7 @@ class Motions(Result):
 
 
 def continuation(scene: Scene | System | str, over: str, start: float, stop: float, *, period: int | None = None,
-                 at: Sequence[float] = (), switch: int = 0, second: tuple[str, float, float] | None = None,
+                 at: Sequence[float] | float = (), switch: int = 0, second: tuple[str, float, float] | None = None,
                  limit: bool = False, seeds: Sequence[Seed] = ()) -> Motions:
     """The branches of periodic motions along one scene key, with their bifurcations.
 
@@ -145,8 +146,8 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
     ([(1, 'start')], True)
     """
-    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, tuple(at), switch, second, limit,
-                            tuple(seeds))
+    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, numbers_of(over, at), switch, second,
+                            limit, tuple(seeds))
     return continue_motions(system_of(scene), plan)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, TypeVar
@@ -20,6 +20,20 @@ PROFILES = ("engine.frequency", "engine.mean_torque", "pressure.mean")
 """The keys that may vary in time; each has a list of times and a list of values."""
 MOST_POINTS, LATEST = 1000, 1e6
 """Points that a profile may have, and its latest time, s."""
+
+
+def numbers_of(key: str, values: Any) -> tuple[float, ...]:
+    """The values that a key is to have one after the other: numbers in any sequence or array, or a single one.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    try:
+        return tuple(float(x) for x in (values if isinstance(values, Iterable) else (values,)))
+    except (TypeError, ValueError):
+        raise InputError(f"{key} has the values {values!r:.100}; they must be numbers") from None
 
 
 @dataclass(frozen=True)

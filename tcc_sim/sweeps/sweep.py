@@ -22,6 +22,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.quantity import numbers_of
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
@@ -57,7 +58,7 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(system_of(scene), key, tuple(map(float, values)))], Plan.of(plan, settings), jobs=jobs,
+    return sweep_curves([Curve(system_of(scene), key, numbers_of(key, values))], Plan.of(plan, settings), jobs=jobs,
                         dask=dask, out=out, progress=progress)[0]
 
 
@@ -74,7 +75,8 @@ def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], s
     >>> len(found.second_values)
     3
     """
-    return Grid(second_key, tuple(map(float, second_values)),
+    values, second_values = numbers_of(key, values), numbers_of(second_key, second_values)
+    return Grid(second_key, second_values,
                 sweep_curves(curves_of(system_of(scene), key, values, second_key, second_values),
                              Plan.of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress))
 

@@ -14,6 +14,7 @@ from tcc_sim.basins.compute import Axis, basins, boundary_of, halton
 from tcc_sim.basins.driveline import DrivelineMotion, mean_load
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled, section_points
 from tcc_sim.basins.settings import DEFAULTS, Settings
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import State
@@ -263,3 +264,14 @@ def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
     assert one.fraction(0) == 1.0
     (alone,) = basins(COEXISTENCE, plane)
     np.testing.assert_array_equal(two.labels, alone.labels)
+
+
+def test_a_plane_may_be_given_by_keys_and_values() -> None:
+    """The labels are those of axes, whatever sequence the values come in."""
+    first, = basins("stick", [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))], jobs=1)
+    plane = [("initial.slip_speed", np.array([0, 50])), ("initial.plate_angle", [0.0, 0.1])]
+    second, = basins("stick", plane, jobs=1)  # type: ignore[arg-type]
+    assert np.array_equal(first.labels, second.labels)
+    assert second.plane == first.plane
+    with pytest.raises(InputError, match="0 cells"):
+        basins("stick", [Axis("initial.slip_speed", ()), Axis("initial.plate_angle", (0.0, 0.1))])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -216,3 +217,16 @@ def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path,
     assert main(["sweep", "fig02", *words, "--out", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize("values", [150, np.float32(150.0), [150], np.array([150.0]), iter((150.0,)), range(150, 151)])
+def test_values_come_in_any_sequence_or_alone(values: Iterable[float]) -> None:
+    assert sweep("slip", "engine.frequency", values, cycles=4).values == (150.0,)
+
+
+@pytest.mark.parametrize("values", ["smoothed", ["smoothed"], [None], None, [[100.0], [150.0]]])
+def test_values_that_are_no_numbers_are_wrong_input(values: list[float]) -> None:
+    with pytest.raises(InputError, match=r"friction.law has the values .*; they must be numbers"):
+        sweep("slip", "friction.law", values, cycles=4)
+    with pytest.raises(InputError, match="they must be numbers"):
+        sweep_grid("slip", "engine.frequency", [150.0], "friction.law", values, cycles=4)
